@@ -15,7 +15,7 @@ _folders: set[Path] = set()
 
 
 def message_of(error: Exception) -> str | None:
-    """Return what an error says to a user; None for a mistake of ours, which its traceback explains."""
+    """Return the message of an error for a user; None for a mistake of ours, which needs its traceback."""
     if isinstance(error, CycloptsError):
         return _usage(error)
     if isinstance(error, MemoryError):
@@ -30,17 +30,17 @@ def message_of(error: Exception) -> str | None:
 
 
 def printable(text: str) -> str:
-    """Return a text with each character that a terminal would obey, not print, written out by its number."""
+    """Return a text with control characters, which a terminal would obey, escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def printable_lines(text: str) -> str:
-    """Return the same of each line of a text."""
+    """Return a text with control characters escaped in each line."""
     return "\n".join(map(printable, text.split("\n")))
 
 
 def _usage(error: CycloptsError) -> str:
-    """Return what is wrong with a command line, and which command shows what is allowed."""
+    """Return the message of a wrong command line, with the command that shows help."""
     command = error.app.name[0] if error.app is not None else "msdwarp"
     if error.command_chain:
         command = " ".join(("msdwarp", *error.command_chain))
@@ -77,7 +77,7 @@ def _allowed(kind: Any) -> str:
 
 
 def remember_script(script: Path) -> None:
-    """Remember that a script, and what lies beside it, is the user's."""
+    """Remember that a script, and the files beside it, are the user's."""
     _folders.add(script.resolve().parent)
 
 

@@ -1,4 +1,4 @@
-"""What made a run, as text that a file can hold, and the scene and options restored from that text."""
+"""Provenance of a run as JSON data, and the scene and options restored from it."""
 
 import hashlib
 import inspect
@@ -37,7 +37,7 @@ from .script_signatures import UNTRUSTED, Script, script_as_stored
 
 
 def source_of(origin: Origin, scene: Scene) -> dict[str, Any]:
-    """Return what a run is of, as JSON data: the scene, how to build it again, and the program."""
+    """Return the origin of a run as JSON data: the scene, how to build it again, and the program."""
     return {
         "scene": origin.place,
         "parameters": parameters_of(origin),
@@ -103,7 +103,7 @@ def as_json(value: Any) -> Any:
 
 
 def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
-    """Return options from the data of `Options.as_stored`, with changes; what the data lack has its default.
+    """Return options from the data of `Options.as_stored`, with changes; missing ones have their defaults.
 
     Raise ValueError for data of a later version, and for data that no run stores.
     """

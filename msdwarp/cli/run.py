@@ -95,7 +95,7 @@ def simulation_by(scene: Scene, options: Options) -> Simulation:
 
 
 def about(origin: Origin, scene: Scene, simulation: Simulation, options: Options) -> dict[str, Any]:
-    """Return what made a run as JSON data: the scene, how it is simulated, and the options."""
+    """Return the attributes of a run as JSON data: the scene, how it is simulated, and the options."""
     model = simulation.model
     return source_of(origin, scene) | {
         "integrator": options.integrator or DEFAULT,
@@ -298,7 +298,7 @@ def _over_time(history: Sequence[tuple[float, int]]) -> str:
 
 
 def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:
-    """Yield lines: what was simulated, with which steps and why, and how fast."""
+    """Yield lines of a summary: the system, the method, the substeps and the speed."""
     system = simulation.system
     yield (
         f"{system.particle_count} particles and {system.connection_count} connections by "

@@ -53,7 +53,7 @@ UNTRUSTED = Script()
 
 
 def script_as_stored(place: str, digest: str | None) -> dict[str, dict[str, str | None]]:
-    """Return what a file stores of a script with this SHA-256: nothing for a scene that comes with msdwarp."""
+    """Return the attributes of a script with this SHA-256; none for a scene that comes with msdwarp."""
     return {} if digest is None else {"script": {"sha256": digest, "seal": _seal(place, digest)}}
 
 

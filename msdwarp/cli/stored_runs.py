@@ -1,4 +1,4 @@
-"""Runs on disk, continued or repeated from what their files say of them."""
+"""Runs on disk, continued or repeated from their files."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
@@ -76,7 +76,7 @@ def resume_run(
 
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what made a run, and its checkpoint's numbers; raise ValueError if a part of them is missing."""
+    """Return a run's attributes and its checkpoint's numbers; raise ValueError if one is missing."""
     made_by, checkpoint = (checks.member(str(path), attributes, part) for part in ("run", "checkpoint"))
     for name in ("scene", "parameters", "digest", "device", "options"):
         checks.member(f"{path}: run", made_by, name)
@@ -100,7 +100,7 @@ def rerun(
 ) -> str | None:
     """Repeat the run of a trajectory; return how the result differs, None if it does not.
 
-    The result, with the pictures that the run asked for, is kept in the folder `out` if one is given. Raise
+    The result, with the pictures of the run's options, is kept in the folder `out` if one is given. Raise
     ValueError if the file does not say what made it, or that cannot be built or simulated here.
     """
     with contextlib.ExitStack() as stack:

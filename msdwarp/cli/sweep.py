@@ -26,7 +26,7 @@ from .signals import Interrupted, Terminated, number_of, word
 _LONG = 86400.0
 """Seconds over which the speed is averaged: a point may take minutes."""
 _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
-"""Flags that do not affect what is simulated."""
+"""Flags that do not affect the simulation."""
 
 
 class CommandTask(NamedTuple):
@@ -44,7 +44,7 @@ class CommandTask(NamedTuple):
         return flags_app(found, "msdwarp sweep", SweepOptions)(self.words)
 
     def setup(self) -> studies.Setup:
-        """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+        """Return the setup; raise ValueError if the point cannot be a world of an ensemble."""
         origin, options = self.chosen()
         scene = origin.scene()
         duration = scene.duration if options.duration is None else options.duration

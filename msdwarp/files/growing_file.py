@@ -110,7 +110,7 @@ class GrowingFile:
         import h5py
 
         # Unlocked, so that others can read meanwhile. Without a chunk cache a frame goes to its place at once.
-        # What is created from here on has HDF5's format of 2016, whose chunk indices only grow, where older ones
+        # Datasets created from here on have HDF5's format of 2016, whose chunk indices only grow, where older ones
         # move. The file itself was created in the oldest format: newer ones are marked while they are being
         # written, and do not open after a crash.
         self._file = h5py.File(path, "r+", locking=False, rdcc_nbytes=0, libver=("v110", "v110"))

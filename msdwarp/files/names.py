@@ -18,7 +18,7 @@ CONTACT = "PointData/contact_force"
 """Contact force on each particle [N], the mean over the frame; optional."""
 BROKEN_AT = "CellData/broken_at"
 """When each connection broke [s], inf if it is whole; for a triangle, when it parted (`Edges`). One array serves
-all frames: what breaks later does not change earlier ones."""
+all frames: later fracture does not change earlier ones."""
 SUBSTEPS = "substeps"
 """Number of substeps of each frame, in the group `msdwarp`; 0 if unknown."""
 READINGS = "readings"
@@ -73,7 +73,7 @@ class Growing(NamedTuple):
 
 
 def load(item: Any) -> Any:
-    """Return what `store` has stored; raise ValueError if its checksum, which early files lack, does not match."""
+    """Return a stored array; raise ValueError if its checksum, which early files lack, does not match."""
     values = item[()]
     if _SUM in item.attrs and item.attrs[_SUM] != _sum(values):
         raise ValueError(f"{item.name} is damaged: it is not what its checksum is of")

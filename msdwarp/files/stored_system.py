@@ -15,7 +15,7 @@ DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
-    """Return a system's arrays that are not VTK's, by name; what is the same for all has no first axis."""
+    """Return a system's arrays that are not VTK's, by name; uniform ones have no first axis."""
     found = {field.name: getattr(system, field.name) for field in fields(system)}
     del found["connections"]  # these are VTK's lines
     if system.original_length is system.rest_length:

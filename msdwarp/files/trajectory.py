@@ -1,4 +1,4 @@
-"""Trajectories: frames on disk, which are read when they are asked for, and the system that moves in them."""
+"""Trajectories: frames on disk, read on access, and their system."""
 
 import json
 import math
@@ -125,7 +125,7 @@ class Trajectory:
 
     @contextmanager
     def _damage_named(self, part: str) -> Iterator[None]:
-        """Raise ValueError that names the file and a part of it for what reading it raises."""
+        """Turn errors of reading into a ValueError that names the file and its damaged part."""
         try:
             yield
         except _ERRORS as error:
@@ -232,7 +232,7 @@ class Trajectory:
             times = np.asarray(kept[: self._lines], dtype=np.float32)
         if times.shape != (self._lines,) or not (times >= 0).all():
             raise ValueError(f"{self.path} is a damaged trajectory: its broken_at are no times")
-        # A frame is there when its time is; what broke behind the last one is not seen yet.
+        # A frame counts once its time is written: connections that broke after the last one are whole.
         seen = broken_before(times, float(self.times[-1]) if len(self) else 0.0)
         return np.where(seen, times, np.float32(np.inf))
 
@@ -290,14 +290,14 @@ class Trajectory:
 
 
 def _opened(path: Path) -> Any:
-    """Return a trajectory's open file; raise ValueError that says what is wrong with another one."""
+    """Return a trajectory's open file; raise ValueError for another file."""
     import h5py
 
     with path.open("rb") as file:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
             raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
     try:
-        with ExitStack() as opened:  # HDF5 keeps what it knows of a file that is not closed
+        with ExitStack() as opened:  # HDF5 caches the metadata of a file that is not closed
             file = opened.enter_context(h5py.File(path, "r", locking=False))
             if wrong := fault(file):
                 raise ValueError(f"{path} is no trajectory: {wrong}")

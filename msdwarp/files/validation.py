@@ -1,8 +1,8 @@
 """Checks of an HDF5 file before its contents are used.
 
 `structure_fault` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs
-only this file and h5py, and which can be ended: HDF5 may read a damaged or malicious file for ever, ignore signals,
-and take all memory.
+only this file and h5py, and can be ended: HDF5 may read a damaged or malicious file for ever, without hearing
+signals, and take all memory.
 """
 
 import math
@@ -80,7 +80,7 @@ def structure_fault(file: Any) -> str | None:
 
 
 def _wrong(item: Any, path: str) -> str | None:
-    """Return what is wrong with an array, by its own description."""
+    """Return why an array is not to be read, by its own description; None if it is sound."""
     if item.is_virtual or item.external:
         return "lies in other files"
     plan = item.id.get_create_plist()

@@ -48,7 +48,7 @@ _BLOCK = 1 << 15
 
 
 class Record(NamedTuple):
-    """A frame and what is stored beside it; without a frame, the readings of one that is not kept."""
+    """A frame and the arrays stored beside it; without a frame, the readings of one that is not kept."""
 
     frame: Frame | None
     strain: NDArray | None = None
@@ -107,7 +107,7 @@ class Layout:
 
     @property
     def static_size(self) -> int:
-        """Bytes of what is stored once."""
+        """Bytes of the data stored once."""
         own = sum(values.nbytes for values in arrays_of(self._system).values())
         own += 0 if self._edges is None else 4 * sum(map(len, self._cells.values()))
         return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
@@ -118,7 +118,7 @@ class Layout:
         return size + sum(one.growth(k * each, (k + 1) * each) for one, each in self._arrays() if kept)
 
     def begin(self, file: Any, fps: float, attributes: Mapping[str, Any], scene: Scene | None) -> None:
-        """Write what is stored once: the run's attributes, the scene, the system and its cells."""
+        """Write the data stored once: the run's attributes, the scene, the system and its cells."""
         group = file.create_group(OWN)
         group.attrs["msdwarp_format"], group.attrs["fps"] = FORMAT, fps
         store_text(group, "attributes", json.dumps(attributes))
@@ -178,7 +178,7 @@ class Layout:
         self._file.flush()
 
     def holds(self, k: int, record: Record) -> bool:
-        """Tell whether the file has this record, bit for bit, as its next readings and as frame k."""
+        """Return whether the file has this record, bit for bit, as its next readings and as frame k."""
         frame = record.frame
         if self._readings is not None and not self._readings.holds(record.rows, None if frame is None else k):
             return False

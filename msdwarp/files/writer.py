@@ -230,7 +230,7 @@ class TrajectoryWriter:
             raise self._error
 
     def _work(self) -> None:
-        """Write what is queued; after an error, only release it."""
+        """Write the queued records; after an error, only release their memory."""
         while (queued := self._queue.get()) is not None:
             pending, record = queued
             with self._error_kept():

@@ -241,7 +241,7 @@ def _finish(
     seed: int,
     report: Callable[[str], None],
 ) -> tuple[NDArray, Linear, NDArray, bool]:
-    """Return the best θ up to a time [s], what is linear there, the covariance by jumps, and whether it ended."""
+    """Return the best θ up to a time [s], its linearisation, the covariance by jumps, and whether it converged."""
     best, converged = problem.finish(theta, end, tolerance)
     step, p = DIFFERENCE[problem.precision], problem.count
     linear, jumps = problem.linear(best[None], end, step)[0], np.zeros((p, p))
@@ -275,7 +275,7 @@ def _result(
     end: float,
     converged: bool,
 ) -> tuple[FitResult, list[str]]:
-    """Return the result, with what endlessly short steps would change, and what is doubtful about it."""
+    """Return the result and the messages of warnings; `of_step` is the error of the time step."""
     worlds, values, names = problem.worlds, problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
     s = np.sqrt(problem.cost(linear.residuals) / max(rows - p, 1))

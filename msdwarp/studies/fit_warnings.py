@@ -1,4 +1,4 @@
-"""What is doubtful about a fit: what cannot be seen, and residuals that do not look like noise."""
+"""Warnings about a fit: parameters that cannot be determined, and residuals that do not look like noise."""
 
 from collections.abc import Sequence
 
@@ -9,14 +9,14 @@ from .least_squares import CLOSE, Problem
 from .measured import Channel
 
 SURE = 2.33
-"""A normal number is above this in one case of a hundred: so often is noise doubted that is as assumed."""
+"""A normal number is above this in one case of a hundred: as often there is a warning about perfect noise."""
 ALIKE = 0.3
 """Correlation r of residuals at neighbouring times that is ignored: standard deviations are at most 1.4 times too
 small, sqrt((1 + r) / (1 - r))."""
 OTHER = 1.5
 """Ratio of residuals and given noise, or its inverse, that is ignored: noise is seldom known better."""
 BY_STEP = 2.0
-"""Residuals below this multiple of what a shorter time step would change are errors of the time step."""
+"""Residuals below this multiple of the time step's error are errors of the time step."""
 OUTRIGHT = 1000
 """Stable substeps of a frame above which the times measured are probably in another unit."""
 
@@ -26,7 +26,7 @@ def noise_warnings(
 ) -> list[str]:
     """Return how residuals, shape [rows, width], differ from independent noise of the given size.
 
-    `parameters` is the number fitted, and `step` the root mean square of what the time step leaves, in the unit of
+    `parameters` is the number fitted, and `step` the root mean square of the time step's error, in the unit of
     the channel. If `robust`, the median tells the size of residuals, as some points may be wrong.
     """
     seen = left[np.isfinite(left)]
@@ -57,7 +57,7 @@ def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]
     """Return the correlation of residuals at neighbouring times, and how many of them are independent.
 
     If residuals are independent in time, the correlation is normal about 0 with the variance 1 / (n T), with T
-    instants and n = (tr C)² / tr C² independent numbers at each, where C is the covariance of what is measured at
+    instants and n = (tr C)² / tr C² independent numbers at each, where C is the covariance of the measurements at
     one instant: n is the number of points if their noise is independent, and 1 if a camera shakes.
     """
     times, row = np.unique(channel.time, return_inverse=True)
@@ -70,7 +70,7 @@ def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]
 
 
 def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
-    """Return what is doubtful about the times measured, before anything is simulated."""
+    """Return warnings about the measured times, before anything is simulated."""
     if substeps <= OUTRIGHT:
         return []
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
@@ -81,7 +81,7 @@ def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
 
 
 def value_warnings(problem: Problem, theta: NDArray[np.float64], unseen: list[str], converged: bool) -> list[str]:
-    """Return what is doubtful about the values found."""
+    """Return warnings about the fitted values."""
     messages = []
     if len(unseen) == 1:
         messages.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")

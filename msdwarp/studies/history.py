@@ -1,4 +1,4 @@
-"""History: what happens in a trajectory over time, by its file alone, and a plot of it."""
+"""History: energies, momentum and heights of a trajectory over time, from its file alone, and a plot of them."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

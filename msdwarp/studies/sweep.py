@@ -151,7 +151,7 @@ class FunctionTask(NamedTuple):
     observe: dict[str, Callable[[Simulation], float]]
 
     def setup(self) -> Setup:
-        """Build the scene, and return what is to be simulated."""
+        """Build the scene, and return it with its duration and options."""
         scene = self.build(**self.parameters)
         checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
         options = dict(self.options)

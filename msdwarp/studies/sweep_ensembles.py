@@ -1,4 +1,4 @@
-"""Points of a sweep as worlds of ensembles: those that differ only in what worlds may differ in, many at once."""
+"""Points of a sweep as worlds of ensembles, if they differ only in parameters of worlds."""
 
 import hashlib
 import pickle
@@ -29,10 +29,10 @@ ONLY_OF_YIELDING = ("original_length",)
 MOST_WORLDS, MOST_ON_CPU = 4096, 64
 """Worlds of an ensemble at most: enough to fill a GPU. A sweep that is ended loses an unfinished ensemble."""
 MOST_NUMBERS = 1 << 23
-"""Particles and springs of all worlds at most: some hundred megabytes of what differs."""
+"""Particles and springs of all worlds at most: some hundred megabytes of parameters."""
 
 Numbered = tuple[int, Setup]
-"""The number of a point, and what is to be simulated there."""
+"""The number of a point, and its setup."""
 World = tuple[int, Simulate, float]
 """The number of a point, a function that returns the numbers of its world, and its share of the time taken [s]."""
 

@@ -106,7 +106,7 @@ def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
 
 
 def _label(name: str) -> str:
-    """Return what a result is called beside an axis, with its unit in brackets."""
+    """Return the label of a result's axis, with its unit in brackets."""
     for unit in ("_kg_m2_s", "_kg_m_s", "_m_s", "_J", "_W", "_N", "_m", "_s"):
         if name.endswith(unit):
             shown = unit[1:].replace("m2", "m²").replace("_s", "/s").replace("_", " ")

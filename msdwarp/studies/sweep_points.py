@@ -1,4 +1,4 @@
-"""The points of a sweep: a folder for each, what a worker does for one, and the results of all."""
+"""The points of a sweep: a folder for each, a worker's task, and the results of all."""
 
 import hashlib
 import json
@@ -33,7 +33,7 @@ Observe = Mapping[str, Callable[[Simulation], float]]
 
 
 class Setup(NamedTuple):
-    """What is to be simulated at a point."""
+    """The simulation of a point: its scene, duration and options."""
 
     scene: Scene
     duration: float
@@ -45,10 +45,10 @@ class Setup(NamedTuple):
 
 
 class Task(Protocol):
-    """What a worker process is given to simulate a point; it can be pickled."""
+    """The task of a worker process at a point; it can be pickled."""
 
     def setup(self) -> Setup:
-        """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+        """Return the setup; raise ValueError if the point cannot be a world of an ensemble."""
         ...
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
@@ -60,7 +60,7 @@ class Point(NamedTuple):
     """A point of a sweep."""
 
     parameters: dict[str, Any]
-    """All that says what is simulated, as JSON has it."""
+    """All parameters and options, as JSON data."""
     task: Task
 
     @property
