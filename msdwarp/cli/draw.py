@@ -105,7 +105,7 @@ def _colouring(
     label, values_of = _QUANTITIES[colour]
     values = partial(values_of, scene, trajectory)
     largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
-    return ColourScale(label, _rounded_up(largest)), values
+    return ColourScale(label, round_up(largest)), values
 
 
 def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
@@ -125,7 +125,7 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
         strain = np.abs(length / rest_length - 1)
         # Broken springs are not drawn.
         sizes.append(strain[system.broken_at[some] > trajectory.times[k]] if system.tears else strain)
-    return _rounded_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
+    return round_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
 
 
 def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
@@ -139,7 +139,7 @@ def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, f
         sizes = _lengths(forces[k])
         if sizes.any():
             large.append(float(np.quantile(sizes[sizes > 0], 0.9)))
-    return forces, _rounded_up(float(np.median(large)) if large else 0.0)
+    return forces, round_up(float(np.median(large)) if large else 0.0)
 
 
 def _lengths(vectors: NDArray) -> NDArray[np.float64]:
@@ -160,7 +160,7 @@ _QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDAr
 """Quantities of particles that colours can show, by name: the label, and the values in a frame."""
 
 
-def _rounded_up(value: float) -> float:
+def round_up(value: float) -> float:
     """Return a value rounded up to one or two digits; 1 if it is not above 0."""
     if value <= 0:
         return 1.0

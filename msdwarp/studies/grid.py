@@ -89,7 +89,10 @@ def checked_grid(grid: object) -> dict[str, list[Any]]:
         label = f"grid[{name!r}]"
         if isinstance(given, str):
             texts = values_of(label, given)
-            values: list[Any] = [given] if texts is None else list(map(_number_or_text, texts))
+            values: list[Any] = [given] if texts is None else list(texts)
+            for k, text in enumerate(texts or ()):
+                if re.fullmatch(_NUMBER, text):
+                    values[k] = as_scalar(label, float(text))
         elif isinstance(given, Iterable):
             values = [as_scalar(f"{label}[{k}]", value) for k, value in enumerate(given)]
         else:
@@ -129,10 +132,6 @@ def as_scalar(name: str, value: Any) -> Any:
         return value
     must = "it must be a finite number, a text, True, False or None"
     raise ValueError(f"{name} is {checks.repr_short(value)}; {must}")
-
-
-def _number_or_text(text: str) -> Any:
-    return as_scalar("it", float(text)) if re.fullmatch(_NUMBER, text) else text
 
 
 def find_build(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:

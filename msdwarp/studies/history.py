@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..bodies import AXES
+from ..bodies import AXES, counted
 from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
@@ -88,7 +88,7 @@ def write_history(
     plotted = Path(path).suffix == ".png"
     path = output_path(path, ".png" if plotted else ".csv", force)
     if plotted and len(trajectory) < 2:
-        frames = f"{len(trajectory)} frame{'' if len(trajectory) else 's'}"
+        frames = counted(len(trajectory), "frame")
         raise ValueError(f"{trajectory.path} has {frames}; a plot over time takes at least 2")
     lines = map(_line, history(trajectory, gravity=gravity, schedule=schedule))
     momenta = [f"momentum_{axis}_kg_m_s" for axis in _axes(trajectory)]

@@ -210,7 +210,7 @@ def complete(
         if executor is None and jobs != 1:
             new = sum(stored_row(runs / point.digest) is None for point in planned)
             executor = stack.enter_context(workers_for("auto" if together else jobs, device, new))
-            together = together or (jobs == "auto" and not keeps_files and gpus_for(device) == 1)
+            together = together or (jobs == "auto" and not keeps_files and len(gpus_for(device)) == 1)
         disk.writable_folder("folder", folder, runs)
         stack.enter_context(disk.alone_in(folder))
         remove_unfinished(runs)

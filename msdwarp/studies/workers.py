@@ -76,24 +76,21 @@ def _end_with(watched: Connection) -> None:
         os._exit(1)
 
 
-def gpus_here() -> list[str]:
-    """Return the GPUs that this process sees, as `CUDA_VISIBLE_DEVICES` names them."""
+def gpus_for(device: str | None) -> list[str]:
+    """Return the GPUs that share the runs: all, as `CUDA_VISIBLE_DEVICES` names them, or the one requested."""
+    if device is not None:
+        return [device] if device.startswith("cuda") else []
     start_warp()
     count = wp.get_cuda_device_count()
     visible = [one.strip() for one in os.environ.get(VISIBLE, "").split(",") if one.strip()]
     return visible[:count] if visible else [str(k) for k in range(count)]
 
 
-def gpus_for(device: str | None) -> int:
-    """Return the number of GPUs that share the runs: all, or the one requested."""
-    return len(gpus_here()) if device is None else int(device.startswith("cuda"))
-
-
 def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
     """Return workers, for "auto" one for each GPU, or else for each core; at most one for each point."""
-    gpus = gpus_here() if device is None else []
+    gpus = gpus_for(device)
     if jobs == "auto":
-        jobs = gpus_for(device) or cores()
+        jobs = len(gpus) or cores()
     elif isinstance(jobs, str):
         raise ValueError(f"jobs is {jobs!r}; it must be a whole number of at least 1, 'auto' or 'ensemble'")
-    return Workers(min(checks.count("jobs", jobs, 1), max(points, 1)), gpus)
+    return Workers(min(checks.count("jobs", jobs, 1), max(points, 1)), gpus if device is None else ())

@@ -45,7 +45,10 @@ class Worlds:
         """Times that worlds were simulated together."""
         self.diverged = False
         """Whether the first world of the last batch has diverged."""
-        corners = self._corners()
+        if len(parameters) > MOST_CORNERS:
+            corners = np.array([[one.low if one.name == "mass" else one.high for one in parameters]])
+        else:
+            corners = np.array(list(itertools.product(*((one.low, one.high) for one in parameters))))
         try:
             ensemble = self._ensemble(corners)
             self._observations(ensemble)
@@ -66,12 +69,6 @@ class Worlds:
     def scene(self, values: NDArray[np.float64]) -> Scene:
         """Return the scene with these values."""
         return scene_with(self._scene, self.parameters, values)
-
-    def _corners(self) -> NDArray[np.float64]:
-        """Return the corners of the bounds, shape [corners, parameters]."""
-        if len(self.parameters) > MOST_CORNERS:
-            return np.array([[one.low if one.name == "mass" else one.high for one in self.parameters]])
-        return np.array(list(itertools.product(*((one.low, one.high) for one in self.parameters))))
 
     def predict(self, values: NDArray[np.float64], end: float) -> list[NDArray[np.float64]]:
         """Return simulated values of each channel up to a time [s], each of shape [worlds, rows, width].
