@@ -30,7 +30,7 @@ _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
 
 
 class CommandTask(NamedTuple):
-    """A point as a worker receives it: its command line."""
+    """The task of a worker at a point: its command line."""
 
     place: str
     script: str | None

@@ -133,7 +133,8 @@ class ReadingTables:
             read[every] = table[:end]
             if not np.isfinite(read[every][:, 0]).all() or (np.diff(read[every][:, 0]) <= 0).any():
                 raise ValueError(f"the times of its readings by {every} do not rise")
-        series, first = {}, dict.fromkeys(EVERY, 1)
+        series = {}
+        first: dict[str, int] = dict.fromkeys(EVERY, 1)
         for name, (every, names) in self.columns.items():
             columns = slice(first[every], first[every] + len(names))
             series[name] = Series(read[every][:, 0].copy(), read[every][:, columns].copy())

@@ -116,7 +116,7 @@ class Trajectory:
             self.fps = checks.positive("fps", own.attrs["fps"])
             """Frames per second of simulated time."""
             self.attributes: dict[str, Any] = json.loads(load(own["attributes"]))
-            """What made the run."""
+            """The run's scene, options and versions."""
             if not isinstance(self.attributes, dict):
                 raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
             if "route" in self.attributes:  # its name in version 0.1

@@ -165,13 +165,14 @@ class TrajectoryWriter:
         Raises ValueError if an array has the wrong shape or the writer is closed, and OSError if an earlier frame
         could not be written.
         """
-        frame = Frame(*frame)
-        vectors = {"position": frame.position, "velocity": frame.velocity, "contact_force": contact_force}
-        of_connections = {"strain": strain, "broken_at": broken_at}
-        for given, one in ((vectors, self._system.position), (of_connections, self._system.rest_length)):
-            for name, values in given.items():
-                if np.shape(values) != one.shape and (values is not None or name in Frame._fields):
-                    raise ValueError(f"{name} has shape {np.shape(values)}; it must be {one.shape}")
+        frame, system = Frame(*frame), self._system
+        given = {"position": frame.position, "velocity": frame.velocity}
+        optional = {"contact_force": contact_force, "strain": strain, "broken_at": broken_at}
+        given |= {name: values for name, values in optional.items() if values is not None}
+        for name, values in given.items():
+            shape = (system.rest_length if name in ("strain", "broken_at") else system.position).shape
+            if np.shape(values) != shape:
+                raise ValueError(f"{name} has shape {np.shape(values)}; it must be {shape}")
         if self._contact_forces and contact_force is None:
             raise ValueError("contact_force is None; the file is laid out for contact forces in each frame")
         kept = self.wants_next()

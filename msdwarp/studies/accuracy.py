@@ -101,7 +101,7 @@ def tune(
     horizon = min(checks.positive("horizon", horizon), scene.duration)
     frame_count(horizon, 60.0)
     position, error, size = make_reference(scene, horizon, device, report=report)
-    frames = int((np.maximum.accumulate(error) <= tolerance / 10).sum())  # those that the reference knows
+    frames = int((np.maximum.accumulate(error) <= tolerance / 10).sum())  # for which the reference is certain
     if frames < 2:
         raise ValueError(
             f"tolerance is {tolerance:g}; a tenth of it must be more than the error of the reference, which is "
@@ -143,7 +143,7 @@ def _measure_method(
         report(f"{precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
         try:
             simulation, position = simulate(scene, horizon, **options)
-        except UnstableStep:  # a method that wants a damper beside every spring
+        except UnstableStep:  # the method needs a damper beside every spring
             return
         except SimulationDiverged as trouble:
             substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))

@@ -33,7 +33,7 @@ ROUNDS, WORTH = 4, 0.7
 UNCERTAIN = 1.0
 """A standard deviation of ln(value) above which a parameter counts as unseen."""
 SHARE = 0.3
-"""A parameter is unseen if it has more than this part of a direction of θ that is."""
+"""A parameter is unseen if its share of an unseen direction of θ is larger."""
 OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
 """The time step is short enough if its error is below this part of a standard deviation, or of the value, or this
 multiple of the jumps by contact, which also depend on it."""
@@ -228,7 +228,7 @@ def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
     if count == 1:
         return first
     random, others = np.random.default_rng(checks.count("seed", seed, 0)), count - 1
-    # One in each of as many equal parts of each bound's range.
+    # One in each of `others` equal parts of a parameter's range.
     drawn = [random.permutation(others) + random.random(others) for _ in range(problem.count)]
     return np.concatenate([first, problem.low + np.column_stack(drawn) / others * (problem.high - problem.low)])
 
@@ -261,7 +261,7 @@ def _finish(
         else:
             jumps[:] = 0.0
         if better > WORTH * cost:
-            converged = True  # among jumps steps do not end; that clouds find nothing better is an end
+            converged = True  # with jumps steps do not get small: it ends when clouds find nothing better
             break
     return best, linear, jumps, converged
 

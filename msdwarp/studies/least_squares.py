@@ -33,7 +33,7 @@ LOSSES: dict[str, tuple[Loss, Loss]] = {
 }
 """The cost of a squared residual and its derivative, as in `scipy.optimize.least_squares`."""
 GUESS = 0.5
-"""Standard deviation of θ that holds it near its start until the last steps, should it hardly be seen yet."""
+"""Standard deviation of a prior that keeps θ near its start until the last steps."""
 JAGGED, UNEVEN = 1e-3, 0.1
 """A difference of θ, and the share by which changes to both sides, or a change and the derivative, may differ over
 it without jumps."""

@@ -237,7 +237,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
 
 
 def frame_rate(channels: list[Channel]) -> float:
-    """Return frames per second at which all was measured at the end of a frame; 60 if there is no such rate."""
+    """Return the frame rate at which all measured times end a frame; 60 if there is none."""
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     gaps = np.diff(times)
     gap = float(gaps[gaps > ON_FRAME * gaps.max()].min())

@@ -43,7 +43,7 @@ _PAUSE = 0.05
 """Seconds between two checks of the futures."""
 
 Report = Callable[[int, int], None]
-"""Called with how many of the points that were to be simulated are, and how many there are."""
+"""Called with the number of points simulated so far, and of all that are to be simulated."""
 
 
 def sweep(

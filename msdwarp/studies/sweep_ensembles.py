@@ -52,7 +52,7 @@ def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixe
             if setup.scene.probes and setup.observe:
                 raise ValueError("what is observed may ask for all readings of its probes")
             key = _digest_of_shared(setup)
-        except Exception as error:  # of a scene of any kind; a run of its own tells it in full
+        except Exception as error:  # a scene may raise anything; its own run reports it in full
             refused[number] = str(error)
             continue
         several = alike.setdefault(key, [])
@@ -88,7 +88,7 @@ def _digest_of_shared(setup: Setup) -> bytes:
     parts = (shared, rough, around, setup.duration, setup.options)
     try:
         return hashlib.sha256(pickle.dumps(parts)).digest()
-    except Exception as error:  # of functions that have no name
+    except Exception as error:  # such as functions without a name
         raise ValueError(f"it cannot be compared with others: {error}") from error
 
 

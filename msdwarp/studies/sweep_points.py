@@ -29,7 +29,7 @@ Row = dict[str, Any]
 Simulate = Callable[[Path, bool], dict[str, float]]
 """Simulate in a folder, and keep files there or not; return the final numbers."""
 Observe = Mapping[str, Callable[[Simulation], float]]
-"""Functions by name that a simulation is given at its end."""
+"""Functions by name, called with the simulation at its end."""
 
 
 class Setup(NamedTuple):
