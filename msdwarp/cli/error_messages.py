@@ -17,7 +17,10 @@ _folders: set[Path] = set()
 def message_of(error: Exception) -> str | None:
     """Return the message of an error for a user; None for a mistake of ours, which needs its traceback."""
     if isinstance(error, CycloptsError):
-        return _usage(error)
+        command = error.app.name[0] if error.app is not None else "msdwarp"
+        if error.command_chain:
+            command = " ".join(("msdwarp", *error.command_chain))
+        return f"{_wrong(error)} (see `{command} --help`)"
     if isinstance(error, MemoryError):
         return f"out of memory: {error}"
     if (found := user_message(error)) is not None:
@@ -39,15 +42,8 @@ def printable_lines(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))
 
 
-def _usage(error: CycloptsError) -> str:
-    """Return the message of a wrong command line, with the command that shows help."""
-    command = error.app.name[0] if error.app is not None else "msdwarp"
-    if error.command_chain:
-        command = " ".join(("msdwarp", *error.command_chain))
-    return f"{_wrong(error)} (see `{command} --help`)"
-
-
 def _wrong(error: CycloptsError) -> str:
+    """Return what is wrong with a command line."""
     if isinstance(error, UnknownCommandError) and error.unused_tokens and error.app is not None:
         known = ", ".join(name for name in error.app if not name.startswith("-"))
         return f"command is {error.unused_tokens[0]!r}; it must be one of {known}"

@@ -18,7 +18,7 @@ from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
 from ..studies import EnergyLog, GrowingTable, cheapest, tune
-from ..world import FRAME, SUBSTEP, Scene, Stored, probe_columns, probes_by, scene_as_stored
+from ..world import FRAME, SUBSTEP, Scene, probe_columns, probes_by, scene_as_stored
 from .draw import draw
 from .options import Options
 from .process import progress_on, status_on, stop_requests
@@ -201,27 +201,24 @@ class Run:
             raise trouble
 
     def _writer(self, path: Path, last: int, behind: int) -> TrajectoryWriter:
+        scene, options = self.scene, self.options
+        # Moving obstacles' poses are stored in the frames and over the scene's duration.
+        frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / options.fps
+        times = [*frames, *np.linspace(0, scene.duration, _POSES)]
         return TrajectoryWriter(
             path,
-            self.scene.system,
-            fps=self.options.fps,
+            scene.system,
+            fps=options.fps,
             frame_count=last + 1,
-            compress=self.options.trajectory == "compressed",
-            every=self.options.every,
+            compress=options.trajectory == "compressed",
+            every=options.every,
             strain=self._strain,
-            contact_forces=self.options.sums_contact,
+            contact_forces=options.sums_contact,
             attributes=self.made_by,
-            readings={
-                name: (one.every, one.columns(self.scene.system.dim)) for name, one in self.scene.probes.items()
-            },
-            scene=None if behind else self._scene_as_stored(last),
+            readings={name: (one.every, one.columns(scene.system.dim)) for name, one in scene.probes.items()},
+            scene=None if behind else scene_as_stored(scene, times),
             behind=behind,
         )
-
-    def _scene_as_stored(self, last: int) -> Stored:
-        """Return the scene by value, with moving obstacles' poses in the frames and over the scene's duration."""
-        frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / self.options.fps
-        return scene_as_stored(self.scene, [*frames, *np.linspace(0, self.scene.duration, _POSES)])
 
     def _simulate(
         self,

@@ -84,7 +84,6 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     if chosen is None:  # help was shown
         return
     options = chosen[1]
-    studies.import_xarray()
     if options.log is not None and not options.logs_in_folder:
         raise ValueError(
             f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"

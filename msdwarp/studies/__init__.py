@@ -10,11 +10,5 @@ from .measured import TrackedPoints as TrackedPoints
 from .sweep import complete as complete, sweep as sweep
 from .sweep_ensembles import ENSEMBLE as ENSEMBLE, ensemble_summary as ensemble_summary
 from .sweep_plot import plot_sweep as plot_sweep
-from .sweep_points import (
-    RESULTS as RESULTS,
-    Point as Point,
-    Setup as Setup,
-    final_numbers as final_numbers,
-    import_xarray as import_xarray,
-)
+from .sweep_points import RESULTS as RESULTS, Point as Point, Setup as Setup, final_numbers as final_numbers
 from .table import EnergyLog as EnergyLog, GrowingTable as GrowingTable

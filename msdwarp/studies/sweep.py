@@ -27,7 +27,6 @@ from .sweep_points import (
     Point,
     Row,
     Setup,
-    dataset,
     final_numbers,
     import_xarray,
     remove_unfinished,
@@ -107,7 +106,6 @@ def sweep(
     OSError
         If the folder cannot be written to, or contains something else.
     """
-    import_xarray()
     build, name = find_build(scene)
     values = checked_grid(grid)
     fixed = dict(checks.mapping("parameters", parameters or {}))
@@ -200,6 +198,7 @@ def complete(
         raise ValueError(
             f"executor is {checks.repr_short(executor)}; it must have `submit` as in concurrent.futures"
         )
+    import_xarray()
     together = jobs == ENSEMBLE
     if together and (keeps_files or executor is not None):
         wrong = "keep is 'run'; it must be 'summary'" if keeps_files else "executor is given; it must not be"
@@ -230,8 +229,7 @@ def complete(
         finally:
             remove_unfinished(runs)
             rows = [row or {"status": MISSING, "message": "not simulated yet"} for row in rows]
-            results = dataset(grid, planned, rows)
-            write_results(results, folder)
+            results = write_results(grid, planned, rows, folder)
     return results, count - len(left), refused
 
 

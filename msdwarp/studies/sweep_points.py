@@ -171,8 +171,13 @@ def import_xarray() -> Any:
     return xarray
 
 
-def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: Sequence[Row]) -> Any:
-    """Return the rows of all points as an `xarray.Dataset` over the grid; NaN where a row lacks a number."""
+def write_results(
+    grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: Sequence[Row], folder: Path
+) -> Any:
+    """Write the rows of all points as NetCDF and as a table; return them as an `xarray.Dataset` over the grid.
+
+    A number that a row lacks is NaN. Each file appears whole.
+    """
     xarray = import_xarray()
     numbers = dict.fromkeys(name for row in rows for name in row if name not in (*WORDS, *grid))
     columns: dict[str, Any] = {
@@ -187,21 +192,18 @@ def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: S
     first = planned[0].parameters
     same = {key: value for key, value in (first["parameters"] | first["options"]).items() if key not in grid}
     about = {"scene": str(first["scene"]), "parameters": json.dumps(same)}
-    return xarray.Dataset(variables, coordinates, about)
+    results = xarray.Dataset(variables, coordinates, about)
+    with disk.replacing(folder / RESULTS) as unfinished:
+        results.to_netcdf(unfinished, engine="h5netcdf")
+    with disk.replacing(folder / TABLE) as unfinished:
+        results.to_dataframe().to_csv(unfinished, na_rep="nan", lineterminator="\r\n")
+    return results
 
 
 def _coordinate(values: Sequence[Any]) -> np.ndarray:
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values)
     return np.array([str(value) for value in values], dtype=object)
-
-
-def write_results(results: Any, folder: Path) -> None:
-    """Write the results as NetCDF and as a table with a line for each point; each file appears whole."""
-    with disk.replacing(folder / RESULTS) as unfinished:
-        results.to_netcdf(unfinished, engine="h5netcdf")
-    with disk.replacing(folder / TABLE) as unfinished:
-        results.to_dataframe().to_csv(unfinished, na_rep="nan", lineterminator="\r\n")
 
 
 def read_results(path: Path) -> Any:
