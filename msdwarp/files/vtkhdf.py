@@ -39,7 +39,7 @@ Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
 _TIMES, _SUBSTEPS = f"{ROOT}/Steps/Values", f"{OWN}/{SUBSTEPS}"
 _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
 """Bytes of a chunk; HDF5 takes no more than 4 GiB."""
-_FORESEEN = 1024
+FORESEEN = 1024
 """Frames whose offsets are written at once, where the number of frames is unknown."""
 _MOST_FORESEEN = 1 << 16
 """The most where it is known: their offsets take room even if the run ends early."""
@@ -92,7 +92,7 @@ class Layout:
             self._per_frame[STRAIN] = cells
             self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
         self._edges = Edges(system) if (system.tears if tears is None else tears) else None
-        self._foreseen = min(frame_count or _FORESEEN, _MOST_FORESEEN)
+        self._foreseen = min(frame_count or FORESEEN, _MOST_FORESEEN)
         self._readings = ReadingTables(readings, self._foreseen) if readings else None
 
     @classmethod

@@ -55,7 +55,7 @@ def test_after_each_single_write_to_disk_every_frame_is_there(
     tmp_path, monkeypatch, compress, count, known, vtk_output
 ):
     # A killed process has written what it has written: each beginning of the series of its writes must open.
-    monkeypatch.setattr(vtkhdf, "_FORESEEN", 10)
+    monkeypatch.setattr(vtkhdf, "FORESEEN", 10)
     system, expected = SYSTEMS["box"], list(frames(SYSTEMS["box"], count))
     options = {"frame_count": count} if known else {}
     with recorded_writes(monkeypatch) as log:
