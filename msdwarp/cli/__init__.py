@@ -1,4 +1,4 @@
-"""The `msdwarp` command, and what a scene script runs when it is started by itself.
+"""The `msdwarp` command, and the command of a scene script.
 
 The only importer of cyclopts and rich, which wait until signals are heard.
 """

@@ -1,6 +1,6 @@
-"""The `msdwarp` command, and what a scene script runs when it is started by itself.
+"""The `msdwarp` command, and the command of a scene script.
 
-What a command needs is imported once it is certain to run: Warp takes longer to import than help takes.
+Modules are imported once a command is certain to run: Warp takes longer to import than help takes.
 """
 
 import ast

@@ -58,13 +58,13 @@ def draw(
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
         how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
         renderer = Renderer(scene, np.concatenate(seen), resolution=size, device=device, **how)
-        _end_if(requests)
+        _raise_if_stopped(requests)
         positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
         if not pictures.frames == pictures.video == "none":
 
             def images() -> Iterator[NDArray]:
                 for k in progress.track(shown, count, description="drawing"):
-                    _end_if(requests)
+                    _raise_if_stopped(requests)
                     force = None if forces is None else forces[k]
                     yield renderer.image(positions[k], times[k], values and values(k), force)
 
@@ -80,7 +80,7 @@ def draw(
             chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
             path = overlay_path(folder, name)
             all_values = None if values is None else np.array([values(k) for k in chosen])
-            _end_if(requests)
+            _raise_if_stopped(requests)
             Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
             drawn.append(f"an overlay of {len(chosen)} poses")
             results.append(str(path))
@@ -88,7 +88,7 @@ def draw(
         return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
 
 
-def _end_if(requests: list[int]) -> None:
+def _raise_if_stopped(requests: list[int]) -> None:
     if requests:
         raise Interrupted(f"{word(requests[0])} while drawing", requests[0])
 
@@ -105,7 +105,7 @@ def _colouring(
     label, values_of = _QUANTITIES[colour]
     values = partial(values_of, scene, trajectory)
     largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
-    return ColourScale(label, _rounded_up(largest)), values
+    return ColourScale(label, round_up(largest)), values
 
 
 def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
@@ -125,7 +125,7 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
         strain = np.abs(length / rest_length - 1)
         # Broken springs are not drawn.
         sizes.append(strain[system.broken_at[some] > trajectory.times[k]] if system.tears else strain)
-    return _rounded_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
+    return round_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
 
 
 def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
@@ -136,31 +136,31 @@ def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, f
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:
-        sizes = _sizes(forces[k])
+        sizes = _lengths(forces[k])
         if sizes.any():
             large.append(float(np.quantile(sizes[sizes > 0], 0.9)))
-    return forces, _rounded_up(float(np.median(large)) if large else 0.0)
+    return forces, round_up(float(np.median(large)) if large else 0.0)
 
 
-def _sizes(vectors: NDArray) -> NDArray[np.float64]:
+def _lengths(vectors: NDArray) -> NDArray[np.float64]:
     return np.linalg.norm(vectors.astype(np.float64), axis=1)
 
 
 _QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
-    "velocity": ("speed [m/s]", lambda scene, trajectory, k: _sizes(trajectory.velocities[k])),
+    "velocity": ("speed [m/s]", lambda scene, trajectory, k: _lengths(trajectory.velocities[k])),
     "energy": (
         "energy of a particle and half its connections [J]",
         lambda scene, trajectory, k: particle_energies(system_in(trajectory, k, scene.schedule)),
     ),
     "contact": (
         "contact force on a particle [N]",
-        lambda scene, trajectory, k: _sizes(trajectory.contact_forces[k]),
+        lambda scene, trajectory, k: _lengths(trajectory.contact_forces[k]),
     ),
 }
 """Quantities of particles that colours can show, by name: the label, and the values in a frame."""
 
 
-def _rounded_up(value: float) -> float:
+def round_up(value: float) -> float:
     """Return a value rounded up to one or two digits; 1 if it is not above 0."""
     if value <= 0:
         return 1.0

@@ -15,9 +15,12 @@ _folders: set[Path] = set()
 
 
 def message_of(error: Exception) -> str | None:
-    """Return what an error says to a user; None for a mistake of ours, which its traceback explains."""
+    """Return the message of an error for a user; None for a mistake of ours, which needs its traceback."""
     if isinstance(error, CycloptsError):
-        return _usage(error)
+        command = error.app.name[0] if error.app is not None else "msdwarp"
+        if error.command_chain:
+            command = " ".join(("msdwarp", *error.command_chain))
+        return f"{_wrong(error)} (see `{command} --help`)"
     if isinstance(error, MemoryError):
         return f"out of memory: {error}"
     if (found := user_message(error)) is not None:
@@ -30,24 +33,17 @@ def message_of(error: Exception) -> str | None:
 
 
 def printable(text: str) -> str:
-    """Return a text with each character that a terminal would obey, not print, written out by its number."""
+    """Return a text with control characters, which a terminal would obey, escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def printable_lines(text: str) -> str:
-    """Return the same of each line of a text."""
+    """Return a text with control characters escaped in each line."""
     return "\n".join(map(printable, text.split("\n")))
 
 
-def _usage(error: CycloptsError) -> str:
-    """Return what is wrong with a command line, and which command shows what is allowed."""
-    command = error.app.name[0] if error.app is not None else "msdwarp"
-    if error.command_chain:
-        command = " ".join(("msdwarp", *error.command_chain))
-    return f"{_wrong(error)} (see `{command} --help`)"
-
-
 def _wrong(error: CycloptsError) -> str:
+    """Return what is wrong with a command line."""
     if isinstance(error, UnknownCommandError) and error.unused_tokens and error.app is not None:
         known = ", ".join(name for name in error.app if not name.startswith("-"))
         return f"command is {error.unused_tokens[0]!r}; it must be one of {known}"
@@ -77,7 +73,7 @@ def _allowed(kind: Any) -> str:
 
 
 def remember_script(script: Path) -> None:
-    """Remember that a script, and what lies beside it, is the user's."""
+    """Remember that a script, and the files beside it, are the user's."""
     _folders.add(script.resolve().parent)
 
 

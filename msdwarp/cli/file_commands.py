@@ -177,7 +177,7 @@ def plot(
     start_warp(verbose)
     with at_once():
         from .. import checks
-        from ..studies import RESULTS, plot_history, plot_sweep, write_history
+        from ..studies import RESULTS, plot_sweep, write_history
     swept = file / RESULTS if (file / RESULTS).exists() else file
     if swept.suffix == ".nc":
         print(f"wrote {plot_sweep(swept, out or swept.with_suffix('.png'), show=show, force=force)}")
@@ -191,8 +191,7 @@ def plot(
         target = out or trajectory.path.with_suffix(".png")
         if target.suffix not in (".png", ".csv"):
             raise ValueError(f"out is {target}; its name must end in .png or .csv")
-        write = write_history if target.suffix == ".csv" else plot_history
-        print(f"wrote {write(trajectory, target, gravity=acceleration, schedule=schedule, force=force)}")
+        print(f"wrote {write_history(trajectory, target, gravity=acceleration, schedule=schedule, force=force)}")
 
 
 def resume(
@@ -298,7 +297,7 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:
     """Return the name and scene of a trajectory; without obstacles if neither file nor script has them."""
     from ..world import Scene, known_until, scene_from_stored
-    from .provenance import built_again
+    from .provenance import rebuild_scene
 
     system, stored = trajectory.system, trajectory.scene
     kept = None if stored is None or script.requested else scene_from_stored(system, *stored)
@@ -307,7 +306,7 @@ def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tupl
     if kept is not None and trajectory.times[-1] < known_until(kept) + 1e-9:
         return name, kept
     try:
-        origin, scene = built_again(trajectory.attributes, script)
+        origin, scene = rebuild_scene(trajectory.attributes, script)
         if scene.system.position.shape != system.position.shape:
             raise ValueError(f"scene {origin.place!r} has another system now")
     except Exception as error:  # the script may raise anything
@@ -322,9 +321,9 @@ def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tupl
 def _schedule_of(trajectory: "Trajectory", script: Script) -> "Sequence[Change]":
     """Return the changes of a run by its file, or by the scene's script if an early version wrote the file."""
     from ..world import scene_from_stored
-    from .provenance import built_again
+    from .provenance import rebuild_scene
 
     stored = trajectory.scene
     if stored is None or script.requested:
-        return built_again(trajectory.attributes, script)[1].schedule
+        return rebuild_scene(trajectory.attributes, script)[1].schedule
     return scene_from_stored(trajectory.system, *stored).schedule

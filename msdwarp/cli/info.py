@@ -1,4 +1,4 @@
-"""What `msdwarp info` prints: what a trajectory is, how it was simulated, and what made it."""
+"""The text of `msdwarp info`: contents of a trajectory, method of the simulation, and provenance."""
 
 import shlex
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ Lines = Iterator[tuple[str, str]]
 
 
 def description(trajectory: Trajectory) -> str:
-    """Return what is known of a trajectory, in groups of lines with words and units."""
+    """Return the description of a trajectory, in groups of lines with units."""
     path, about = trajectory.path, trajectory.attributes
     times, count = trajectory.times, len(trajectory)
     frames = f"{counted(count, 'frame')} from {times[0]:.4g} to {times[-1]:.4g} s" if count else "no frames"

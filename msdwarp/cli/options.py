@@ -64,13 +64,8 @@ class Pictures:
         """Whether anything is to be drawn."""
         return self.overlay is not None or not self.frames == self.video == "none"
 
-    @property
-    def of_contact(self) -> bool:
-        """Whether contact forces are to be shown."""
-        return self.arrows or self.colour == "contact"
-
     def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
-        """Return whether a folder has all pictures of so many frames."""
+        """Return whether a folder has all pictures of a run of `frame_count` frames."""
         wanted = [] if self.overlay is None else [overlay_path(folder, name)]
         wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
@@ -83,7 +78,7 @@ class Pictures:
         return {name: angle for name, angle in angles.items() if angle is not None}
 
     def check(self, frame_count: int) -> None:
-        """Raise ValueError unless so many frames can be drawn."""
+        """Raise ValueError unless `frame_count` frames can be drawn."""
         from .. import checks
         from ..pictures import check_formats, no_opengl
         from ..world import Look
@@ -185,7 +180,7 @@ class Options(SimulationOptions):
     @property
     def sums_contact(self) -> bool:
         """Whether contact forces are to be kept or shown."""
-        return self.contact_forces or self.pictures.of_contact
+        return self.contact_forces or self.pictures.arrows or self.pictures.colour == "contact"
 
     @property
     def logs_in_folder(self) -> bool:
@@ -227,7 +222,7 @@ class ViewOptions(SimulationOptions):
     verbose: Verbose = False
 
     @property
-    def of_run(self) -> Options:
+    def run_options(self) -> Options:
         """The options of a run with the same simulation."""
         return Options(**{one.name: getattr(self, one.name) for one in fields(SimulationOptions)})
 
@@ -281,7 +276,7 @@ class FitOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Undrawn(Pictures):
+class NoPictures(Pictures):
     """What to draw of each point: nothing by default."""
 
     frames: FrameFormat = "none"
@@ -294,7 +289,7 @@ class SweepOptions(Options):
 
     out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None
     """Folder of the sweep. An earlier sweep in it is continued. Default: out/SCENE_sweep."""
-    pictures: Pictures = field(default_factory=Undrawn)
+    pictures: Pictures = field(default_factory=NoPictures)
     jobs: int | Literal["auto", "ensemble"] = "auto"
     """Number of processes; auto takes one for each GPU, or one for each core if there is no GPU. With ensemble,
     points that differ only in numbers such as stiffness are simulated together in one process (with --keep
@@ -302,10 +297,10 @@ class SweepOptions(Options):
     keep: Literal["run", "summary"] = "run"
     """What to keep of each point: the whole run, as `msdwarp run` does, or only a summary."""
 
-    def of_a_run(self, folder: Path, keeps_files: bool) -> Options:
+    def run_options(self, folder: Path, keeps_files: bool) -> Options:
         """Return the options of the run of a point in a folder."""
         options = Options(**{one.name: getattr(self, one.name) for one in fields(Options)})
         options = replace(options, out=folder, quiet=True, force=False)
         if not keeps_files:
-            options = replace(options, trajectory="none", pictures=Undrawn(), restart=0.0, log=None)
+            options = replace(options, trajectory="none", pictures=NoPictures(), restart=0.0, log=None)
         return options

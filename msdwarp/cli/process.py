@@ -1,4 +1,4 @@
-"""The process of the command: its streams, signals and exit codes, and how far it is.
+"""The process of the command: its streams, signals, exit codes and progress.
 
 Little is imported here: `main` and `scene_main` handle signals before they import anything large.
 """
@@ -36,7 +36,7 @@ def main() -> NoReturn:
 
 
 def scene_main(build: Callable[..., Any]) -> NoReturn:
-    """Run the scene that `build` makes, with flags for its parameters: what a scene script calls."""
+    """Run the scene that `build` makes, with flags for its parameters; scene scripts call this."""
     with at_once():
         _set_up()
         from .app import run_script
@@ -55,7 +55,7 @@ def _run(command: Callable[[], Any]) -> NoReturn:
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit: with 0, or with 1 and a line that says what was wrong.
+    """Run a command and exit: with 0, or with 1 and the message of the error.
 
     Unknown flags exit with 1 as all errors do.
     """

@@ -1,4 +1,4 @@
-"""What made a run, as text that a file can hold, and the scene and options restored from that text."""
+"""Provenance of a run as JSON data, and the scene and options restored from it."""
 
 import hashlib
 import inspect
@@ -37,7 +37,7 @@ from .script_signatures import UNTRUSTED, Script, script_as_stored
 
 
 def source_of(origin: Origin, scene: Scene) -> dict[str, Any]:
-    """Return what a run is of, as JSON data: the scene, how to build it again, and the program."""
+    """Return the origin of a run as JSON data: the scene, how to build it again, and the program."""
     return {
         "scene": origin.place,
         "parameters": parameters_of(origin),
@@ -59,7 +59,7 @@ def parameters_of(origin: Origin) -> dict[str, Any]:
     return as_json({**parameters, **origin.parameters})
 
 
-def built_again(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
+def rebuild_scene(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
     """Return the scene that a file's attributes name, built again; raise ValueError if its script may not run."""
     place = script.scene or str(checks.member("the file", attributes, "scene"))
     stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
@@ -103,7 +103,7 @@ def as_json(value: Any) -> Any:
 
 
 def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
-    """Return options from the data of `Options.as_stored`, with changes; what the data lack has its default.
+    """Return options from the data of `Options.as_stored`, with changes; missing ones have their defaults.
 
     Raise ValueError for data of a later version, and for data that no run stores.
     """

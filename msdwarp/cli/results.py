@@ -13,24 +13,12 @@ PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"
 
 
 def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Path] = ()) -> Path:
-    """Return the folder for results, which need not exist.
-
-    Raise FileExistsError if `out` is given and not empty, and `force` is False.
-    """
-    folder = out
-    if folder is None:
-        folder = Path("out") / name if force else free_folder(Path("out") / name, taken)
-    elif not force and folder.is_dir() and _holds_something(folder):
-        raise FileExistsError(f"out is {folder}, which is not empty; name another folder or add --force")
-    return folder
-
-
-def remove_results(folder: Path, name: str) -> None:
-    """Remove an earlier run's results from a folder."""
-    unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
-    written = [folder / one for one in (TRAJECTORY, RESTART, PROBES, PROBES_BY_SUBSTEP)]
-    for path in (*pictures_in(folder, name), *written, *unfinished):
-        path.unlink(missing_ok=True)
+    """Return the folder for results; raise FileExistsError if `out` is not empty, and `force` is False."""
+    if out is None:
+        return Path("out") / name if force else free_folder(Path("out") / name, taken)
+    if not force and out.is_dir() and _holds_something(out):
+        raise FileExistsError(f"out is {out}, which is not empty; name another folder or add --force")
+    return out
 
 
 def check_names(name: str, out: Path) -> None:
@@ -52,8 +40,8 @@ def check_names(name: str, out: Path) -> None:
 def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
     """Create and lock the folder for results; by default the first that no other run uses.
 
-    Raise FileExistsError if `out` is not empty and `force` is False, ValueError if another run uses it, and
-    OSError if it cannot be written to.
+    With `force` an earlier run's results in it are removed; else FileExistsError is raised if `out` is not empty.
+    Raise ValueError if another run uses it, and OSError if it cannot be written to.
     """
     taken: set[Path] = set()
     while True:
@@ -69,6 +57,11 @@ def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
                 continue
             if out is None and not force and _holds_something(folder):
                 continue  # another run began and ended meanwhile
+            if force:
+                unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
+                written = [folder / one for one in (TRAJECTORY, RESTART, PROBES, PROBES_BY_SUBSTEP)]
+                for path in (*pictures_in(folder, name), *written, *unfinished):
+                    path.unlink(missing_ok=True)
             yield folder
             return
 
@@ -89,10 +82,8 @@ def pictures_in(folder: Path, name: str) -> list[Path]:
     """Return the pictures in a folder that a run of this name would replace."""
     from ..pictures import FILM_FORMATS
 
-    films = [folder / f"{name}.{end}" for end in FILM_FORMATS]
-    return [
-        p for p in (*sorted(folder.glob("frame_[0-9]*.png")), *films, overlay_path(folder, name)) if p.exists()
-    ]
+    others = [folder / f"{name}.{end}" for end in FILM_FORMATS] + [overlay_path(folder, name)]
+    return [*sorted(folder.glob("frame_[0-9]*.png")), *(path for path in others if path.exists())]
 
 
 def overlay_path(folder: Path, name: str) -> Path:

@@ -18,21 +18,12 @@ from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
 from ..studies import EnergyLog, GrowingTable, cheapest, tune
-from ..world import FRAME, SUBSTEP, Scene, Stored, probe_columns, probes_by, scene_as_stored
+from ..world import FRAME, SUBSTEP, Scene, probe_columns, probes_by, scene_as_stored
 from .draw import draw
 from .options import Options
 from .process import progress_on, status_on, stop_requests
 from .provenance import source_of
-from .results import (
-    PROBES,
-    PROBES_BY_SUBSTEP,
-    RESTART,
-    check_names,
-    overlay_path,
-    own_folder,
-    remove_results,
-    wanted_folder,
-)
+from .results import PROBES, PROBES_BY_SUBSTEP, RESTART, check_names, overlay_path, own_folder, wanted_folder
 from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
@@ -49,8 +40,8 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     SimulationDiverged or Interrupted ends it early, the frames until then are kept.
     """
     talk = Console(stderr=True, quiet=options.quiet)
-    options = replace(options, duration=scene.duration if options.duration is None else options.duration)
-    last = last_frame(options)
+    duration = scene.duration if options.duration is None else options.duration
+    options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
@@ -72,8 +63,6 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
             if folder != tentative:  # another run has taken that one meanwhile
                 log = _log(options, folder, origin.name)
-            if options.force:
-                remove_results(folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
     return simulation
 
@@ -92,12 +81,6 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
     return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is empty, or forced
 
 
-def last_frame(options: Options) -> int:
-    """Return the number of the last frame, counted from 0."""
-    assert options.duration is not None
-    return frame_count(options.duration, options.fps)
-
-
 def method_of(options: Options) -> dict[str, Any]:
     """Return the arguments of a simulation that some options set."""
     names = ("fps", "substeps", "allow_unstable", "device", "force_algorithm")
@@ -112,7 +95,7 @@ def simulation_by(scene: Scene, options: Options) -> Simulation:
 
 
 def about(origin: Origin, scene: Scene, simulation: Simulation, options: Options) -> dict[str, Any]:
-    """Return what made a run as JSON data: the scene, how it is simulated, and the options."""
+    """Return the attributes of a run as JSON data: the scene, how it is simulated, and the options."""
     model = simulation.model
     return source_of(origin, scene) | {
         "integrator": options.integrator or DEFAULT,
@@ -218,27 +201,24 @@ class Run:
             raise trouble
 
     def _writer(self, path: Path, last: int, behind: int) -> TrajectoryWriter:
+        scene, options = self.scene, self.options
+        # Moving obstacles' poses are stored in the frames and over the scene's duration.
+        frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / options.fps
+        times = [*frames, *np.linspace(0, scene.duration, _POSES)]
         return TrajectoryWriter(
             path,
-            self.scene.system,
-            fps=self.options.fps,
+            scene.system,
+            fps=options.fps,
             frame_count=last + 1,
-            compress=self.options.trajectory == "compressed",
-            every=self.options.every,
+            compress=options.trajectory == "compressed",
+            every=options.every,
             strain=self._strain,
-            contact_forces=self.options.sums_contact,
+            contact_forces=options.sums_contact,
             attributes=self.made_by,
-            readings={
-                name: (one.every, one.columns(self.scene.system.dim)) for name, one in self.scene.probes.items()
-            },
-            scene=None if behind else self._scene_as_stored(last),
+            readings={name: (one.every, one.columns(scene.system.dim)) for name, one in scene.probes.items()},
+            scene=None if behind else scene_as_stored(scene, times),
             behind=behind,
         )
-
-    def _scene_as_stored(self, last: int) -> Stored:
-        """Return the scene by value, with moving obstacles' poses in the frames and over the scene's duration."""
-        frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / self.options.fps
-        return scene_as_stored(self.scene, [*frames, *np.linspace(0, self.scene.duration, _POSES)])
 
     def _simulate(
         self,
@@ -315,7 +295,7 @@ def _over_time(history: Sequence[tuple[float, int]]) -> str:
 
 
 def _summary(simulation: Simulation, options: Options, start: float, seconds: float) -> Iterator[str]:
-    """Yield lines: what was simulated, with which steps and why, and how fast."""
+    """Yield lines of a summary: the system, the method, the substeps and the speed."""
     system = simulation.system
     yield (
         f"{system.particle_count} particles and {system.connection_count} connections by "

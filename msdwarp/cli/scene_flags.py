@@ -14,7 +14,7 @@ COMMON = {
     "stiffness": "Spring constant of each connection [N/m].",
     "damping": "Damper constant of each connection [N s/m].",
 }
-"""What parameters of these names are where a scene does not describe them."""
+"""Help of common parameters that a scene does not describe."""
 
 
 def new_app(name: str, **options: Any) -> App:
@@ -58,7 +58,7 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
 
 
 def _described(parameter: inspect.Parameter, doc: str | None) -> inspect.Parameter:
-    """Return a parameter of a scene, with what its name commonly means unless the docstring describes it."""
+    """Return a parameter of a scene, with the help of its common name unless the docstring describes it."""
     if parameter.name not in COMMON or f"\n{parameter.name}\n" in inspect.cleandoc(doc or ""):
         return parameter
     common = Parameter(help=COMMON[parameter.name])

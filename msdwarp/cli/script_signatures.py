@@ -39,7 +39,7 @@ class Script:
             return find_scene(self.scene or place)
 
         def check(digest: str) -> None:
-            if why := _distrust(place, digest, attributes.get("script")):
+            if why := reason_for_distrust(place, digest, attributes.get("script")):
                 raise ValueError(
                     f"scene is {place!r}, a script, and {why}; allow it with --trust, or name another by "
                     "--scene PATH"
@@ -53,11 +53,11 @@ UNTRUSTED = Script()
 
 
 def script_as_stored(place: str, digest: str | None) -> dict[str, dict[str, str | None]]:
-    """Return what a file stores of a script with this SHA-256: nothing for a scene that comes with msdwarp."""
+    """Return the attributes of a script with this SHA-256; none for a scene that comes with msdwarp."""
     return {} if digest is None else {"script": {"sha256": digest, "seal": _seal(place, digest)}}
 
 
-def _distrust(place: str, digest: str, stored: Any) -> str | None:
+def reason_for_distrust(place: str, digest: str, stored: Any) -> str | None:
     """Return why a script with this SHA-256 may not run without permission; None if it may."""
     if not isinstance(stored, Mapping) or not isinstance(stored.get("sha256"), str):
         return "the file does not say what was in it"

@@ -39,7 +39,7 @@ def number_of(stop: BaseException) -> int:
 
 
 def word(number: int) -> str:
-    """Return what a signal did."""
+    """Return the word for the effect of a signal."""
     return "interrupted" if number == signal.SIGINT else "terminated"
 
 

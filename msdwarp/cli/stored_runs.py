@@ -1,4 +1,4 @@
-"""Runs on disk, continued or repeated from what their files say of them."""
+"""Runs on disk, continued or repeated from their files."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
@@ -15,13 +15,13 @@ from ..bodies import Frame
 from ..disk import TRAJECTORY, alone_in
 from ..files import Trajectory, probe, read_restart
 from ..live import FIRST_FRAME, Handling, read_deeds, within_reach
-from ..simulation import Simulation
+from ..simulation import Simulation, frame_count
 from ..studies import EnergyLog
 from ..world import Scene
 from .options import Options, Pictures
-from .provenance import built_again, digest, restored_options
+from .provenance import digest, rebuild_scene, restored_options
 from .results import RESTART, own_folder, pictures_in
-from .run import Run, about, last_frame, simulation_by
+from .run import Run, about, simulation_by
 from .script_signatures import UNTRUSTED, Script
 
 
@@ -46,14 +46,15 @@ def resume_run(
             probe(folder / name)
         arrays, attributes = read_restart(folder / RESTART)
         made_by, checkpoint = _parts(folder / RESTART, attributes)
-        origin, scene = built_again(made_by, script)
+        origin, scene = rebuild_scene(made_by, script)
         if digest(scene) != made_by["digest"]:
             raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
         if duration is not None:
             made_by["options"] = {**checks.mapping("the run's options", made_by["options"]), "duration": duration}
         device = device or made_by["device"]
         options = restored_options(made_by["options"], device=device, quiet=quiet, force=force)
-        last, behind = last_frame(options), checks.count("frame_index", checkpoint["frame_index"], 0) + 1
+        last = frame_count(options.duration or 0.0, options.fps)
+        behind = checks.count("frame_index", checkpoint["frame_index"], 0) + 1
         simulation = simulation_by(scene, options)
         simulation.restore(arrays, checkpoint)
         _check_kept(folder / TRAJECTORY, simulation, made_by, options.every)
@@ -75,7 +76,7 @@ def resume_run(
 
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what made a run, and its checkpoint's numbers; raise ValueError if a part of them is missing."""
+    """Return a run's attributes and its checkpoint's numbers; raise ValueError if one is missing."""
     made_by, checkpoint = (checks.member(str(path), attributes, part) for part in ("run", "checkpoint"))
     for name in ("scene", "parameters", "digest", "device", "options"):
         checks.member(f"{path}: run", made_by, name)
@@ -99,12 +100,12 @@ def rerun(
 ) -> str | None:
     """Repeat the run of a trajectory; return how the result differs, None if it does not.
 
-    The result, with the pictures that the run asked for, is kept in the folder `out` if one is given. Raise
+    The result, with the pictures of the run's options, is kept in the folder `out` if one is given. Raise
     ValueError if the file does not say what made it, or that cannot be built or simulated here.
     """
     with contextlib.ExitStack() as stack:
         attributes = trajectory.attributes
-        origin, scene = built_again(attributes, script)
+        origin, scene = rebuild_scene(attributes, script)
         device = device or checks.member("the file", attributes, "device")
         stored = checks.member("the file", attributes, "options")
         options = restored_options(stored, log=None, restart=0.0, quiet=True, device=device)

@@ -26,11 +26,11 @@ from .signals import Interrupted, Terminated, number_of, word
 _LONG = 86400.0
 """Seconds over which the speed is averaged: a point may take minutes."""
 _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
-"""Flags that do not affect what is simulated."""
+"""Flags that do not affect the simulation."""
 
 
-class Words(NamedTuple):
-    """A point as a worker receives it: its command line."""
+class CommandTask(NamedTuple):
+    """The task of a worker at a point: its command line."""
 
     place: str
     script: str | None
@@ -43,15 +43,15 @@ class Words(NamedTuple):
             raise ValueError(f"{self.place} has changed since the sweep began")
         return flags_app(found, "msdwarp sweep", SweepOptions)(self.words)
 
-    def asked(self) -> studies.Asked:
-        """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+    def setup(self) -> studies.Setup:
+        """Return the setup; raise ValueError if the point cannot be a world of an ensemble."""
         origin, options = self.chosen()
         scene = origin.scene()
         duration = scene.duration if options.duration is None else options.duration
         options.check(frame_count(duration, options.fps))
         if options.tolerance is not None:
             raise ValueError("its method and substeps are chosen by a tolerance")
-        return studies.Asked(scene, duration, method_of(options))
+        return studies.Setup(scene, duration, method_of(options))
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
         """Run the scene in a folder, and return its final numbers."""
@@ -59,7 +59,7 @@ class Words(NamedTuple):
             origin, options = self.chosen()
             start_warp(options.verbose)
             scene = origin.scene()
-            return studies.final_numbers(run_scene(origin, scene, options.of_a_run(folder, keeps_files)), scene)
+            return studies.final_numbers(run_scene(origin, scene, options.run_options(folder, keeps_files)), scene)
         except Interrupted as error:
             if parent_process() is not None:  # a worker that was ended: the sweep handles it
                 os._exit(error.code)
@@ -84,7 +84,6 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
     if chosen is None:  # help was shown
         return
     options = chosen[1]
-    studies.import_xarray()
     if options.log is not None and not options.logs_in_folder:
         raise ValueError(
             f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"
@@ -108,7 +107,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             "options": {name: value for name, value in changed.items() if value != usual[name]},
         }
         words = (*fixed, *(f"--{name}={text}" for name, text in texts.items()))
-        planned.append(studies.Point(identity, Words(origin.place, origin.script, words)))
+        planned.append(studies.Point(identity, CommandTask(origin.place, origin.script, words)))
     folder = options.out or Path("out") / f"{origin.name}_sweep"
     start_warp(options.verbose)
     talk = Console(stderr=True, quiet=options.quiet)
@@ -131,7 +130,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
         if worlds or options.jobs == studies.ENSEMBLE:
-            print(studies.in_words(worlds, refused))
+            print(studies.ensemble_summary(worlds, refused))
         wrong = {one for one in results["message"].where(results["status"] != "done", "").values.ravel() if one}
         for message in sorted(wrong)[:3]:
             print(f"  {message}")
@@ -172,7 +171,7 @@ def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
     held = {**_flat(options), **chosen.parameters}
     if name not in held:
         raise ValueError(f"{name} is not a parameter that can be swept")
-    return studies.plain(name, as_json(held[name]))
+    return studies.as_scalar(name, as_json(held[name]))
 
 
 def _whole(value: Any) -> Any:

@@ -24,8 +24,8 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
         table.add_column(heading, justify="left" if heading in ("method", "precision") else "right")
     for one in found:
         style = "bold" if one is best else ("" if one.error <= options.tolerance else "dim")
-        cells = (one.method, one.precision, str(one.substeps), f"{one.error:.1e}", _time(one.seconds))
-        table.add_row(*cells, style=style)
+        seconds = "" if math.isnan(one.seconds) else f"{1e3 * one.seconds:.1f} ms"
+        table.add_row(one.method, one.precision, str(one.substeps), f"{one.error:.1e}", seconds, style=style)
     Console().print(table)
     default = next(one for one in found if one.method == DEFAULT)
     print(
@@ -36,7 +36,3 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
         f"error {best.error:.1e}, {default.seconds / best.seconds:.2g} times as fast as the default "
         f"({default.method}, {default.substeps} substeps, error {default.error:.1e})"
     )
-
-
-def _time(seconds: float) -> str:
-    return "" if math.isnan(seconds) else f"{1e3 * seconds:.1f} ms"

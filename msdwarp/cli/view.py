@@ -10,7 +10,7 @@ from rich.console import Console
 
 from .. import checks
 from ..files import Trajectory
-from ..live import Browser, Played, Running, Screen, Source, View, screen_for, within_reach
+from ..live import Browser, Played, Running, Source, View, screen_for, within_reach
 from ..pictures import no_display
 from ..world import Scene
 from .options import Pictures, ViewOptions
@@ -34,53 +34,17 @@ def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
 
     Raise ValueError if an option is out of range, or there is neither a display nor the package for a page.
     """
-    shelf = {name: partial(_from_shelf, name, options) for name in SHELF}
-    return _view(_running(origin, scene, options), options, scenes=shelf)
+
+    def from_shelf(name: str) -> Source:
+        other = find_scene(name)
+        return running_scene(other, other.scene(), options)
+
+    shelf = {name: partial(from_shelf, name) for name in SHELF}
+    return _view(running_scene(origin, scene, options), options, scenes=shelf)
 
 
 def _view(source: Source, options: ViewOptions, **more: Any) -> View:
-    return View(source, [_screen(options)], paused=options.paused, renderer=options.renderer, **more)
-
-
-def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
-    """Play a trajectory, until the window is closed or Ctrl-C."""
-    _run(_view(Played(trajectory, scene, name), options))
-
-
-def _running(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
-    of_run = options.of_run
-    handled = within_reach(scene)
-    simulation = simulation_by(handled, of_run)
-    made_by = about(origin, scene, simulation, of_run)
-    source = Running(handled, simulation, origin.name, parameters=made_by["parameters"], attributes=made_by)
-
-    def rebuilt(**parameters: Any) -> Running:
-        other = origin._replace(parameters={**origin.parameters, **_like(source.parameters, parameters)})
-        with _limited():  # the host's memory; a GPU's driver reports its own
-            scene = other.scene()
-        count = scene.system.connection_count
-        checks.fits(f"the scene has {count} connections", "its simulation and drawing", _SIMULATED * count)
-        return _running(other, scene, options)
-
-    source.rebuild = rebuilt
-    return source
-
-
-def _from_shelf(name: str, options: ViewOptions) -> Source:
-    origin = find_scene(name)
-    return _running(origin, origin.scene(), options)
-
-
-def _like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with whole numbers where they were whole."""
-    return {
-        name: round(value) if isinstance(before.get(name), int) and isinstance(value, float) else value
-        for name, value in parameters.items()
-    }
-
-
-def _screen(options: ViewOptions) -> Screen:
-    """Return a window where there is a display, else a page."""
+    """Return a view in a window where there is a display, else on a page."""
     if options.browser and options.window:
         raise ValueError("browser and window are both given; choose one")
     Pictures(renderer=options.renderer).check(1)
@@ -88,7 +52,41 @@ def _screen(options: ViewOptions) -> Screen:
     if options.window and why is not None:
         raise ValueError(f"{why}; use --browser")
     page = options.browser or why is not None
-    return screen_for(page, options.host, options.port, options.allow_origin)
+    screen = screen_for(page, options.host, options.port, options.allow_origin)
+    return View(source, [screen], paused=options.paused, renderer=options.renderer, **more)
+
+
+def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
+    """Play a trajectory, until the window is closed or Ctrl-C."""
+    _run(_view(Played(trajectory, scene, name), options))
+
+
+def running_scene(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
+    """Return the source of a view of a scene as it is simulated."""
+    run_options = options.run_options
+    handled = within_reach(scene)
+    simulation = simulation_by(handled, run_options)
+    made_by = about(origin, scene, simulation, run_options)
+    source = Running(handled, simulation, origin.name, parameters=made_by["parameters"], attributes=made_by)
+
+    def rebuilt(**parameters: Any) -> Running:
+        other = origin._replace(parameters={**origin.parameters, **rounded_like(source.parameters, parameters)})
+        with memory_limit():  # the host's memory; a GPU's driver reports its own
+            scene = other.scene()
+        count = scene.system.connection_count
+        checks.fits(f"the scene has {count} connections", "its simulation and drawing", _SIMULATED * count)
+        return running_scene(other, scene, options)
+
+    source.rebuild = rebuilt
+    return source
+
+
+def rounded_like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with whole numbers where they were whole."""
+    return {
+        name: round(value) if isinstance(before.get(name), int) and isinstance(value, float) else value
+        for name, value in parameters.items()
+    }
 
 
 def _run(view: View) -> None:
@@ -109,7 +107,7 @@ def _run(view: View) -> None:
 
 
 @contextmanager
-def _limited() -> Iterator[None]:
+def memory_limit() -> Iterator[None]:
     """Raise MemoryError for a request of more memory than is free, where Linux would end the process.
 
     The limit holds for the whole process.

@@ -4,7 +4,7 @@ import base64
 import importlib.util
 import json
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -181,12 +181,7 @@ def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
                     file.write(np.ascontiguousarray(_finite(trajectory, k, name)).tobytes())
 
 
-_MESHES: dict[str, Callable[[Path, NDArray, NDArray, NDArray | None], None]] = {
-    "obj": _by_pyvista,
-    "stl": _by_pyvista,
-    "ply": _by_pyvista,
-    "gltf": _gltf,
-}
+_MESHES = {"obj": _by_pyvista, "stl": _by_pyvista, "ply": _by_pyvista, "gltf": _gltf}
 """Formats that hold one frame, by name."""
-_WHOLE: dict[str, Callable[[Trajectory, list[int], Path], None]] = {"usd": _usd, "npz": _npz}
+_WHOLE = {"usd": _usd, "npz": _npz}
 """Formats that hold all."""

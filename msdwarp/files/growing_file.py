@@ -11,7 +11,6 @@ import numpy as np
 
 from ..bodies import System
 from ..disk import replacing, reserve
-from .reading_tables import Rows
 from .vtkhdf import Layout, Record, Scene
 
 About = tuple[float, dict, Scene | None]
@@ -24,10 +23,9 @@ class GrowingFile:
     """The file, which one thread fills.
 
     HDF5 keeps no journal, so the order of writes matters: a frame's data, the number of frames, then the frame's
-    time. What a reader of earlier frames needs is not moved. HDF5 does not recover from a full disk either, so
-    room is reserved before it learns of a frame.
-
-    When an existing file is continued, frames that are written again as they are stay. The first one that differs
+    time. Data that readers of earlier frames need are not moved. HDF5 does not recover from a full disk either, so
+    room is reserved before a frame is passed to it.
+    When an existing file is continued, frames stay if the same ones are written again. The first one that differs
     replaces all later ones, once there is room for as many.
     """
 
@@ -56,7 +54,7 @@ class GrowingFile:
         try:
             self._layout = Layout.of(self._file, system)
             self._layout.open(self._file)
-            self._layout.go_on_behind(kept, until)
+            self._layout.continue_after(kept, until)
             self._layout.truncate(found)  # a killed writer may have begun another
         except BaseException:
             self.close()
@@ -112,7 +110,7 @@ class GrowingFile:
         import h5py
 
         # Unlocked, so that others can read meanwhile. Without a chunk cache a frame goes to its place at once.
-        # What is created from here on has HDF5's format of 2016, whose chunk indices only grow, where older ones
+        # Datasets created from here on have HDF5's format of 2016, whose chunk indices only grow, where older ones
         # move. The file itself was created in the oldest format: newer ones are marked while they are being
         # written, and do not open after a crash.
         self._file = h5py.File(path, "r+", locking=False, rdcc_nbytes=0, libver=("v110", "v110"))
@@ -125,18 +123,14 @@ class GrowingFile:
         if (not kept or self.written < self.frame_count) and self._layout.holds(self.written, record):
             self._layout.append_rows(record.rows)
             return
-        self._drop_what_follows(record.rows)
+        if self.written < self.frame_count:  # end the file here, once there is room for as many frames as it has
+            later = range(self.written, self.frame_count)
+            self._reserve(sum(self._layout.growth(k, record.rows) for k in later))
+            self._layout.truncate(self.written)
+            self.frame_count = self.written
         self._reserve(self._layout.growth(self.written, record.rows, kept))
         self._layout.append(self.written, record)
         self._size = os.fstat(self._room).st_size
-
-    def _drop_what_follows(self, rows: Rows) -> None:
-        """End the file here, once there is room for as many frames as it has."""
-        if self.written < self.frame_count:
-            behind = range(self.written, self.frame_count)
-            self._reserve(sum(self._layout.growth(k, rows) for k in behind))
-            self._layout.truncate(self.written)
-            self.frame_count = self.written
 
     def _check_there(self) -> None:
         """Raise OSError unless the file is where it was, and as long."""
@@ -150,15 +144,14 @@ class GrowingFile:
             raise OSError("it was cut short meanwhile")
 
     def _reserve(self, size: int) -> None:
-        """Reserve room on disk for so many more bytes, and for HDF5's own records."""
+        """Reserve room on disk for more bytes, and for HDF5's own records."""
         reserve(self._room, self._file.id.get_filesize(), size + _SLACK, self._at.parent)
 
 
 def _include_all_bytes(path: Path) -> None:
-    """Set the end of the file that HDF5 knows to its real end, so that nothing there is overwritten.
+    """Set the end that the superblock states to the file's real end: a killed process may have written beyond it.
 
-    A killed process may have written beyond the end that the superblock (version 0) states. That end is the number
-    of 8 bytes at byte 40.
+    In version 0 of the superblock that end is the number of 8 bytes at byte 40.
     """
     with path.open("r+b") as file:
         if file.read(9)[8] == 0:

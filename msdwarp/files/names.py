@@ -18,7 +18,7 @@ CONTACT = "PointData/contact_force"
 """Contact force on each particle [N], the mean over the frame; optional."""
 BROKEN_AT = "CellData/broken_at"
 """When each connection broke [s], inf if it is whole; for a triangle, when it parted (`Edges`). One array serves
-all frames: what breaks later does not change earlier ones."""
+all frames: later fracture does not change earlier ones."""
 SUBSTEPS = "substeps"
 """Number of substeps of each frame, in the group `msdwarp`; 0 if unknown."""
 READINGS = "readings"
@@ -32,10 +32,8 @@ GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def store(group: Any, name: str, values: NDArray, compress: bool = False) -> None:
-    """Store an array with a checksum, compressed if `compress` and it is large.
-
-    HDF5's own checksums need chunks, which a text or a single number cannot have.
-    """
+    """Store an array with a checksum, compressed if `compress` and it is large."""
+    # HDF5's own checksums need chunks, which a text or a single number cannot have.
     item = group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
     item.attrs[_SUM] = np.uint32(_sum(values))
 
@@ -74,8 +72,8 @@ class Growing(NamedTuple):
         return chunks * self.chunk * math.prod(self.width) * np.dtype(self.dtype).itemsize
 
 
-def restored(item: Any) -> Any:
-    """Return what `store` has stored; raise ValueError if its checksum, which early files lack, does not match."""
+def load(item: Any) -> Any:
+    """Return a stored array; raise ValueError if its checksum, which early files lack, does not match."""
     values = item[()]
     if _SUM in item.attrs and item.attrs[_SUM] != _sum(values):
         raise ValueError(f"{item.name} is damaged: it is not what its checksum is of")
@@ -93,10 +91,8 @@ def same(there: NDArray, values: Any) -> bool:
 
 
 def store_text(group: Any, name: str, text: str) -> None:
-    """Store a text as one of fixed length.
-
-    HDF5 puts texts of any length into a heap without checksum, and reading a damaged heap may never end.
-    """
+    """Store a text as one of fixed length."""
+    # HDF5 puts texts of any length into a heap without checksum, and reading a damaged heap may never end.
     store(group, name, np.array(np.bytes_(text.encode())))
 
 

@@ -1,6 +1,6 @@
 """Probe readings in the file of a trajectory: a table by frame, one by substep, and where in them each frame ends.
 
-They are in the group `msdwarp`, which VTK does not read. See `msdwarp.files.vtkhdf`.
+They are in the group `msdwarp`, which VTK does not read.
 """
 
 import json
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Series
-from .names import OWN, READINGS, Growing, restored, same, store_text
+from .names import OWN, READINGS, Growing, load, same, store_text
 from .validation import too_large
 
 Columns = Mapping[str, tuple[str, Sequence[str]]]
@@ -25,7 +25,7 @@ _CHUNK = 1 << 14
 
 
 class ReadingTables:
-    """The tables of a file that grows by frames, of which so many are foreseen."""
+    """The tables of a file that grows by frames; `foreseen` frames are expected."""
 
     def __init__(self, columns: Columns, foreseen: int = 1) -> None:
         for name, (every, _) in columns.items():
@@ -52,7 +52,7 @@ class ReadingTables:
         """Return a file's tables, None if it has none; raise ValueError if they are damaged."""
         if READINGS not in file[OWN]:
             return None
-        columns = json.loads(restored(file[OWN][READINGS]["description"]))
+        columns = json.loads(load(file[OWN][READINGS]["description"]))
         for name, (_, names) in checks.mapping("readings", columns).items():
             if not all(isinstance(one, str) for one in names):
                 raise ValueError(f"the columns of readings[{name!r}] are {names!r}; they must be names")
@@ -103,7 +103,7 @@ class ReadingTables:
             self._ends.resize(k + self._ends.chunks[0], axis=0)
         self._ends[k] = [self._at.get(every, 0) for every in EVERY]
 
-    def go_on_behind(self, k: int, kept_until: float, until: float) -> None:
+    def continue_after(self, k: int, kept_until: float, until: float) -> None:
         """Continue at the end of a frame, `until` [s]; the first k kept frames end at `kept_until` [s]."""
         for every, table in self._tables.items():
             end = self._end(k, every)
@@ -124,7 +124,6 @@ class ReadingTables:
     def read(self, frame_count: int, file_size: int) -> dict[str, Series]:
         """Return the time series of each probe up to the last frame; raise ValueError if they are damaged."""
         read: dict[str, NDArray] = {}
-        done: dict[str, int] = dict.fromkeys(EVERY, 1)
         for every, table in self._tables.items():
             end = self._end(frame_count, every)
             if not 0 <= end <= len(table):
@@ -135,8 +134,9 @@ class ReadingTables:
             if not np.isfinite(read[every][:, 0]).all() or (np.diff(read[every][:, 0]) <= 0).any():
                 raise ValueError(f"the times of its readings by {every} do not rise")
         series = {}
+        first: dict[str, int] = dict.fromkeys(EVERY, 1)
         for name, (every, names) in self.columns.items():
-            first = done[every]
-            done[every] += len(names)
-            series[name] = Series(read[every][:, 0].copy(), read[every][:, first : done[every]].copy())
+            columns = slice(first[every], first[every] + len(names))
+            series[name] = Series(read[every][:, 0].copy(), read[every][:, columns].copy())
+            first[every] = columns.stop
         return series

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..disk import failure_named, replacing
-from .names import restored, store
+from .names import load, store
 
 FORMAT = 1
 _MARK = "msdwarp_restart_format"
@@ -63,9 +63,9 @@ def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
             file: Any = opened
             version = file.attrs.get(_MARK)
             if version == FORMAT:
-                description = json.loads(restored(file["description"]).tobytes())
+                description = json.loads(load(file["description"]).tobytes())
                 shapes = description["shapes"].items()
-                arrays = {name: restored(file[f"arrays/{k}"]).reshape(to) for k, (name, to) in enumerate(shapes)}
+                arrays = {name: load(file[f"arrays/{k}"]).reshape(to) for k, (name, to) in enumerate(shapes)}
                 return arrays, description["attributes"]
     except (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error

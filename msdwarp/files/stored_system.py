@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import TEARING_FIELDS, CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
-from .names import OWN, ROOT, restored, store, store_text
+from .names import OWN, ROOT, load, store, store_text
 
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
-    """Return a system's arrays that are not VTK's, by name; what is the same for all has no first axis."""
+    """Return a system's arrays that are not VTK's, by name; uniform ones have no first axis."""
     found = {field.name: getattr(system, field.name) for field in fields(system)}
     del found["connections"]  # these are VTK's lines
     if system.original_length is system.rest_length:
@@ -44,7 +44,7 @@ def write_system(group: Any, system: System, compress: bool) -> None:
 def read_system(file: Any) -> System:
     """Return the system in a file."""
     group = file[OWN]
-    described, part = json.loads(restored(group["description"])), group["system"]
+    described, part = json.loads(load(group["description"])), group["system"]
     law, constants = described["damper"]
     arrays = dict(_read(part))
     # The stored system may be one of a later frame, with springs about to break, which a start refuses.
@@ -53,15 +53,15 @@ def read_system(file: Any) -> System:
     return System(
         **arrays,
         broken_at=0.0,
-        connections=restored(file[ROOT]["Lines/Connectivity"]).reshape(-1, 2),
+        connections=load(file[ROOT]["Lines/Connectivity"]).reshape(-1, 2),
         damper=DAMPERS[law](**constants),
         surface=None if surface is None else Surface(**surface),
         directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
-        groups={name: restored(part[f"groups/{k}"]) for k, name in enumerate(described["groups"])},
+        groups={name: load(part[f"groups/{k}"]) for k, name in enumerate(described["groups"])},
     ).replace(broken_at=broken_at)
 
 
 def _read(group: Any) -> Iterator[tuple[str, Any]]:
     for name, item in group.items():
         if hasattr(item, "shape"):
-            yield name, restored(item)
+            yield name, load(item)

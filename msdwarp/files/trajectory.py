@@ -1,4 +1,4 @@
-"""Trajectories: frames on disk, which are read when they are asked for, and the system that moves in them."""
+"""Trajectories: frames on disk, read on access, and their system."""
 
 import json
 import math
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import AXES, Frame, Series, System, broken_before, counted
 from ..disk import TRAJECTORY
-from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, restored
+from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, load
 from .reading_tables import ReadingTables
 from .stored_system import read_system
-from .validation import too_large, unsound
+from .validation import structure_fault, too_large
 
 _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
-"""What reading a damaged file may raise."""
+"""Errors that reading a damaged file may raise."""
 
 
 class FrameArray:
@@ -103,11 +103,11 @@ class Trajectory:
             opened.callback(self.close)
             own, root = self._file[OWN], self._file[ROOT]
             self._particles, self._dim = int(own.attrs["particle_count"]), int(own.attrs["dim"])
-            self._points, self._lines = (int(restored(root[n])[0]) for n in ("NumberOfPoints", f"Lines/{COUNT}"))
+            self._points, self._lines = (int(load(root[n])[0]) for n in ("NumberOfPoints", f"Lines/{COUNT}"))
             checks.one_of("dim", self._dim, AXES)
             if not 0 < self._particles <= self._points:
                 raise ValueError(f"it has {self._particles} particles among {self._points} points")
-            self._cells = sum(int(restored(root[kind][COUNT])[0]) for kind in KINDS)
+            self._cells = sum(int(load(root[kind][COUNT])[0]) for kind in KINDS)
             whole = min(len(root[name]) // self._points for name in (POINTS, VELOCITY))
             self._check_size(root, "Steps/Values", min(whole, int(root["Steps"].attrs["NSteps"])))
             self.times: NDArray[np.float64] = _times(root)[:whole]
@@ -115,8 +115,8 @@ class Trajectory:
             self._check_sizes(root)
             self.fps = checks.positive("fps", own.attrs["fps"])
             """Frames per second of simulated time."""
-            self.attributes: dict[str, Any] = json.loads(restored(own["attributes"]))
-            """What made the run."""
+            self.attributes: dict[str, Any] = json.loads(load(own["attributes"]))
+            """The run's scene, options and versions."""
             if not isinstance(self.attributes, dict):
                 raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
             if "route" in self.attributes:  # its name in version 0.1
@@ -125,7 +125,7 @@ class Trajectory:
 
     @contextmanager
     def _damage_named(self, part: str) -> Iterator[None]:
-        """Raise ValueError that names the file and a part of it for what reading it raises."""
+        """Turn errors of reading into a ValueError that names the file and its damaged part."""
         try:
             yield
         except _ERRORS as error:
@@ -143,7 +143,7 @@ class Trajectory:
             self._check_size(root, name, len(self) * rows * math.prod(width))
 
     def _check_size(self, root: Any, name: str, count: int) -> None:
-        """Raise ValueError if so many numbers cannot be in the file, which may still be growing."""
+        """Raise ValueError if `count` numbers cannot be in the file, which may still be growing."""
         if wrong := too_large(root[name], count, self.path.stat().st_size):
             raise ValueError(f"{name} {wrong}")
 
@@ -186,8 +186,8 @@ class Trajectory:
         if "scene" not in own:
             return None
         with self._damage_named("its scene cannot be read: "):
-            described, names = json.loads(restored(own["scene/description"]))
-            return described, {name: restored(own[f"scene/arrays/{k}"]) for k, name in enumerate(names)}
+            described, names = json.loads(load(own["scene/description"]))
+            return described, {name: load(own[f"scene/arrays/{k}"]) for k, name in enumerate(names)}
 
     @property
     def positions(self) -> FrameArray:
@@ -232,7 +232,7 @@ class Trajectory:
             times = np.asarray(kept[: self._lines], dtype=np.float32)
         if times.shape != (self._lines,) or not (times >= 0).all():
             raise ValueError(f"{self.path} is a damaged trajectory: its broken_at are no times")
-        # A frame is there when its time is; what broke behind the last one is not seen yet.
+        # A frame counts once its time is written: connections that broke after the last one are whole.
         seen = broken_before(times, float(self.times[-1]) if len(self) else 0.0)
         return np.where(seen, times, np.float32(np.inf))
 
@@ -290,18 +290,18 @@ class Trajectory:
 
 
 def _opened(path: Path) -> Any:
-    """Return a trajectory's open file; raise ValueError that says what is wrong with another one."""
+    """Return a trajectory's open file; raise ValueError for another file."""
     import h5py
 
     with path.open("rb") as file:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
             raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
     try:
-        with ExitStack() as opened:  # HDF5 keeps what it knows of a file that is not closed
+        with ExitStack() as opened:  # HDF5 caches the metadata of a file that is not closed
             file = opened.enter_context(h5py.File(path, "r", locking=False))
             if wrong := fault(file):
                 raise ValueError(f"{path} is no trajectory: {wrong}")
-            if found := unsound(file):
+            if found := structure_fault(file):
                 raise ValueError(f"{path} cannot be read: {found}")
             opened.pop_all()
             return file

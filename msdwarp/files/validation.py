@@ -1,8 +1,8 @@
-"""Checks of an HDF5 file before anything in it is believed.
+"""Checks of an HDF5 file before its contents are used.
 
-`unsound` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs this file
-and h5py alone, and which can be ended: where a disk has lost a part of a file, or someone has made it so, HDF5 may
-read it for ever, heed no signal, and take all memory.
+`structure_fault` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs
+only this file and h5py, and can be ended: HDF5 may read a damaged or malicious file for ever, without hearing
+signals, and take all memory.
 """
 
 import math
@@ -46,7 +46,7 @@ def probe(path: str | Path) -> None:
         raise ValueError(f"{path} is damaged: reading its structures does not end, or crashes HDF5")
 
 
-def unsound(file: Any) -> str | None:
+def structure_fault(file: Any) -> str | None:
     """Return why an open file is not to be read: links out of it, foreign filters, sizes that it does not have."""
     import h5py
     from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
@@ -80,7 +80,7 @@ def unsound(file: Any) -> str | None:
 
 
 def _wrong(item: Any, path: str) -> str | None:
-    """Return what is wrong with an array, by its own description."""
+    """Return why an array is not to be read, by its own description; None if it is sound."""
     if item.is_virtual or item.external:
         return "lies in other files"
     plan = item.id.get_create_plist()
@@ -98,7 +98,7 @@ def _wrong(item: Any, path: str) -> str | None:
 
 
 def too_large(item: Any, count: int, stored: int) -> str | None:
-    """Return that so many numbers of an array cannot be in so many bytes of a file; None if they can."""
+    """Return a message if `count` numbers of an array cannot be in `stored` bytes of a file; None if they can."""
     size = count * item.dtype.itemsize
     most = stored * (_MOST_SQUEEZED if item.compression else 1)
     return f"should hold {size} bytes, and {stored} are there" if size > most else None
@@ -126,7 +126,7 @@ def main(path: str) -> None:
 
     _limit()
     with h5py.File(path, "r", locking=False) as file:
-        print(unsound(file) or "", end="")
+        print(structure_fault(file) or "", end="")
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
 _TIMES, _SUBSTEPS = f"{ROOT}/Steps/Values", f"{OWN}/{SUBSTEPS}"
 _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
 """Bytes of a chunk; HDF5 takes no more than 4 GiB."""
-_FORESEEN = 1024
+FORESEEN = 1024
 """Frames whose offsets are written at once, where the number of frames is unknown."""
 _MOST_FORESEEN = 1 << 16
 """The most where it is known: their offsets take room even if the run ends early."""
@@ -48,7 +48,7 @@ _BLOCK = 1 << 15
 
 
 class Record(NamedTuple):
-    """A frame and what is stored beside it; without a frame, the readings of one that is not kept."""
+    """A frame and the arrays stored beside it; without a frame, the readings of one that is not kept."""
 
     frame: Frame | None
     strain: NDArray | None = None
@@ -62,10 +62,9 @@ class Record(NamedTuple):
 
 
 class Layout:
-    """How a system's frames are laid out: what is stored once, and what each frame adds.
+    """How a system's frames are laid out: the data stored once, and those that each frame adds.
 
-    `frame_count` is None if it is unknown. `tears` says whether there is a time at which each connection broke; by
-    default where any can.
+    `tears` stores when each connection broke; by default where any can break.
     """
 
     def __init__(
@@ -92,9 +91,8 @@ class Layout:
             cells = sum(map(len, self._cells.values()))  # with no vertices before the connections
             self._per_frame[STRAIN] = cells
             self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
-        self._tears = system.tears if tears is None else tears
-        self._edges = Edges(system) if self._tears else None
-        self._foreseen = min(frame_count or _FORESEEN, _MOST_FORESEEN)
+        self._edges = Edges(system) if (system.tears if tears is None else tears) else None
+        self._foreseen = min(frame_count or FORESEEN, _MOST_FORESEEN)
         self._readings = ReadingTables(readings, self._foreseen) if readings else None
 
     @classmethod
@@ -109,9 +107,9 @@ class Layout:
 
     @property
     def static_size(self) -> int:
-        """Bytes of what is stored once."""
+        """Bytes of the data stored once."""
         own = sum(values.nbytes for values in arrays_of(self._system).values())
-        own += 4 * sum(map(len, self._cells.values())) if self._tears else 0
+        own += 0 if self._edges is None else 4 * sum(map(len, self._cells.values()))
         return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
 
     def growth(self, k: int, rows: Rows, kept: bool = True) -> int:
@@ -120,7 +118,7 @@ class Layout:
         return size + sum(one.growth(k * each, (k + 1) * each) for one, each in self._arrays() if kept)
 
     def begin(self, file: Any, fps: float, attributes: Mapping[str, Any], scene: Scene | None) -> None:
-        """Write what is stored once: the run's attributes, the scene, the system and its cells."""
+        """Write the data stored once: the run's attributes, the scene, the system and its cells."""
         group = file.create_group(OWN)
         group.attrs["msdwarp_format"], group.attrs["fps"] = FORMAT, fps
         store_text(group, "attributes", json.dumps(attributes))
@@ -143,8 +141,7 @@ class Layout:
             store(group, "Connectivity", cells.ravel(), self._compress)
             store(group, "Offsets", np.arange(0, cells.size + 1, corners, dtype=cells.dtype), self._compress)
         if self._edges is not None:
-            at_start = np.where(self._system.broken, 0.0, np.inf)
-            root.create_dataset(BROKEN_AT, data=self._broken_cells(at_start, self._edges))
+            root.create_dataset(BROKEN_AT, data=self._broken_cells(np.where(self._system.broken, 0.0, np.inf)))
         root.create_group("Steps").attrs["NSteps"] = np.int64(0)
         for one, _ in self._arrays():
             one.create(file)
@@ -158,30 +155,30 @@ class Layout:
         }
         self._times, self._substeps = arrays[_TIMES], arrays.get(_SUBSTEPS)
         self._datasets = {name: arrays[f"{ROOT}/{name}"] for name in self._per_frame}
-        self._broken_at = file[ROOT].get(BROKEN_AT) if self._tears else None
+        self._broken_at = None if self._edges is None else file[ROOT].get(BROKEN_AT)
         if self._broken_at is not None:
             self._known = self._broken_at[: self._system.connection_count]
         self._readings = ReadingTables.of(file)
 
-    def go_on_behind(self, k: int, until: float) -> None:
+    def continue_after(self, k: int, until: float) -> None:
         """Continue after the first k frames, and after the readings up to `until` [s]."""
         if self._readings is not None:
-            self._readings.go_on_behind(k, float(self._times[k - 1]), until)
+            self._readings.continue_after(k, float(self._times[k - 1]), until)
 
     def truncate(self, k: int) -> None:
         """Cut the file to its first k frames; the next ones are written over the others."""
         # VTK's reader writes past its memory where there are more times than frames.
         last = float(self._times[k - 1])
         self._times.resize(k, axis=0)
-        if self._broken_at is not None and self._edges is not None:  # what broke later is whole again
-            self._known = np.where(broken_before(self._known, last), self._known, np.float32(np.inf))
-            self._broken_at[:] = self._broken_cells(self._known, self._edges)
+        if self._broken_at is not None:  # connections that broke later are whole again
+            self._known = self._known_until(last)
+            self._broken_at[:] = self._broken_cells(self._known)
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k))
         self._file.flush()
 
     def holds(self, k: int, record: Record) -> bool:
-        """Tell whether the file has this record, bit for bit, as its next readings and as frame k."""
+        """Return whether the file has this record, bit for bit, as its next readings and as frame k."""
         frame = record.frame
         if self._readings is not None and not self._readings.holds(record.rows, None if frame is None else k):
             return False
@@ -189,10 +186,9 @@ class Layout:
             return True
         if self._times[k] != frame.time or (self._substeps is not None and self._substeps[k] != record.substeps):
             return False
-        if self._broken_at is not None and record.broken_at is not None:
-            seen = np.where(broken_before(self._known, frame.time), self._known, np.float32(np.inf))
-            if not same(seen, self._known_by(record.broken_at)):
-                return False
+        broken_at = None if self._broken_at is None else record.broken_at
+        if broken_at is not None and not same(self._known_until(frame.time), self._known_by(broken_at)):
+            return False
         try:
             pieces = self._pieces(k, frame, record)
             return all(same(item[start : start + len(values)], values) for item, start, values in pieces)
@@ -205,11 +201,11 @@ class Layout:
         if frame is None:
             self.append_rows(record.rows)
             return
-        if self._broken_at is not None and self._edges is not None and record.broken_at is not None:
+        if self._broken_at is not None and record.broken_at is not None:
             known = self._known_by(record.broken_at)
             if not np.array_equal(known, self._known):
                 self._known = known
-                self._broken_at[:] = self._broken_cells(known, self._edges)
+                self._broken_at[:] = self._broken_cells(known)
         if k % self._foreseen == 0:
             until = k + self._foreseen
             for name, stride in self._offsets().items():
@@ -262,14 +258,19 @@ class Layout:
             strides["PointDataOffsets/contact_force"] = self._points
         if STRAIN in self._per_frame:
             strides["CellDataOffsets/strain"] = self._per_frame[STRAIN]
-        if self._tears:
+        if self._edges is not None:
             strides["CellDataOffsets/broken_at"] = 0
         return {name: np.array(stride, dtype=np.int64) for name, stride in strides.items()}
 
-    def _broken_cells(self, broken_at: NDArray, edges: Edges) -> NDArray[np.float32]:
+    def _broken_cells(self, broken_at: NDArray) -> NDArray[np.float32]:
         """Return when each cell broke [s]: connections first, then triangles."""
+        assert self._edges is not None
         before = np.full(len(self._cells["Vertices"]), np.inf)
-        return np.concatenate([before, broken_at, edges.parted_at(broken_at)]).astype(np.float32)
+        return np.concatenate([before, broken_at, self._edges.parted_at(broken_at)]).astype(np.float32)
+
+    def _known_until(self, time: float) -> NDArray[np.float32]:
+        """Return when each connection broke [s], inf for those that broke after a time [s]."""
+        return np.where(broken_before(self._known, time), self._known, np.float32(np.inf))
 
     def _known_by(self, broken_at: NDArray) -> NDArray[np.float32]:
         """Return when each connection broke [s], 0 for those broken from the start."""

@@ -4,7 +4,8 @@ import atexit
 import os
 import queue
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -164,15 +165,14 @@ class TrajectoryWriter:
         Raises ValueError if an array has the wrong shape or the writer is closed, and OSError if an earlier frame
         could not be written.
         """
-        frame = Frame(*frame)
-        vectors = {"position": frame.position, "velocity": frame.velocity}
-        if contact_force is not None:
-            vectors["contact_force"] = contact_force
-        for name, values in vectors.items():
-            _check_shape(name, values, self._system.position.shape)
-        for name, given in (("strain", strain), ("broken_at", broken_at)):
-            if given is not None:
-                _check_shape(name, given, self._system.rest_length.shape)
+        frame, system = Frame(*frame), self._system
+        given = {"position": frame.position, "velocity": frame.velocity}
+        optional = {"contact_force": contact_force, "strain": strain, "broken_at": broken_at}
+        given |= {name: values for name, values in optional.items() if values is not None}
+        for name, values in given.items():
+            shape = (system.rest_length if name in ("strain", "broken_at") else system.position).shape
+            if np.shape(values) != shape:
+                raise ValueError(f"{name} has shape {np.shape(values)}; it must be {shape}")
         if self._contact_forces and contact_force is None:
             raise ValueError("contact_force is None; the file is laid out for contact forces in each frame")
         kept = self.wants_next()
@@ -231,26 +231,26 @@ class TrajectoryWriter:
             raise self._error
 
     def _work(self) -> None:
-        """Write what is queued; after an error, only release it."""
+        """Write the queued records; after an error, only release their memory."""
         while (queued := self._queue.get()) is not None:
             pending, record = queued
-            if self._error is None:
-                self._attempt(partial(self._append, pending, record))
+            with self._error_kept():
+                if pending is not None and self._error is None:
+                    arrived = (*pending.arrived(), pending.substeps, pending.broken_at(), pending.contact_force())
+                    record = Record(*arrived, rows=record.rows)
+                if self._error is None:
+                    self._file.append(record)
             if pending is not None:
                 pending.release()
             self._queue.task_done()
-        self._attempt(self._file.close)
+        with self._error_kept():
+            self._file.close()
 
-    def _append(self, pending: _Pending | None, record: Record) -> None:
-        """Write a record, with the pending frame if there is one."""
-        if pending is not None:
-            arrived = (*pending.arrived(), pending.substeps, pending.broken_at(), pending.contact_force())
-            record = Record(*arrived, rows=record.rows)
-        self._file.append(record)
-
-    def _attempt(self, action: Callable[[], None]) -> None:
+    @contextmanager
+    def _error_kept(self) -> Iterator[None]:
+        """Keep the first error, for `write` or `close` to raise."""
         try:
-            action()
+            yield
         except Exception as error:
             self._error = self._error or self._explained(error)
 
@@ -267,13 +267,8 @@ class TrajectoryWriter:
         return explained
 
 
-def _check_shape(name: str, values: NDArray, shape: tuple[int, ...]) -> None:
-    if np.shape(values) != shape:
-        raise ValueError(f"{name} has shape {np.shape(values)}; it must be {shape}")
-
-
 def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> int:
-    """Return how many frames a file has; raise ValueError unless so many are of this system, with these probes."""
+    """Return how many frames a file has: `kept` at least, of this system and these probes, or raise ValueError."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(

@@ -1,20 +1,14 @@
-"""What is asked of runs: errors against cost (`tune`), energies over time, whether two differ; sweeps; fits."""
+"""Studies of scenes: errors against cost (`tune`), energies over time, sweeps and fits."""
 
 from .accuracy import cheapest as cheapest, tune as tune
 from .fit import fit as fit
 from .fit_result import FitResult as FitResult
 from .frames import particle_energies as particle_energies, system_in as system_in
-from .grid import check_size as check_size, plain as plain, points as points, values_of as values_of
-from .history import plot_history as plot_history, write_history as write_history
+from .grid import as_scalar as as_scalar, check_size as check_size, points as points, values_of as values_of
+from .history import write_history as write_history
 from .measured import TrackedPoints as TrackedPoints
 from .sweep import complete as complete, sweep as sweep
-from .sweep_ensembles import ENSEMBLE as ENSEMBLE, in_words as in_words
+from .sweep_ensembles import ENSEMBLE as ENSEMBLE, ensemble_summary as ensemble_summary
 from .sweep_plot import plot_sweep as plot_sweep
-from .sweep_points import (
-    RESULTS as RESULTS,
-    Asked as Asked,
-    Point as Point,
-    final_numbers as final_numbers,
-    import_xarray as import_xarray,
-)
+from .sweep_points import RESULTS as RESULTS, Point as Point, Setup as Setup, final_numbers as final_numbers
 from .table import EnergyLog as EnergyLog, GrowingTable as GrowingTable

@@ -19,7 +19,7 @@ MOST_REFINEMENT = 64
 
 
 class Measurement(NamedTuple):
-    """What one method does on one scene."""
+    """Error and cost of a method on a scene."""
 
     method: str
     precision: str
@@ -36,7 +36,7 @@ class Measurement(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """What methods are measured against."""
+    """The reference solution."""
 
     position: NDArray[np.float64]
     """Positions [m], shape [frame_count, particle_count, d]."""
@@ -67,7 +67,7 @@ def make_reference(
     """Return the scene by RK4 in float64, with `finer` times the substeps that are stable.
 
     Its own error is estimated from a run with half as many that starts from positions rounded to float32: no
-    method in float32 can be blamed for what rounding alone makes of the motion, as of a body that buckles.
+    method in float32 is charged for changes of the motion by rounding alone, as when a body buckles.
     """
     stable = Simulation(scene.system, integrator=RK4(), device=device).substeps
     system, runs = scene.system, []
@@ -101,7 +101,7 @@ def tune(
     horizon = min(checks.positive("horizon", horizon), scene.duration)
     frame_count(horizon, 60.0)
     position, error, size = make_reference(scene, horizon, device, report=report)
-    frames = int((np.maximum.accumulate(error) <= tolerance / 10).sum())  # those that the reference knows
+    frames = int((np.maximum.accumulate(error) <= tolerance / 10).sum())  # for which the reference is certain
     if frames < 2:
         raise ValueError(
             f"tolerance is {tolerance:g}; a tenth of it must be more than the error of the reference, which is "
@@ -143,7 +143,7 @@ def _measure_method(
         report(f"{precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
         try:
             simulation, position = simulate(scene, horizon, **options)
-        except UnstableStep:  # a method that wants a damper beside every spring
+        except UnstableStep:  # the method needs a damper beside every spring
             return
         except SimulationDiverged as trouble:
             substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))
@@ -158,7 +158,7 @@ def _measure_method(
             precision, before = next(precisions, "float64"), math.inf
             continue
         before = error
-        order = 1 if scene.colliders else method.order  # what it is across a contact
+        order = 1 if scene.colliders else method.order  # the order across a contact
         substeps = math.ceil(taken * max(1.3, 1.1 * (error / (0.8 * tolerance)) ** (1 / order)))
         if substeps > MOST_REFINEMENT * least:
             return

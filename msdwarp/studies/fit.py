@@ -13,8 +13,8 @@ from ..files import Trajectory
 from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
-from .doubts import doubts_of_noise, doubts_of_times, doubts_of_values
 from .fit_result import FitResult
+from .fit_warnings import noise_warnings, time_warnings, value_warnings
 from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
 from .measured import Channel, TrackedPoints, channels_of, frame_rate
 from .parameters import parameters_of
@@ -33,7 +33,7 @@ ROUNDS, WORTH = 4, 0.7
 UNCERTAIN = 1.0
 """A standard deviation of ln(value) above which a parameter counts as unseen."""
 SHARE = 0.3
-"""A parameter is unseen if it has more than this part of a direction of θ that is."""
+"""A parameter is unseen if its share of an unseen direction of θ is larger."""
 OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
 """The time step is short enough if its error is below this part of a standard deviation, or of the value, or this
 multiple of the jumps by contact, which also depend on it."""
@@ -176,8 +176,8 @@ def fit(
     worlds = Worlds(scene, sought, channels, rate, substeps, options)
     problem = Problem(worlds, precision, loss)
     theta = _starts(problem, starts, seed)
-    for doubt in doubts_of_times(channels, worlds.substeps):
-        warnings.warn(doubt, checks.FitWarning, stacklevel=2)
+    for message in time_warnings(channels, worlds.substeps):
+        warnings.warn(message, checks.FitWarning, stacklevel=2)
     for one in horizons:
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)
@@ -197,9 +197,9 @@ def fit(
             break
         worlds.refine(times)
         report(f"again, with {worlds.substeps} substeps a frame")
-    found, doubts = _result(problem, best, linear, jumps, of_step, end, converged)
-    for doubt in doubts:
-        warnings.warn(doubt, checks.FitWarning, stacklevel=2)
+    found, messages = _result(problem, best, linear, jumps, of_step, end, converged)
+    for message in messages:
+        warnings.warn(message, checks.FitWarning, stacklevel=2)
     return found
 
 
@@ -228,7 +228,7 @@ def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
     if count == 1:
         return first
     random, others = np.random.default_rng(checks.count("seed", seed, 0)), count - 1
-    # One in each of as many equal parts of each bound's range.
+    # One in each of `others` equal parts of a parameter's range.
     drawn = [random.permutation(others) + random.random(others) for _ in range(problem.count)]
     return np.concatenate([first, problem.low + np.column_stack(drawn) / others * (problem.high - problem.low)])
 
@@ -241,7 +241,7 @@ def _finish(
     seed: int,
     report: Callable[[str], None],
 ) -> tuple[NDArray, Linear, NDArray, bool]:
-    """Return the best θ up to a time [s], what is linear there, the covariance by jumps, and whether it ended."""
+    """Return the best θ up to a time [s], its linearisation, the covariance by jumps, and whether it converged."""
     best, converged = problem.finish(theta, end, tolerance)
     step, p = DIFFERENCE[problem.precision], problem.count
     linear, jumps = problem.linear(best[None], end, step)[0], np.zeros((p, p))
@@ -261,7 +261,7 @@ def _finish(
         else:
             jumps[:] = 0.0
         if better > WORTH * cost:
-            converged = True  # among jumps steps do not end; that clouds find nothing better is an end
+            converged = True  # with jumps steps do not get small: it ends when clouds find nothing better
             break
     return best, linear, jumps, converged
 
@@ -275,7 +275,7 @@ def _result(
     end: float,
     converged: bool,
 ) -> tuple[FitResult, list[str]]:
-    """Return the result, with what endlessly short steps would change, and what is doubtful about it."""
+    """Return the result and the messages of warnings; `of_step` is the error of the time step."""
     worlds, values, names = problem.worlds, problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
     s = np.sqrt(problem.cost(linear.residuals) / max(rows - p, 1))
@@ -285,7 +285,7 @@ def _result(
     parts = np.abs(directions[hidden])
     unseen = [name for k, name in enumerate(names) if (parts[:, k] > SHARE).any() or rows < p]
     of_theta = (directions[~hidden].T * (s / sizes[~hidden]) ** 2) @ directions[~hidden]
-    doubts = doubts_of_values(problem, theta, unseen, converged)
+    messages = value_warnings(problem, theta, unseen, converged)
     step = np.zeros(rows)
     if of_step is not None:
         moved, enough, step = of_step
@@ -295,7 +295,7 @@ def _result(
         if off:
             which = " and ".join(f"{name} by {100 * by:.2g} %" for name, by in off)
             most = f"{worlds.substeps} a frame are the most that are tried"
-            doubts.append(f"shorter steps would change {which}: {most}")
+            messages.append(f"shorter steps would change {which}: {most}")
     covariance = (of_theta + jumps) * np.outer(values, values)
     for name in unseen:
         covariance[names.index(name), names.index(name)] = np.inf
@@ -305,7 +305,7 @@ def _result(
         left = np.where(later[:, None], simulated[0] - one.values, np.nan)
         residuals[one.name] = one.time[later], left[later]
         own = one.noise * max(np.sqrt(np.mean(step[done : done + counted] ** 2)), problem.floor(end))
-        doubts += doubts_of_noise(one, left, p, own, robust=problem.loss != "linear")
+        messages += noise_warnings(one, left, p, own, robust=problem.loss != "linear")
         done += counted
     found = FitResult(
         values=dict(zip(names, map(float, values), strict=True)),
@@ -322,4 +322,4 @@ def _result(
         unseen=tuple(unseen),
         converged=converged,
     )
-    return found, doubts
+    return found, messages

@@ -1,4 +1,4 @@
-"""What a fit has found: values, their standard deviations, residuals."""
+"""The result of a fit: values, their standard deviations, residuals."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The arguments of a sweep, checked and as JSON has them: values of parameters, points, functions."""
+"""The arguments of a sweep, checked and as JSON data: values of parameters, points, functions."""
 
 import hashlib
 import importlib
@@ -10,6 +10,7 @@ import pickle
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ OPTIONS = (
     "duration", "fps", "integrator", "substeps", "safety", "allow_unstable", "energy_limit", "device", "precision",
     "force_algorithm", "collider_rule",
 )  # fmt: skip
-"""What may be swept or set beside the parameters of a scene."""
+"""Options that may be swept or set beside the parameters of a scene."""
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FORMS = (
     "a value, a list such as 1,2,5, whole numbers such as 0:100 (without 100), five evenly spaced values "
@@ -78,7 +79,7 @@ def _check_distinct(name: str, values: list[Any]) -> None:
 
 
 def checked_grid(grid: object) -> dict[str, list[Any]]:
-    """Return the values of each parameter of a grid as lists of what JSON has; raise ValueError if it is invalid.
+    """Return the values of each parameter of a grid as lists of JSON values; raise ValueError if it is invalid.
 
     An entry is a sequence of different numbers, texts, truth values or None, or a text that `values_of` reads.
     """
@@ -88,9 +89,12 @@ def checked_grid(grid: object) -> dict[str, list[Any]]:
         label = f"grid[{name!r}]"
         if isinstance(given, str):
             texts = values_of(label, given)
-            values: list[Any] = [given] if texts is None else list(map(_number_or_text, texts))
+            values: list[Any] = [given] if texts is None else list(texts)
+            for k, text in enumerate(texts or ()):
+                if re.fullmatch(_NUMBER, text):
+                    values[k] = as_scalar(label, float(text))
         elif isinstance(given, Iterable):
-            values = [plain(f"{label}[{k}]", value) for k, value in enumerate(given)]
+            values = [as_scalar(f"{label}[{k}]", value) for k, value in enumerate(given)]
         else:
             raise ValueError(
                 f"{label} is {checks.repr_short(given)}; it must be a sequence of values, or {_FORMS}"
@@ -118,8 +122,8 @@ def points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
         yield dict(zip(grid, values, strict=True))
 
 
-def plain(name: str, value: Any) -> Any:
-    """Return a value as JSON has it, 2.0 as 2; raise ValueError if it is no number, text, truth value or None."""
+def as_scalar(name: str, value: Any) -> Any:
+    """Return a JSON scalar, 2.0 as 2; raise ValueError if it is no number, text, truth value or None."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and math.isfinite(value):
@@ -130,12 +134,8 @@ def plain(name: str, value: Any) -> Any:
     raise ValueError(f"{name} is {checks.repr_short(value)}; {must}")
 
 
-def _number_or_text(text: str) -> Any:
-    return plain("it", float(text)) if re.fullmatch(_NUMBER, text) else text
-
-
-def found(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:
-    """Return what builds a scene, and its name."""
+def find_build(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:
+    """Return the function that builds a scene, and its name."""
     if isinstance(scene, str):
         try:
             if not scene.isidentifier():
@@ -152,7 +152,7 @@ def found(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]
 def check_names(
     build: Callable[..., Scene], grid: Mapping[str, Any], fixed: Mapping[str, Any], options: Mapping[str, Any]
 ) -> None:
-    """Raise ValueError that names what neither the scene nor `Simulation` takes, or what is given twice."""
+    """Raise ValueError for a name that neither the scene nor `Simulation` takes, or that is given twice."""
     known = inspect.signature(build).parameters
     if not any(one.kind is one.VAR_KEYWORD for one in known.values()):
         for given, label, allowed in ((grid, "grid", [*known, *OPTIONS]), (fixed, "parameters", known)):
@@ -179,7 +179,7 @@ def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
 
 
 def source(function: Callable[..., Any]) -> str | None:
-    """Return a digest of a function's own source, without what it calls; None where there is none."""
+    """Return a digest of a function's source, without functions that it calls; None where there is none."""
     try:
         return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
     except (OSError, TypeError):
@@ -187,13 +187,11 @@ def source(function: Callable[..., Any]) -> str | None:
 
 
 def as_json(value: Any) -> Any:
-    """Return a value as JSON has it; what JSON cannot hold as its text."""
+    """Return a value as JSON data; others that JSON cannot hold as text."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
-    try:
-        return plain("it", value)
-    except ValueError:
-        pass
+    with suppress(ValueError):
+        return as_scalar("it", value)
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):

@@ -1,13 +1,13 @@
-"""History: what happens in a trajectory over time, by its file alone, and a plot of it."""
+"""History: energies, momentum and heights of a trajectory over time, from its file alone, and a plot of them."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..bodies import AXES
+from ..bodies import AXES, counted
 from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
@@ -17,7 +17,7 @@ from .table import COLUMNS, GrowingTable
 
 
 class Moment(NamedTuple):
-    """What a frame holds."""
+    """Quantities of a frame."""
 
     time: float
     """Simulated time [s]."""
@@ -32,10 +32,10 @@ class Moment(NamedTuple):
 
 
 def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Change] = ()) -> Iterator[Moment]:
-    """Return an iterator over what each frame of a trajectory holds; one frame is in memory at a time.
+    """Return an iterator over a trajectory's moments: one frame is in memory at a time.
 
-    All is computed on the CPU in float64 from the stored frames, the gravity of the run [m/s²] and its schedule.
-    Raises ValueError if gravity is out of range, or rest lengths change and strains are not in the file.
+    They are computed on the CPU in float64 from the stored frames, the run's gravity [m/s²] and schedule. Raises
+    ValueError if gravity is out of range, or rest lengths change and strains are not in the file.
     """
     # Checked here, not at the first next().
     Model(trajectory.system, gravity=gravity, device="cpu", precision="float64")
@@ -66,11 +66,6 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
         yield Moment(float(trajectory.times[k]), measure(assembly, state), *heights)
 
 
-def _columns(trajectory: Trajectory) -> list[str]:
-    momenta = [f"momentum_{axis}_kg_m_s" for axis in _axes(trajectory)]
-    return ["time_s", *COLUMNS, *momenta, "lowest_m", "mean_m", "highest_m"]
-
-
 def _line(moment: Moment) -> tuple[float, ...]:
     time, measures, *heights = moment
     return (time, *(of(measures) for of in COLUMNS.values()), *measures.momentum, *heights)
@@ -84,39 +79,32 @@ def write_history(
     schedule: Sequence[Change] = (),
     force: bool = False,
 ) -> Path:
-    """Write the history of a trajectory as a table `*.csv`: a line for each frame; return its path.
+    """Write the history of a trajectory as a table `*.csv`, a line for each frame, or as a plot `*.png`.
 
-    The columns are those of a run's log of energies, then the components of the momentum and the lowest, mean and
-    highest height. Raises as `history` and `output_path` do.
+    Return the path. The columns are those of a run's log of energies, then the components of the momentum and the
+    lowest, mean and highest height. Raises ValueError if a plot has fewer than two frames, and as `history` and
+    `output_path` do.
     """
-    path = output_path(path, ".csv", force)
-    moments, columns = history(trajectory, gravity=gravity, schedule=schedule), _columns(trajectory)
+    plotted = Path(path).suffix == ".png"
+    path = output_path(path, ".png" if plotted else ".csv", force)
+    if plotted and len(trajectory) < 2:
+        frames = counted(len(trajectory), "frame")
+        raise ValueError(f"{trajectory.path} has {frames}; a plot over time takes at least 2")
+    lines = map(_line, history(trajectory, gravity=gravity, schedule=schedule))
+    momenta = [f"momentum_{axis}_kg_m_s" for axis in _axes(trajectory)]
+    columns = ["time_s", *COLUMNS, *momenta, "lowest_m", "mean_m", "highest_m"]
+    if plotted:
+        _plot(trajectory, np.fromiter(lines, dtype=[(name, np.float64) for name in columns]), path)
+        return path
     with GrowingTable(path, columns) as table:
-        for moment in moments:
-            table.write_line(_line(moment))
+        for line in lines:
+            table.write_line(line)
     return path
 
 
-def plot_history(
-    trajectory: Trajectory,
-    path: str | Path,
-    *,
-    gravity: ArrayLike,
-    schedule: Sequence[Change] = (),
-    force: bool = False,
-) -> Path:
-    """Draw energies, momentum and heights of a trajectory against time into `*.png`; return its path.
-
-    Raises ValueError if there are fewer than two frames, and as `history` and `output_path` do.
-    """
-    path = output_path(path, ".png", force)
-    if len(trajectory) < 2:
-        frames = f"{len(trajectory)} frame{'' if len(trajectory) else 's'}"
-        raise ValueError(f"{trajectory.path} has {frames}; a plot over time takes at least 2")
+def _plot(trajectory: Trajectory, table: NDArray[np.void], path: Path) -> None:
+    """Draw energies, momentum and heights against time."""
     system = trajectory.system
-    moments = history(trajectory, gravity=gravity, schedule=schedule)
-    table = np.fromiter(map(_line, moments), dtype=[(name, np.float64) for name in _columns(trajectory)])
-
     figure = new_figure(8, 9)
     panels = energies, momentum, heights = figure.subplots(3, sharex=True)
     draw_energies(energies, table)
@@ -139,7 +127,6 @@ def plot_history(
     title = f"{name}: {system.particle_count} particles, {system.connection_count} connections"
     figure.suptitle(title, parse_math=False)
     figure.savefig(path, dpi=150)
-    return path
 
 
 def _axes(trajectory: Trajectory) -> list[str]:

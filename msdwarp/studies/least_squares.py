@@ -18,9 +18,9 @@ DIFFERENCE = {"float64": 1e-6, "float32-compensated": 1e-4, "float32": 1e-3}
 WIDE = 1e-2
 """The difference on the way: with contact residuals jump a little as θ changes, and this sees the trend."""
 FLOOR = {"float64": 1e-7, "float32-compensated": 1e-4, "float32": 1e-3}
-"""Least change by a unit of θ that can be seen, as a share of the variation of what is measured."""
+"""Least visible change by a unit of θ, as a share of the variation of the measurements."""
 ABOVE_FLOOR = 10.0
-"""What changes residuals by less than this multiple of the floor cannot be told from rounding."""
+"""Changes of residuals below this multiple of the floor are indistinguishable from rounding."""
 Loss = Callable[[NDArray], NDArray]
 LOSSES: dict[str, tuple[Loss, Loss]] = {
     "linear": (lambda z: z, np.ones_like),
@@ -31,9 +31,9 @@ LOSSES: dict[str, tuple[Loss, Loss]] = {
     ),
     "cauchy": (np.log1p, lambda z: 1 / (1 + z)),
 }
-"""What a squared residual counts, and the derivative of that; as `scipy.optimize.least_squares` has them."""
+"""The cost of a squared residual and its derivative, as in `scipy.optimize.least_squares`."""
 GUESS = 0.5
-"""Standard deviation of θ that holds it near its start until the last steps, should it hardly be seen yet."""
+"""Standard deviation of a prior that keeps θ near its start until the last steps."""
 JAGGED, UNEVEN = 1e-3, 0.1
 """A difference of θ, and the share by which changes to both sides, or a change and the derivative, may differ over
 it without jumps."""
@@ -42,7 +42,7 @@ CLOUD = 24
 CLOUDS = (100.0, 30.0, 10.0, 5.0, 3.0)
 """Sizes of clouds, in standard deviations of θ."""
 WIDEST = 0.1
-"""No θ of a cloud is further from its centre."""
+"""Largest distance of a world's θ from the centre of its cloud."""
 CLOSE = 1e-2
 """Starts as close as this in θ count as one."""
 WORSE = 10.0
@@ -60,7 +60,7 @@ class Linear(NamedTuple):
 
 @dataclass
 class Problem:
-    """What is measured against what is simulated."""
+    """The least-squares problem: simulated values against the measurements."""
 
     worlds: Worlds
     precision: str
@@ -112,7 +112,7 @@ class Problem:
         return [Linear(one[0], slope.T) for one, slope in zip(residuals, slopes, strict=True)]
 
     def approach(self, theta: NDArray[np.float64], end: float, most: int) -> NDArray[np.float64]:
-        """Return better θ up to a time [s], by at most so many steps of Levenberg and Marquardt.
+        """Return better θ up to a time [s], by at most `most` steps of Levenberg and Marquardt.
 
         All starts, shape [starts, parameters], take their steps together: one run of (parameters + 1) worlds for
         each, where SciPy would need a run for each start.
@@ -183,7 +183,7 @@ class Problem:
         return found.x, found.status > 0
 
     def hold(self, end: float) -> float:
-        """Return the derivative of an added residual that keeps what cannot be seen where it is."""
+        """Return the derivative of an added residual that keeps invisible parameters where they are."""
         return self.floor(end) * np.sqrt(int(sum(one.until(end).sum() for one in self.channels)))
 
     def of_step(
@@ -206,7 +206,7 @@ class Problem:
         return moved, np.sqrt(variance * np.diag(inverse)), change
 
     def is_jagged(self, theta: NDArray[np.float64], end: float, linear: Linear) -> bool:
-        """Tell whether residuals jump as θ changes, as they do with contact.
+        """Return whether residuals jump as θ changes, as they do with contact.
 
         Smooth residuals change to one side by the opposite of their change to the other side, and by the
         derivatives at θ, but for a share of the order of the difference. Derivatives, over a smaller difference,
@@ -254,6 +254,6 @@ class Problem:
             best, linear = at[least], Linear(residuals[least], np.asarray(plane[1:].T, dtype=np.float64))
             trial = np.clip(centre + np.clip(step, -WIDEST, WIDEST), self.low, self.high)
             off = residuals - plane[0] - (at - centre) @ plane[1:]
-            moves = off @ np.linalg.pinv(plane[1:])  # what a jump is taken for
+            moves = off @ np.linalg.pinv(plane[1:])  # the changes of θ that jumps are mistaken for
             jumps = moves.T @ moves / len(moves)
         return best, linear.jacobian, jumps

@@ -21,7 +21,7 @@ POINTS = "points"
 HIGHEST_FPS = 1000.0
 """The highest frame rate taken from measured times."""
 ON_FRAME = 1e-4
-"""A time within so many frames of a frame's is that of the frame: times in files are rounded."""
+"""A time this close to a frame's, in frames, is the frame's: times in files are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class TrackedPoints:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One kind of measured data: when, what, and how it is read from a simulation."""
+    """Measured data of one kind, and how they are read from a simulation."""
 
     name: str
     time: NDArray[np.float64]
@@ -97,7 +97,7 @@ class Channel:
 
     @property
     def entries(self) -> NDArray[np.int64]:
-        """Which of the things that this kind has a row is of, shape [rows]."""
+        """The tracked particle of each row, by its place among them, shape [rows]."""
         return np.zeros(len(self.time), dtype=int) if self.entry is None else self.entry
 
     def until(self, end: float) -> NDArray[np.bool_]:
@@ -105,7 +105,7 @@ class Channel:
         return np.isfinite(self.values) & ((self.time > 0) & (self.time <= end))[:, None]
 
     def at_times(self, frames: NDArray[np.float64], fps: float) -> NDArray[np.float64]:
-        """Return the values of simulated frames where and when it was measured, shape [worlds, rows, width].
+        """Return simulated values at the measured times and points, shape [worlds, rows, width].
 
         `frames`, from frame 0 on, is of shape [frame_count, worlds, ...]. Between frames there is a cubic spline,
         and after the last one its value.
@@ -123,7 +123,7 @@ class Channel:
 
 
 def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
-    """Return measured data as channels; raise ValueError that names what is wrong with it."""
+    """Return measured data as channels; raise ValueError if they are invalid."""
     if isinstance(measured, str | Path):
         measured = read_measured(Path(measured), scene)
     if isinstance(measured, Trajectory):
@@ -237,7 +237,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
 
 
 def frame_rate(channels: list[Channel]) -> float:
-    """Return frames per second at which all was measured at the end of a frame; 60 if there is no such rate."""
+    """Return the frame rate at which all measured times end a frame; 60 if there is none."""
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     gaps = np.diff(times)
     gap = float(gaps[gaps > ON_FRAME * gaps.max()].min())

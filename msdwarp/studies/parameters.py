@@ -18,7 +18,7 @@ UNITS = {
     "friction": "",
     "gravity": "m/s²",
 }
-"""What may be fitted, and in what unit."""
+"""Units of the parameters that may be fitted."""
 FACTOR = "times the scene's own"
 REACH = 10.0
 """Default bounds are the start divided and multiplied by this."""
@@ -26,7 +26,7 @@ REACH = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A number that a fit changes, and what it is multiplied by to be the scene's."""
+    """A number that a fit changes, and the pattern that it multiplies."""
 
     name: str
     pattern: NDArray[np.float64]
@@ -42,14 +42,14 @@ class Parameter:
         return bool((self.pattern == 1.0).all())
 
     def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what an `Ensemble` takes for values of shape [worlds]."""
+        """Return the argument of `Ensemble` for values of shape [worlds]."""
         if self.is_one_number and self.name != "gravity":
             return values
         return values[:, None] * self.pattern
 
 
 def parameters_of(scene: Scene, requested: Any, bounds: Any) -> list[Parameter]:
-    """Return the parameters requested; raise ValueError that names what is wrong with one."""
+    """Return the requested parameters; raise ValueError if one is invalid."""
     if isinstance(requested, str):
         requested = [requested]
     if not isinstance(requested, Sequence | Mapping) or not len(requested):
@@ -105,7 +105,7 @@ def _pattern(scene: Scene, name: str) -> tuple[NDArray[np.float64], float, str]:
         own = np.array(getattr(scene.system, name))
         if not own.size:
             raise ValueError(f"parameters has {name!r}; the scene must have connections then")
-    finite = np.isfinite(own)  # what is pinned stays so, whatever the mass
+    finite = np.isfinite(own)  # pinned particles stay pinned
     if not finite.any():
         raise ValueError(f"parameters has {name!r}; this needs a free particle")
     alike = own[finite] == own[finite][0]

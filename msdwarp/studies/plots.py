@@ -14,7 +14,7 @@ RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
 
 
 def output_path(path: str | Path, suffix: str, force: bool) -> Path:
-    """Return where a file goes; raise ValueError or OSError if it cannot go there."""
+    """Return the path of a file to write; raise ValueError or OSError if it cannot be written there."""
     path = Path(path)
     if path.suffix != suffix:
         raise ValueError(f"path is {path}; its name must end in {suffix}")

@@ -17,33 +17,32 @@ from ..files import TrajectoryWriter
 from ..integrators import METHODS
 from ..simulation import Readback, Simulation, frame_count
 from ..world import Scene
-from .grid import OPTIONS, as_json, check_names, check_travels, checked_grid, found, points, source
-from .sweep_ensembles import ENSEMBLE, as_worlds, in_words
+from .grid import OPTIONS, as_json, check_names, check_travels, checked_grid, find_build, points, source
+from .sweep_ensembles import ENSEMBLE, ensemble_summary, run_in_ensembles
 from .sweep_points import (
     LOST,
     MISSING,
     RESULTS,
     RUNS,
-    Asked,
     Point,
     Row,
-    carry_out,
-    dataset,
+    Setup,
     final_numbers,
     import_xarray,
     remove_unfinished,
+    run_point,
     stored_row,
     write_results,
 )
 from .workers import gpus_for, workers_for
 
 _TRIES = 3
-"""How often a point is begun whose worker is lost."""
+"""How often a point is tried whose worker is lost."""
 _PAUSE = 0.05
-"""Seconds between two looks at what is under way."""
+"""Seconds between two checks of the futures."""
 
 Report = Callable[[int, int], None]
-"""Called with how many of the points that were to be simulated are, and how many there are."""
+"""Called with the number of points simulated so far, and of all that are to be simulated."""
 
 
 def sweep(
@@ -107,8 +106,7 @@ def sweep(
     OSError
         If the folder cannot be written to, or contains something else.
     """
-    import_xarray()
-    build, name = found(scene)
+    build, name = find_build(scene)
     values = checked_grid(grid)
     fixed = dict(checks.mapping("parameters", parameters or {}))
     watched = dict(checks.mapping("observe", observe or {}))
@@ -138,7 +136,7 @@ def sweep(
         report=report,
     )
     if refused and jobs == ENSEMBLE:
-        warnings.warn(in_words(worlds, refused), stacklevel=2)
+        warnings.warn(ensemble_summary(worlds, refused), stacklevel=2)
     return results
 
 
@@ -150,8 +148,8 @@ class FunctionTask(NamedTuple):
     options: dict[str, Any]
     observe: dict[str, Callable[[Simulation], float]]
 
-    def asked(self) -> Asked:
-        """Build the scene, and return what is to be simulated."""
+    def setup(self) -> Setup:
+        """Build the scene, and return it with its duration and options."""
         scene = self.build(**self.parameters)
         checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
         options = dict(self.options)
@@ -159,11 +157,11 @@ class FunctionTask(NamedTuple):
         if isinstance(integrator, str):
             checks.one_of("integrator", integrator, METHODS)
             integrator = METHODS[integrator]
-        return Asked(scene, duration, options | {"integrator": integrator}, self.observe)
+        return Setup(scene, duration, options | {"integrator": integrator}, self.observe)
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
         """Simulate the scene to its end, with its trajectory if files are kept; return the final numbers."""
-        scene, duration, options, observe = self.asked()
+        scene, duration, options, observe = self.setup()
         simulation = Simulation.from_scene(scene, **options)
         frames = frame_count(duration, simulation.fps)
         if not keeps_files:
@@ -194,12 +192,13 @@ def complete(
     """Simulate the planned points that are not in the folder yet, and write the results of all.
 
     Return the results, how many points were worlds of ensembles, and why others, by number, were not. Without a
-    `device` the processes share the GPUs. Other arguments and the errors raised are those of `sweep`.
+    `device` the processes share the GPUs. Other arguments and errors are those of `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
             f"executor is {checks.repr_short(executor)}; it must have `submit` as in concurrent.futures"
         )
+    import_xarray()
     together = jobs == ENSEMBLE
     if together and (keeps_files or executor is not None):
         wrong = "keep is 'run'; it must be 'summary'" if keeps_files else "executor is given; it must not be"
@@ -210,52 +209,44 @@ def complete(
         if executor is None and jobs != 1:
             new = sum(stored_row(runs / point.digest) is None for point in planned)
             executor = stack.enter_context(workers_for("auto" if together else jobs, device, new))
-            together = together or (jobs == "auto" and not keeps_files and gpus_for(device) == 1)
+            together = together or (jobs == "auto" and not keeps_files and len(gpus_for(device)) == 1)
         disk.writable_folder("folder", folder, runs)
         stack.enter_context(disk.alone_in(folder))
         remove_unfinished(runs)
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
         left = {k: planned[k] for k, row in enumerate(rows) if not row}
-        for point in left.values():  # what a power cut has left of a run
+        for point in left.values():  # a power cut may have left a part of a run
             shutil.rmtree(runs / point.digest, ignore_errors=True)
         count, refused = len(left), dict[int, str]()
-        worlds = _in_ensembles(left, runs, refused, fixed_only=jobs != ENSEMBLE) if together else ()
+        tasks = {k: point.task for k, point in left.items()}
+        worlds = run_in_ensembles(tasks, refused, fixed_only=jobs != ENSEMBLE) if together else ()
+        of_worlds = ((k, run_point(ends, left.pop(k), runs, False, spent=seconds)) for k, ends, seconds in worlds)
         try:
-            for done, (k, row) in enumerate(chain(worlds, _alone(left, runs, keeps_files, executor)), 1):
+            for done, (k, row) in enumerate(chain(of_worlds, _alone(left, runs, keeps_files, executor)), 1):
                 rows[k] = row
                 if report is not None:
                     report(done, count)
         finally:
             remove_unfinished(runs)
             rows = [row or {"status": MISSING, "message": "not simulated yet"} for row in rows]
-            results = dataset(grid, planned, rows)
-            write_results(results, folder)
+            results = write_results(grid, planned, rows, folder)
     return results, count - len(left), refused
-
-
-def _in_ensembles(
-    left: dict[int, Point], runs: Path, refused: dict[int, str], *, fixed_only: bool
-) -> Iterator[tuple[int, Row]]:
-    """Yield (number, row) of points that can be worlds of ensembles, and take these out of those left."""
-    tasks = {k: point.task for k, point in left.items()}
-    for k, simulate, seconds in as_worlds(tasks, refused, fixed_only=fixed_only):
-        yield k, carry_out(simulate, left.pop(k), runs, False, spent=seconds)
 
 
 def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: Any) -> Iterator[tuple[int, Row]]:
     """Yield (number, row) of points as they are done, each a run of its own."""
     if executor is None:
         for k, point in left.items():
-            yield k, carry_out(point.task.simulate, point, runs, keeps_files)
+            yield k, run_point(point.task.simulate, point, runs, keeps_files)
         return
 
     def submit(tries: list[tuple[int, int]]) -> dict[Any, tuple[int, int]]:
         """Return the tries, (number, attempt), by future; submitit gets all at once, as one job array of Slurm."""
         calls = [(left[k].task.simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
         if calls and hasattr(executor, "map_array"):
-            futures = executor.map_array(carry_out, *zip(*calls, strict=True))
+            futures = executor.map_array(run_point, *zip(*calls, strict=True))
         else:
-            futures = [executor.submit(carry_out, *call) for call in calls]
+            futures = [executor.submit(run_point, *call) for call in calls]
         return dict(zip(futures, tries, strict=True))
 
     waiting: dict[Any, tuple[int, int]] = {}

@@ -1,4 +1,4 @@
-"""Points of a sweep as worlds of ensembles: those that differ only in what worlds may differ in, many at once."""
+"""Points of a sweep as worlds of ensembles, if they differ only in parameters of worlds."""
 
 import hashlib
 import pickle
@@ -16,7 +16,7 @@ from .. import checks
 from ..bodies import System
 from ..integrators import UnstableStep
 from ..simulation import Ensemble, Simulation, frame_count
-from .sweep_points import Asked, Simulate, Task, final_numbers
+from .sweep_points import Setup, Simulate, Task, final_numbers
 from .workers import gpus_for
 
 ENSEMBLE = "ensemble"
@@ -29,17 +29,16 @@ ONLY_OF_YIELDING = ("original_length",)
 MOST_WORLDS, MOST_ON_CPU = 4096, 64
 """Worlds of an ensemble at most: enough to fill a GPU. A sweep that is ended loses an unfinished ensemble."""
 MOST_NUMBERS = 1 << 23
-"""Particles and springs of all worlds at most: some hundred megabytes of what differs."""
+"""Particles and springs of all worlds at most: some hundred megabytes of parameters."""
 
-
-Numbered = tuple[int, Asked]
-"""The number of a point, and what is to be simulated there."""
+Numbered = tuple[int, Setup]
+"""The number of a point, and its setup."""
 World = tuple[int, Simulate, float]
 """The number of a point, a function that returns the numbers of its world, and its share of the time taken [s]."""
 
 
-def as_worlds(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
-    """Simulate points in ensembles, by their tasks, yield the worlds, and note in `refused` why others are none.
+def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
+    """Simulate points in ensembles, yield their worlds, and note in `refused` why other points are none.
 
     A world equals a simulation of its own with as many substeps, bit for bit wherever worlds of `Ensemble` do.
     "auto" takes the substeps of the world that needs most, and adds none; `fixed_only` leaves such points out.
@@ -47,27 +46,27 @@ def as_worlds(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only:
     alike: dict[bytes, list[Numbered]] = {}
     for number, task in tasks.items():
         try:
-            asked = task.asked()
-            if fixed_only and asked.options.get("substeps", "auto") == "auto":
+            setup = task.setup()
+            if fixed_only and setup.options.get("substeps", "auto") == "auto":
                 raise ValueError("its number of substeps is automatic, and changes while it runs")
-            if asked.scene.probes and asked.observe:
+            if setup.scene.probes and setup.observe:
                 raise ValueError("what is observed may ask for all readings of its probes")
-            key = _digest_of_shared(asked)
-        except Exception as error:  # of a scene of any kind; a run of its own tells it in full
+            key = _digest_of_shared(setup)
+        except Exception as error:  # a scene may raise anything; its own run reports it in full
             refused[number] = str(error)
             continue
         several = alike.setdefault(key, [])
-        several.append((number, asked))
-        if len(several) == _most(asked):
-            yield from _together(alike.pop(key), refused)
+        several.append((number, setup))
+        if len(several) == _most_worlds(setup):
+            yield from _run_together(alike.pop(key), refused)
     for several in alike.values():
         if len(several) == 1:
             refused[several[0][0]] = "no other point is alike"
         else:
-            yield from _together(several, refused)
+            yield from _run_together(several, refused)
 
 
-def in_words(done: int, refused: Mapping[int, str]) -> str:
+def ensemble_summary(done: int, refused: Mapping[int, str]) -> str:
     """Return how many points were worlds of ensembles, and why the others were not."""
     message = f"{done} of {done + len(refused)} points were worlds of ensembles"
     if not refused:
@@ -77,50 +76,47 @@ def in_words(done: int, refused: Mapping[int, str]) -> str:
     return f"{message}, the others runs of their own: {reasons[0][0]}{more}"
 
 
-def _digest_of_shared(asked: Asked) -> bytes:
-    """Return a digest of all that worlds of an ensemble share; raise ValueError if that has no bytes.
-
-    Different digests of equal scenes only cost time.
-    """
-    scene, system = asked.scene, asked.scene.system
+def _digest_of_shared(setup: Setup) -> bytes:
+    """Return a digest of what worlds of an ensemble share; raise ValueError if it cannot be pickled."""
+    scene, system = setup.scene, setup.scene.system
     own = (*OF_SYSTEM, *(() if system.yields else ONLY_OF_YIELDING))
     shared = {one.name: getattr(system, one.name) for one in fields(System) if one.name not in own}
     obstacles: Sequence[Any] = scene.colliders
     rough = [replace(one, friction=0.0) for one in obstacles]
     gravity = scene.gravity if callable(scene.gravity) else None
     around = scene.loads, scene.schedule, dict(scene.probes), gravity
-    parts = (shared, rough, around, asked.duration, asked.options)
+    parts = (shared, rough, around, setup.duration, setup.options)
     try:
         return hashlib.sha256(pickle.dumps(parts)).digest()
-    except Exception as error:  # of functions that have no name
+    except Exception as error:  # such as functions without a name
         raise ValueError(f"it cannot be compared with others: {error}") from error
 
 
-def _most(asked: Asked) -> int:
-    system = asked.scene.system
-    most = MOST_WORLDS if gpus_for(asked.options.get("device")) else MOST_ON_CPU
+def _most_worlds(setup: Setup) -> int:
+    system = setup.scene.system
+    most = MOST_WORLDS if gpus_for(setup.options.get("device")) else MOST_ON_CPU
     return min(most, 1 + MOST_NUMBERS // (system.particle_count + system.connection_count))
 
 
-def _together(several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
+def _run_together(several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
     """Simulate points in an ensemble; if it refuses some of them, in smaller ones without these."""
     try:
-        ensemble = _ensemble([asked for _, asked in several])
+        ensemble = _ensemble([setup for _, setup in several])
     except ValueError as error:
         if len(several) == 1 or _is_refused_alone(several[0][1]):
             refused.update({number: str(error) for number, _ in several})
             return
         middle = len(several) // 2
         for half in (several[:middle], several[middle:]):
-            yield from _together(half, refused)
+            yield from _run_together(half, refused)
         return
-    yield from _simulated(ensemble, several, refused)
+    yield from _run_ensemble(ensemble, several, refused)
 
 
-def _is_refused_alone(asked: Asked) -> bool:
-    """Tell whether no ensemble takes the scene, whatever the numbers of its worlds."""
+def _is_refused_alone(setup: Setup) -> bool:
+    """Return whether an ensemble refuses the scene whatever the parameters of its worlds."""
     try:
-        _ensemble([asked])
+        _ensemble([setup])
     except UnstableStep:
         return False
     except ValueError:
@@ -128,9 +124,9 @@ def _is_refused_alone(asked: Asked) -> bool:
     return False
 
 
-def _ensemble(several: list[Asked]) -> Ensemble:
+def _ensemble(several: list[Setup]) -> Ensemble:
     """Return an ensemble whose parameters are those that differ between scenes."""
-    scenes = [asked.scene for asked in several]
+    scenes = [setup.scene for setup in several]
     rows: dict[str, NDArray] = {
         name: np.array([getattr(scene.system, name) for scene in scenes]) for name in OF_SYSTEM
     }
@@ -147,13 +143,10 @@ def _ensemble(several: list[Asked]) -> Ensemble:
     return Ensemble(scenes[0], len(scenes), **differing, **several[0].options)
 
 
-def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
-    """Advance an ensemble to the end, and yield its worlds, but for those that diverge.
-
-    With probes each world takes the last frame as a simulation, which reads them all.
-    """
+def _run_ensemble(ensemble: Ensemble, several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
+    """Advance an ensemble to the end, and yield the worlds that do not diverge."""
     began, first = time.perf_counter(), several[0][1]
-    left = 1 if first.scene.probes else 0
+    left = 1 if first.scene.probes else 0  # each world takes this frame as a simulation, which reads the probes
     if (frames := frame_count(first.duration, ensemble.fps) - left) > 0:
         ensemble.step(frames)
     reached = ensemble.checkpoints()
@@ -165,18 +158,15 @@ def _simulated(ensemble: Ensemble, several: list[Numbered], refused: dict[int, s
     running = ensemble.status == "running"
     seconds = (time.perf_counter() - began) / len(several)
 
-    def alone(world: int, asked: Asked) -> Simulation:
-        simulation = Simulation.from_scene(asked.scene, **(asked.options | how))
+    def numbers_of(world: int, setup: Setup, *_: Any) -> dict[str, float]:
+        simulation = Simulation.from_scene(setup.scene, **(setup.options | how))
         simulation.restore(*reached[world])
         if left:
             simulation.step(left)
-        return simulation
+        return final_numbers(simulation, setup.scene, setup.observe)
 
-    def numbers_of(world: int, asked: Asked, *_: Any) -> dict[str, float]:
-        return final_numbers(alone(world, asked), asked.scene, asked.observe)
-
-    for world, (number, asked) in enumerate(several):
+    for world, (number, setup) in enumerate(several):
         if running[world]:
-            yield number, partial(numbers_of, world, asked), seconds
+            yield number, partial(numbers_of, world, setup), seconds
         else:
             refused[number] = "its world diverges"

@@ -9,17 +9,9 @@ from numpy.typing import NDArray
 from .. import checks
 from .plots import BLUE, RED, add_grid, new_figure, output_path
 from .sweep_points import DONE, WORDS, read_results
+from .table import COLUMNS
 
 _USUAL = ("kinetic_J", "elastic_J", "gravitational_J", "largest_strain")
-_NOT_DRAWN = (
-    "time_s",
-    "seconds",
-    "substeps",
-    "total_J",
-    "dissipated_W",
-    "momentum_kg_m_s",
-    "angular_momentum_kg_m2_s",
-)
 _MOST_PANELS = 6
 
 
@@ -40,7 +32,7 @@ def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None
         checks.one_of("show", show, names)
         names = [show]
     else:
-        own = [name for name in names if name not in (*_USUAL, *_NOT_DRAWN)]
+        own = [name for name in names if name not in ("time_s", "seconds", "substeps", *COLUMNS)]
         names = [*own, *(name for name in _USUAL if name in names)][:_MOST_PANELS]
     names = [name for name in names if np.isfinite(found[name].values).any()]
     if not names:
@@ -114,7 +106,7 @@ def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
 
 
 def _label(name: str) -> str:
-    """Return what a result is called beside an axis, with its unit in brackets."""
+    """Return the label of a result's axis, with its unit in brackets."""
     for unit in ("_kg_m2_s", "_kg_m_s", "_m_s", "_J", "_W", "_N", "_m", "_s"):
         if name.endswith(unit):
             shown = unit[1:].replace("m2", "m²").replace("_s", "/s").replace("_", " ")

@@ -1,4 +1,4 @@
-"""The points of a sweep: a folder for each, what a worker does for one, and the results of all."""
+"""The points of a sweep: a folder for each, a worker's task, and the results of all."""
 
 import hashlib
 import json
@@ -29,11 +29,11 @@ Row = dict[str, Any]
 Simulate = Callable[[Path, bool], dict[str, float]]
 """Simulate in a folder, and keep files there or not; return the final numbers."""
 Observe = Mapping[str, Callable[[Simulation], float]]
-"""Functions by name that a simulation is given at its end."""
+"""Functions by name, called with the simulation at its end."""
 
 
-class Asked(NamedTuple):
-    """What is to be simulated at a point."""
+class Setup(NamedTuple):
+    """The simulation of a point: its scene, duration and options."""
 
     scene: Scene
     duration: float
@@ -45,10 +45,10 @@ class Asked(NamedTuple):
 
 
 class Task(Protocol):
-    """What a worker process is given to simulate a point; it can be pickled."""
+    """The task of a worker process at a point; it can be pickled."""
 
-    def asked(self) -> Asked:
-        """Return what is to be simulated; raise ValueError if only a run of its own can do it."""
+    def setup(self) -> Setup:
+        """Return the setup; raise ValueError if the point cannot be a world of an ensemble."""
         ...
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
@@ -60,7 +60,7 @@ class Point(NamedTuple):
     """A point of a sweep."""
 
     parameters: dict[str, Any]
-    """All that says what is simulated, as JSON has it."""
+    """All parameters and options, as JSON data."""
     task: Task
 
     @property
@@ -79,12 +79,12 @@ def stored_row(folder: Path) -> Row | None:
 
 
 def remove_unfinished(runs: Path) -> None:
-    """Remove what lost workers have left."""
+    """Remove the folders of workers that were lost."""
     for folder in runs.glob(f"{_UNFINISHED}*"):
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def carry_out(
+def run_point(
     simulate: Simulate, point: Point, runs: Path, keeps_files: bool, attempt: int = 1, spent: float = 0.0
 ) -> Row:
     """Simulate a point and return its row; its folder appears whole, or not at all. Workers call this.
@@ -138,10 +138,7 @@ def _row(simulate: Simulate, folder: Path, keeps_files: bool) -> Row:
 def final_numbers(
     simulation: Simulation, scene: Scene, observe: Observe = MappingProxyType({})
 ) -> dict[str, float]:
-    """Return what is kept of the end of a run: energies, strain, last values of probes, observed quantities.
-
-    Names and units are those of the log of energies and of the table of probes.
-    """
+    """Return energies, strain, the last values of probes and observed quantities, named as in their tables."""
     measures = simulation.measure()
     numbers = {"time_s": simulation.time, "substeps": simulation.substeps}
     numbers |= {name: of(measures) for name, of in COLUMNS.items()}
@@ -160,7 +157,6 @@ def final_numbers(
 
 
 RESULTS, TABLE = "results.nc", "results.csv"
-NEEDS_XARRAY = "results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'"
 WORDS = ("status", "message", "run")
 """Results that are texts."""
 
@@ -171,12 +167,17 @@ def import_xarray() -> Any:
         import h5netcdf  # noqa: F401  # pyright: ignore[reportMissingImports]
         import xarray  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise ValueError(NEEDS_XARRAY) from error
+        raise ValueError("results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'") from error
     return xarray
 
 
-def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: Sequence[Row]) -> Any:
-    """Return the rows of all points as an `xarray.Dataset` over the grid; NaN where a row lacks a number."""
+def write_results(
+    grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: Sequence[Row], folder: Path
+) -> Any:
+    """Write the rows of all points as NetCDF and as a table; return them as an `xarray.Dataset` over the grid.
+
+    A number that a row lacks is NaN. Each file appears whole.
+    """
     xarray = import_xarray()
     numbers = dict.fromkeys(name for row in rows for name in row if name not in (*WORDS, *grid))
     columns: dict[str, Any] = {
@@ -191,21 +192,18 @@ def dataset(grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: S
     first = planned[0].parameters
     same = {key: value for key, value in (first["parameters"] | first["options"]).items() if key not in grid}
     about = {"scene": str(first["scene"]), "parameters": json.dumps(same)}
-    return xarray.Dataset(variables, coordinates, about)
+    results = xarray.Dataset(variables, coordinates, about)
+    with disk.replacing(folder / RESULTS) as unfinished:
+        results.to_netcdf(unfinished, engine="h5netcdf")
+    with disk.replacing(folder / TABLE) as unfinished:
+        results.to_dataframe().to_csv(unfinished, na_rep="nan", lineterminator="\r\n")
+    return results
 
 
 def _coordinate(values: Sequence[Any]) -> np.ndarray:
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values)
     return np.array([str(value) for value in values], dtype=object)
-
-
-def write_results(results: Any, folder: Path) -> None:
-    """Write the results as NetCDF and as a table with a line for each point; each file appears whole."""
-    with disk.replacing(folder / RESULTS) as unfinished:
-        results.to_netcdf(unfinished, engine="h5netcdf")
-    with disk.replacing(folder / TABLE) as unfinished:
-        results.to_dataframe().to_csv(unfinished, na_rep="nan", lineterminator="\r\n")
 
 
 def read_results(path: Path) -> Any:

@@ -112,7 +112,7 @@ def _is_of_time(line: Sequence[str], time: float) -> bool:
 class EnergyLog(GrowingTable):
     """Writes a line of measures per frame to a CSV file, at once to disk, and draws it at the end.
 
-    With `behind` it goes on after so many lines of an existing file; see `GrowingTable`.
+    With `behind` it continues an existing file after that number of lines; see `GrowingTable`.
 
     Raises ValueError if the path does not end in .csv or has the name of a frame, and FileExistsError if it or its
     plot exists and `force` is False.

@@ -8,7 +8,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, Self
+from typing import Any
 
 import warp as wp
 
@@ -19,47 +19,43 @@ from ..runtime import start_warp
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 
-class Workers:
-    """An executor like `ProcessPoolExecutor` in which a process that dies fails only the call that it is at.
+class Workers(ThreadPoolExecutor):
+    """An executor of processes in which one that dies fails only its present call; the next gets a new process.
 
-    The next call gets a new process. All processes end with this one, however it ends. They are spawned: CUDA does
-    not survive a fork. They take the GPUs in turn, named as in `CUDA_VISIBLE_DEVICES`; without any, all see all.
+    All processes end with this one, however it ends. They are spawned: CUDA does not survive a fork. They take the
+    GPUs in turn, named as in `CUDA_VISIBLE_DEVICES`; without any, all see all.
     """
 
     def __init__(self, count: int, gpus: Sequence[str] = ()) -> None:
-        checks.count("jobs", count, 1)
+        super().__init__(checks.count("jobs", count, 1))
         self._cpu_threads = max(1, cores() // count)  # of each process: together they have a core each
         self._context = get_context("spawn")
         self._watched, self._held = self._context.Pipe(duplex=False)
         self._idle: SimpleQueue[tuple[str | None, ProcessPoolExecutor | None]] = SimpleQueue()
         for k in range(count):
             self._idle.put((gpus[k % len(gpus)] if gpus else None, None))
-        self._threads = ThreadPoolExecutor(count)
 
-    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future:
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
         """Have a process call a function of a module, and return its future."""
-        return self._threads.submit(self._call, function, arguments)
+        return super().submit(self._call, fn, args, kwargs)
 
-    def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    def _call(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         gpu, process = self._idle.get()
         try:
             if process is None:
                 given = (self._watched, gpu, self._cpu_threads)
                 process = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=given)
-            return process.submit(function, *arguments).result()
+            return process.submit(function, *args, **kwargs).result()
         except BrokenExecutor:
             process = None
             raise
         finally:
             self._idle.put((gpu, process))
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
-        """End all processes, whatever they are at."""
+        """End all processes at once."""
         self._held.close()
-        self._threads.shutdown(wait=False, cancel_futures=True)
+        self.shutdown(wait=False, cancel_futures=True)
 
 
 def _begin(watched: Connection, gpu: str | None, threads: int) -> None:
@@ -80,24 +76,21 @@ def _end_with(watched: Connection) -> None:
         os._exit(1)
 
 
-def gpus_here() -> list[str]:
-    """Return the GPUs that this process sees, as `CUDA_VISIBLE_DEVICES` names them."""
+def gpus_for(device: str | None) -> list[str]:
+    """Return the GPUs that share the runs: all, as `CUDA_VISIBLE_DEVICES` names them, or the one requested."""
+    if device is not None:
+        return [device] if device.startswith("cuda") else []
     start_warp()
     count = wp.get_cuda_device_count()
     visible = [one.strip() for one in os.environ.get(VISIBLE, "").split(",") if one.strip()]
     return visible[:count] if visible else [str(k) for k in range(count)]
 
 
-def gpus_for(device: str | None) -> int:
-    """Return the number of GPUs that share the runs: all, or the one requested."""
-    return len(gpus_here()) if device is None else int(device.startswith("cuda"))
-
-
 def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
     """Return workers, for "auto" one for each GPU, or else for each core; at most one for each point."""
-    gpus = gpus_here() if device is None else []
+    gpus = gpus_for(device)
     if jobs == "auto":
-        jobs = gpus_for(device) or cores()
+        jobs = len(gpus) or cores()
     elif isinstance(jobs, str):
         raise ValueError(f"jobs is {jobs!r}; it must be a whole number of at least 1, 'auto' or 'ensemble'")
-    return Workers(min(checks.count("jobs", jobs, 1), max(points, 1)), gpus)
+    return Workers(min(checks.count("jobs", jobs, 1), max(points, 1)), gpus if device is None else ())

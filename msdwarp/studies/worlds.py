@@ -1,4 +1,4 @@
-"""Worlds of a fit: what would have been measured if parameters had other values."""
+"""Worlds of a fit: simulated measurements for other values of the parameters."""
 
 import itertools
 import math
@@ -22,7 +22,7 @@ MOST_CORNERS = 6
 class Worlds:
     """Simulates a scene with values of its parameters, many at once if an `Ensemble` can, and reads channels.
 
-    With "auto" all runs take the substeps of the stiffest world within the bounds: what is measured would jump if
+    With "auto" all runs take the substeps of the stiffest world within the bounds: measurements would jump if
     they changed with the values. `options` are other arguments that `Ensemble` and `Simulation` share.
     """
 
@@ -45,7 +45,10 @@ class Worlds:
         """Times that worlds were simulated together."""
         self.diverged = False
         """Whether the first world of the last batch has diverged."""
-        corners = self._corners()
+        if len(parameters) > MOST_CORNERS:
+            corners = np.array([[one.low if one.name == "mass" else one.high for one in parameters]])
+        else:
+            corners = np.array(list(itertools.product(*((one.low, one.high) for one in parameters))))
         try:
             ensemble = self._ensemble(corners)
             self._observations(ensemble)
@@ -67,14 +70,8 @@ class Worlds:
         """Return the scene with these values."""
         return scene_with(self._scene, self.parameters, values)
 
-    def _corners(self) -> NDArray[np.float64]:
-        """Return the corners of the bounds, shape [corners, parameters]."""
-        if len(self.parameters) > MOST_CORNERS:
-            return np.array([[one.low if one.name == "mass" else one.high for one in self.parameters]])
-        return np.array(list(itertools.product(*((one.low, one.high) for one in self.parameters))))
-
     def predict(self, values: NDArray[np.float64], end: float) -> list[NDArray[np.float64]]:
-        """Return what each channel would have been up to a time [s], each of shape [worlds, rows, width].
+        """Return simulated values of each channel up to a time [s], each of shape [worlds, rows, width].
 
         A world that diverges stays at its last good frame.
         """
@@ -92,7 +89,7 @@ class Worlds:
         return Simulation.from_scene(self.scene(values), **self._options)
 
     def _observations(self, ensemble: Ensemble) -> list[Any]:
-        """Return what reads each channel from an ensemble; raise ValueError if that cannot be."""
+        """Return an observation for each channel; raise ValueError if an ensemble cannot be observed so."""
         observed = {one.name: one.what for one in self.channels if not isinstance(one.what, np.ndarray)}
         seen = {one.name: one for one in observations(ensemble, observed)}
         return [seen.get(one.name) or _Positions(ensemble, one.what) for one in self.channels]

@@ -6,7 +6,7 @@ from PIL import Image
 from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory, TrajectoryWriter, chain
-from msdwarp.cli.draw import _rounded_up
+from msdwarp.cli.draw import round_up
 
 PICTURES = ["--resolution", "128x72", "--frames", "none"]
 
@@ -114,7 +114,7 @@ def test_a_plot_needs_to_know_gravity(msdwarp, tmp_path):
 def test_a_scale_ends_at_a_round_number_that_is_not_less():
     ends = {0.0: 1.0, 1.0: 1.0, 1.01: 1.5, 4.2: 5.0, 0.0061: 0.008, 9.3: 10.0, 230.0: 300.0}
     for value, wanted in ends.items():
-        assert _rounded_up(value) == pytest.approx(wanted)
+        assert round_up(value) == pytest.approx(wanted)
 
 
 def test_info_says_what_broke(msdwarp, tmp_path):

@@ -110,14 +110,14 @@ def test_one_s_own_script_runs_as_it_was_where_it_was(msdwarp, own, tmp_path):
 
 @pytest.mark.slow
 def test_what_runs_is_what_was_looked_at(msdwarp, own, monkeypatch, tmp_path):
-    looked = trust._distrust
+    looked = trust.reason_for_distrust
 
     def look_and_change(place, *rest):
         found = looked(place, *rest)
         Path(place).write_text("from pathlib import Path\nPath('evil').touch()\n" + SCENE)
         return found
 
-    monkeypatch.setattr(trust, "_distrust", look_and_change)
+    monkeypatch.setattr(trust, "reason_for_distrust", look_and_change)
     assert msdwarp("rerun", "out/own", "--quiet") == (0, "", "")
     assert not (tmp_path / "evil").exists()
 

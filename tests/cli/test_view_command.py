@@ -18,7 +18,7 @@ from msdwarp import checks
 from msdwarp.cli.options import ViewOptions
 from msdwarp.cli.scene_files import find_scene, scene_names
 from msdwarp.cli.stored_runs import rerun
-from msdwarp.cli.view import SHELF, _like, _limited, _running, view_of
+from msdwarp.cli.view import SHELF, memory_limit, rounded_like, running_scene, view_of
 from msdwarp.live import View
 
 WAITS = 300.0
@@ -71,7 +71,7 @@ def test_what_cannot_be_shown_is_said(msdwarp, tmp_path, monkeypatch):
 def recorded(folder, *, deeds):
     """Record some frames of a scene by the loop's own commands, with what is done by hand; return the folder."""
     origin = find_scene("cube")._replace(parameters={"size": 4})
-    source = _running(origin, origin.scene(), ViewOptions(device="cpu"))
+    source = running_scene(origin, origin.scene(), ViewOptions(device="cpu"))
     view = View(source, [])
     for k in range(24):
         if k == 6:
@@ -122,7 +122,7 @@ def test_the_scenes_on_number_keys_are_there():
 
 
 def test_whole_parameters_stay_whole():
-    assert _like({"size": 10, "stiffness": 6.0}, {"size": 12.0, "stiffness": 7.0}) == {
+    assert rounded_like({"size": 10, "stiffness": 6.0}, {"size": 12.0, "stiffness": 7.0}) == {
         "size": 12,
         "stiffness": 7.0,
     }
@@ -148,7 +148,7 @@ def test_a_simulation_can_be_viewed_from_python():
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no such limit")
 def test_what_builds_a_scene_may_not_take_more_memory_than_is_free(monkeypatch):
     monkeypatch.setattr(checks, "free_memory", lambda: 1 << 28)
-    with _limited(), pytest.raises(MemoryError, match=r"2\.00 GiB"):
+    with memory_limit(), pytest.raises(MemoryError, match=r"2\.00 GiB"):
         np.zeros(1 << 28)
     assert len(np.zeros(1 << 28)) == 1 << 28  # of which no page is touched
 

@@ -43,7 +43,7 @@ def assert_holds(path, expected):
 def test_what_is_written_in_two_goes_is_what_is_written_in_one(
     tmp_path, monkeypatch, name, dtype, compress, before, behind, count, vtk_output
 ):
-    monkeypatch.setattr(vtkhdf, "_FORESEEN", 10)
+    monkeypatch.setattr(vtkhdf, "FORESEEN", 10)
     system = SYSTEMS[name]
     # What is dropped was other than what comes in its place.
     wrong = [frame._replace(position=1e6 * frame.position) for frame in frames(system, before, dtype)]
@@ -84,7 +84,7 @@ SLOW = [pytest.param(compress, 7, marks=pytest.mark.slow) for compress in (False
 @pytest.mark.parametrize(("compress", "step"), [(False, 31), (True, 37), *SLOW])
 def test_it_goes_on_after_each_single_write_to_disk(tmp_path, monkeypatch, compress, step, vtk_output):
     # A writer that was killed has written what it has written; and one that went on may be killed in turn.
-    monkeypatch.setattr(vtkhdf, "_FORESEEN", 5)
+    monkeypatch.setattr(vtkhdf, "FORESEEN", 5)
     system, path, again = SYSTEMS["box"], tmp_path / "a.vtkhdf", tmp_path / "again.vtkhdf"
     expected = list(frames(system, 12))
     with recorded_writes(monkeypatch) as log:

@@ -57,7 +57,7 @@ def assert_tells(path, last):
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_they_are_given_back_as_they_were_told(tmp_path, monkeypatch, every, vtk_output):
-    monkeypatch.setattr(vtkhdf, "_FORESEEN", 5)
+    monkeypatch.setattr(vtkhdf, "FORESEEN", 5)
     path = record(tmp_path / "a.vtkhdf", 0, 13, every=every)
     assert_tells(path, 12)
     assert [when for when, _ in vtk_frames(path)] == [k / 60 for k in range(0, 13, every)]
@@ -76,7 +76,7 @@ def test_they_go_on_behind_the_frame_that_a_run_goes_on_from(tmp_path, every, be
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [53, 13])
 def test_each_single_write_to_disk_leaves_those_of_the_frames_there_are(tmp_path, monkeypatch, step):
-    monkeypatch.setattr(vtkhdf, "_FORESEEN", 5)
+    monkeypatch.setattr(vtkhdf, "FORESEEN", 5)
     path = tmp_path / "a.vtkhdf"
     all_frames = list(frames(SYSTEM, 10))
     with recorded_writes(monkeypatch) as log:

@@ -71,7 +71,7 @@ def test_everything_a_system_can_have_comes_back(tmp_path):
 
 
 def test_every_nth_frame_and_an_unknown_number_of_frames(tmp_path, monkeypatch, vtk_output):
-    monkeypatch.setattr(vtkhdf, "_FORESEEN", 3)
+    monkeypatch.setattr(vtkhdf, "FORESEEN", 3)
     system = SYSTEMS["box"]
     for options in ({}, {"frame_count": 3}, {"frame_count": 20}):  # more and fewer than were foreseen
         path = write(tmp_path / "a.vtkhdf", system, 20, every=2, force=True, **options)

@@ -8,7 +8,7 @@ import pytest
 from measurements import BOUNDS, DAMPING, STIFFNESS, SUBSTEPS, hung, tracked
 
 from msdwarp import RK4, FitWarning, TrackedPoints, fit
-from msdwarp.studies.doubts import doubts_of_noise
+from msdwarp.studies.fit_warnings import noise_warnings
 from msdwarp.studies.measured import POINTS, Channel
 
 BOTH = ["stiffness", "damping"]
@@ -87,17 +87,17 @@ def test_false_alarms_are_as_rare_as_stated(alike):
     random, alarms = np.random.default_rng(5), 0
     for _ in range(300):
         left = random.standard_t(4, size=(40, 1 if alike else 30)) * np.ones(30)
-        alarms += bool(doubts_of_noise(channel(np.arange(1.0, 41.0), told=False), left, 2, 0.0, robust=False))
+        alarms += bool(noise_warnings(channel(np.arange(1.0, 41.0), told=False), left, 2, 0.0, robust=False))
     assert alarms <= 12
 
 
 def test_noise_as_told_is_no_doubt_and_points_that_are_wrong_are_none_for_a_robust_loss():
     random = np.random.default_rng(6)
     left, one = 1e-3 * random.normal(size=(60, 9)), channel(np.arange(1.0, 61.0), 1e-3)
-    assert not doubts_of_noise(one, left, 2, 0.0, robust=False)
+    assert not noise_warnings(one, left, 2, 0.0, robust=False)
     left[::20] += 1.0
-    assert doubts_of_noise(one, left, 2, 0.0, robust=False)
-    assert not doubts_of_noise(one, left, 2, 0.0, robust=True)
+    assert noise_warnings(one, left, 2, 0.0, robust=False)
+    assert not noise_warnings(one, left, 2, 0.0, robust=True)
 
 
 def test_rows_may_stand_in_any_order_and_lack_values():
@@ -105,8 +105,8 @@ def test_rows_may_stand_in_any_order_and_lack_values():
     slow[::7, 2] = np.nan
     order = np.random.default_rng(7).permutation(40)
     one = channel(np.arange(1.0, 41.0)[order], told=False)
-    assert doubts_of_noise(one, slow[order], 2, 0.0, robust=False)
-    assert not doubts_of_noise(one, slow[order], 2, 1.0, robust=False)  # no more than what a time step leaves
+    assert noise_warnings(one, slow[order], 2, 0.0, robust=False)
+    assert not noise_warnings(one, slow[order], 2, 1.0, robust=False)  # no more than what a time step leaves
 
 
 def test_a_good_fit_is_silent():

@@ -148,7 +148,7 @@ def test_what_is_wrong_is_said_before_a_file_is_touched(tmp_path, options, said)
 @pytest.mark.slow
 def test_by_itself_it_takes_ensembles_where_there_is_one_gpu_and_substeps_are_set(tmp_path, monkeypatch):
     made = []
-    monkeypatch.setattr(sweep_module, "gpus_for", lambda device: 1)  # here there may be none
+    monkeypatch.setattr(sweep_module, "gpus_for", lambda device: ["0"])  # here there may be none
     monkeypatch.setattr(
         sweep_module, "workers_for", lambda *_: swept.Here()
     )  # which no process has to be begun for

@@ -9,7 +9,7 @@ from PIL import Image
 
 from msdwarp.studies import plot_sweep
 from msdwarp.studies.grid import points
-from msdwarp.studies.sweep_points import Point, dataset, write_results
+from msdwarp.studies.sweep_points import Point, write_results
 
 pytest.importorskip("h5netcdf")
 
@@ -25,7 +25,7 @@ def results(folder: Path, grid: dict, failed: int = -1) -> Path:
     ]
     if failed >= 0:
         rows[failed] = {"status": "failed", "message": "for a reason"}
-    write_results(dataset(grid, planned, rows), folder)
+    write_results(grid, planned, rows, folder)
     return folder / "results.nc"
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 
 import pytest
 
@@ -44,7 +45,7 @@ def test_a_line_that_was_cut_short_is_replaced(tmp_path):
     assert written(path, [], behind=2, columns_before=1)[1:] == ["1,", "2,", "3,", "4,"]
 
 
-def test_what_cannot_be_written_takes_no_line(tmp_path):
+def test_what_cannot_be_written_takes_no_line(tmp_path, monkeypatch):
     path = tmp_path / "a.csv"
     whole = written(path, [(k, k / 7) for k in range(1, 9)])
 
@@ -60,8 +61,11 @@ def test_what_cannot_be_written_takes_no_line(tmp_path):
         def write(self, _):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with table(path, behind=3) as growing:
-        growing._file = Full(growing._file)
-        with pytest.raises(OSError, match=r"a\.csv could not be written further: No space left"):
-            growing.write_line((4, 0.0))
+    def opened(path, mode="r", **how):
+        return Full(open(path, mode)) if mode == "r+b" else open(path, mode, **how)
+
+    monkeypatch.setattr(Path, "open", opened)
+    no_space = pytest.raises(OSError, match=r"a\.csv could not be written further: No space left")
+    with table(path, behind=3) as growing, no_space:
+        growing.write_line((4, 0.0))
     assert path.read_text().splitlines() == whole

@@ -1,4 +1,4 @@
-"""What is doubtful about a fit: what cannot be seen, and residuals that do not look like noise."""
+"""Warnings about a fit: parameters that cannot be determined, and residuals that do not look like noise."""
 
 from collections.abc import Sequence
 
@@ -9,24 +9,24 @@ from .least_squares import CLOSE, Problem
 from .measured import Channel
 
 SURE = 2.33
-"""A normal number is above this in one case of a hundred: so often is noise doubted that is as assumed."""
+"""A normal number is above this in one case of a hundred: as often there is a warning about perfect noise."""
 ALIKE = 0.3
 """Correlation r of residuals at neighbouring times that is ignored: standard deviations are at most 1.4 times too
 small, sqrt((1 + r) / (1 - r))."""
 OTHER = 1.5
 """Ratio of residuals and given noise, or its inverse, that is ignored: noise is seldom known better."""
 BY_STEP = 2.0
-"""Residuals below this multiple of what a shorter time step would change are errors of the time step."""
+"""Residuals below this multiple of the time step's error are errors of the time step."""
 OUTRIGHT = 1000
 """Stable substeps of a frame above which the times measured are probably in another unit."""
 
 
-def doubts_of_noise(
+def noise_warnings(
     channel: Channel, left: NDArray[np.float64], parameters: int, step: float, *, robust: bool
 ) -> list[str]:
     """Return how residuals, shape [rows, width], differ from independent noise of the given size.
 
-    `parameters` is the number fitted, and `step` the root mean square of what the time step leaves, in the unit of
+    `parameters` is the number fitted, and `step` the root mean square of the time step's error, in the unit of
     the channel. If `robust`, the median tells the size of residuals, as some points may be wrong.
     """
     seen = left[np.isfinite(left)]
@@ -34,7 +34,7 @@ def doubts_of_noise(
     size = float(np.sqrt((seen**2).sum() / freedom))
     if not len(seen) or size <= BY_STEP * step:
         return []
-    doubts = []
+    messages = []
     if channel.noise_given:
         ratio = (float(np.median(np.abs(seen))) / 0.6745 if robust else size) / channel.noise
         # χ² of n degrees of freedom is n, with a standard deviation of sqrt(2 n).
@@ -42,22 +42,22 @@ def doubts_of_noise(
         if not by_chance and not 1 / OTHER < ratio < OTHER:
             noise = f"the noise told, {channel.noise:.3g} {channel.unit}".rstrip()
             differs = ": the scene differs from what was measured" if ratio > 1 else ""
-            doubts.append(f"residuals of {channel.name} are {ratio:.2g} times {noise}{differs}")
+            messages.append(f"residuals of {channel.name} are {ratio:.2g} times {noise}{differs}")
     correlation, independent = _in_time(channel, left)
     if correlation > max(ALIKE, SURE / np.sqrt(independent)):
-        doubts.append(
+        messages.append(
             f"residuals of {channel.name} are alike at neighbouring times (correlation {correlation:.2f}): they "
             "are no noise. The scene differs from what was measured, perhaps in its start, in when it starts, or "
             "in a unit; values may be off by far more than their standard deviations"
         )
-    return doubts
+    return messages
 
 
 def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]:
     """Return the correlation of residuals at neighbouring times, and how many of them are independent.
 
     If residuals are independent in time, the correlation is normal about 0 with the variance 1 / (n T), with T
-    instants and n = (tr C)² / tr C² independent numbers at each, where C is the covariance of what is measured at
+    instants and n = (tr C)² / tr C² independent numbers at each, where C is the covariance of the measurements at
     one instant: n is the number of points if their noise is independent, and 1 if a camera shakes.
     """
     times, row = np.unique(channel.time, return_inverse=True)
@@ -69,8 +69,8 @@ def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]
     return float((table[:-1] * table[1:]).sum()) / squares, squares**2 / float((crossed**2).sum()) * len(times)
 
 
-def doubts_of_times(channels: Sequence[Channel], substeps: int) -> list[str]:
-    """Return what is doubtful about the times measured, before anything is simulated."""
+def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
+    """Return warnings about the measured times, before anything is simulated."""
     if substeps <= OUTRIGHT:
         return []
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
@@ -80,20 +80,18 @@ def doubts_of_times(channels: Sequence[Channel], substeps: int) -> list[str]:
     ]
 
 
-def doubts_of_values(
-    problem: Problem, theta: NDArray[np.float64], unseen: list[str], converged: bool
-) -> list[str]:
-    """Return what is doubtful about the values found."""
-    doubts = []
+def value_warnings(problem: Problem, theta: NDArray[np.float64], unseen: list[str], converged: bool) -> list[str]:
+    """Return warnings about the fitted values."""
+    messages = []
     if len(unseen) == 1:
-        doubts.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
+        messages.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
     elif unseen:
-        doubts.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
+        messages.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
     for one, at, low, high in zip(problem.parameters, theta, problem.low, problem.high, strict=True):
         if one.name not in unseen and min(at - low, high - at) < CLOSE * 1e-2:
-            doubts.append(f"{one.name} ends at its bound, {one.start * np.exp(at):.4g}: it may lie beyond")
+            messages.append(f"{one.name} ends at its bound, {one.start * np.exp(at):.4g}: it may lie beyond")
     if problem.worlds.diverged:
-        doubts.append("the scene diverges with the values found")
+        messages.append("the scene diverges with the values found")
     if not converged:
-        doubts.append("the search has not come to an end")
-    return doubts
+        messages.append("the search has not come to an end")
+    return messages
