@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.pictures import raster, raster_shading
+from ..kernels.pictures import raster
 from .arrows import Arrows
 from .drawing import Drawing
 from .film import processors
@@ -73,4 +73,4 @@ class Rasteriser:
         """Shade a part of the picture: first row, first column, rows, columns."""
         row, column, rows, columns = part
         inputs = [body, self._view, self._map.seen, row, column, columns]
-        wp.launch(raster_shading.shade, (rows + 1) // 2, inputs, [self._nearest, self._pixels], device="cpu")
+        wp.launch(raster.shade, (rows + 1) // 2, inputs, [self._nearest, self._pixels], device="cpu")
