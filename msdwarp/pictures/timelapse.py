@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .renderer import Renderer
+from .renderer import Renderer, finite_array
 
 FAINTEST = 0.22
 """Opacity of the first of several poses."""
@@ -36,10 +36,7 @@ def timelapse(
     checks.every("times", moments, np.isfinite(moments), "finite")
     values_of: Iterable[NDArray | None] = [None] * count
     if values is not None:
-        values_of, shape = checks.array("values", values), (count, len(positions[0]))
-        if values_of.shape != shape:
-            raise ValueError(f"values has shape {values_of.shape}; it must be {shape}")
-        checks.every("values", values_of, np.isfinite(values_of), "finite")
+        values_of = finite_array("values", values, (count, len(positions[0])))
     opacities = np.linspace(FAINTEST, 1.0, count) if count > 1 else [1.0]
     shape = (renderer.stage.height, renderer.stage.width)
     bodies, clear, light = np.zeros((*shape, 3)), np.ones((*shape, 1)), np.ones((*shape, 1))
