@@ -157,7 +157,7 @@ class OnScreen:
         plotter, (back, shadows, front) = self._plotter, self._stacked
         for renderer in (plotter.renderer, back, shadows):
             camera = renderer.camera
-            camera.position, camera.focal_point = self.orbit.eye, self.orbit.target
+            camera.position, camera.focal_point = self.orbit.camera.eye, self.orbit.target
             camera.up, camera.view_angle = (0.0, 0.0, 1.0), VIEW_ANGLE
             renderer.ResetCameraClippingRange()
         width, height = self.size
@@ -244,11 +244,6 @@ class Orbit:
         """The present camera."""
         right, up, back = view_axes(self.azimuth, self.elevation)
         return Camera(self.target + self.distance * back, self.target, -back, right, up)
-
-    @property
-    def eye(self) -> NDArray:
-        """Where the camera is [m], shape [3]."""
-        return self.camera.eye
 
     def turn(self, right: float, up: float) -> None:
         """Turn around the target: the window's height is half a turn."""

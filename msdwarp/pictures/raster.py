@@ -16,15 +16,15 @@ from .stage import Stage
 from .surroundings import body_of, surroundings_of
 
 BAND, MOST_THREADS = 32, 8
-"""Rows of the picture that a thread shades at a time, and how many threads there are at most."""
+"""Rows of the picture that a thread shades at a time, and the most threads."""
 AROUND = 8
-"""Corners around the shadow on the ground, by which it is found what of the picture changes."""
+"""Corners around the shadow on the ground, which bound the part of the picture that changes."""
 
 
 class Rasteriser:
-    """Draws a drawing that is on the CPU, triangle by triangle, with shadows from a map of what the light sees.
+    """Draws a drawing that is on the CPU, triangle by triangle, with shadows from a shadow map.
 
-    The camera stands still, so the ground is drawn once, and what moves and its shadow are laid over that.
+    The camera stands still, so the ground is drawn once, and bodies and their shadows are laid over it.
     """
 
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
@@ -38,7 +38,7 @@ class Rasteriser:
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         wp.launch(raster.draw_backdrop, shape, [self._view], [self._backdrop], device="cpu")
-        self._shade(self._body, (0, 0, 1, 0))  # nothing, but it compiles what threads launch at once
+        self._shade(self._body, (0, 0, 1, 0))  # nothing, but it compiles the kernel before threads launch it
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
@@ -56,7 +56,7 @@ class Rasteriser:
         return self._pixels.numpy().astype(np.uint8)  # a copy
 
     def _lay_over(self, body: Any, points: NDArray, *, shadows: bool) -> None:
-        """Draw triangles over what is there, in the part of the picture that holds some points."""
+        """Draw triangles over the picture, in the part that holds some points."""
         self._view.shadows = int(shadows)
         inputs = [body, self._view]
         wp.launch(raster.draw_triangles, len(body.triangles), inputs, [self._nearest], device="cpu")

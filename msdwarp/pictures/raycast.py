@@ -13,14 +13,13 @@ from .stage import Camera, Stage
 from .surroundings import body_of, look_from, surroundings_of
 
 POINTS = {"cpu": 4, "cuda": 16}
-"""Points of the light that each of four rays a pixel looks at where a shadow fades, on a CPU and on a GPU."""
+"""Points of the light that each of a pixel's four rays samples where a shadow fades, on a CPU and on a GPU."""
 THREADS = 1 << 17
-"""Threads on a GPU that draw what needs a closer look: enough to fill it; each takes several pixels if need be."""
+"""Threads on a GPU that refine pixels: enough to fill it; each takes several pixels if need be."""
 LANES = 16
-"""Of these threads so many share a pixel: what one does alone takes as long as 68 rays after each other."""
+"""Of these threads this many share a pixel: one alone would cast 68 rays in sequence."""
 REFITS = 32
-"""So many pictures after each other are drawn with one search tree, whose boxes follow what they hold: longer, and
-they would overlap where bodies have moved past each other."""
+"""Pictures for which a search tree is refitted before it is rebuilt: its boxes overlap more as bodies move."""
 
 
 class RayCaster:
@@ -39,7 +38,7 @@ class RayCaster:
 
     @in_turn
     def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
-        """Have the next pictures taken from another place, with another width and height; the lights stay."""
+        """Set the camera and the width and height of the next pictures; the lights stay."""
         look_from(self._view, camera, size)
         if size == self._size:
             return
@@ -59,7 +58,7 @@ class RayCaster:
 
     @in_turn
     def shoot(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture of the drawing as it stood when `refit` was called last."""
+        """Return the picture of the drawing as it was at the last `refit`."""
         self._view.shadows = int(shadows)
         width, height = self._size
         device = self.drawing.device
@@ -82,22 +81,19 @@ class RayCaster:
 
     @in_turn
     def refit(self) -> None:
-        """Have rays meet the drawing where it is now."""
+        """Update the search tree to the drawing."""
         self._searched.refit()
 
 
 class _Searched:
-    """Triangles that are searched by rays."""
+    """Triangles with a search tree for rays."""
 
     def __init__(self, drawn: Drawing | Arrows) -> None:
         self.body, self._points, self._refits = body_of(drawn), drawn.points, REFITS
         self._indices = wp.array(drawn.triangles.ravel(), dtype=int, device=drawn.device)
 
     def refit(self) -> None:
-        """Have the search tree follow the triangles; every so often make it anew.
-
-        The first one is made with the first picture, since it is as good as the points that it is made for.
-        """
+        """Refit the search tree to the triangles, or rebuild it: first at the first picture, for its points."""
         if self._refits == REFITS:
             self._mesh = wp.Mesh(points=self._points, indices=self._indices)
             self.body.mesh, self._refits = self._mesh.id, 0

@@ -1,4 +1,4 @@
-"""What the kernels that draw pictures read: the triangles, and camera, lights and ground."""
+"""What the kernels of pictures read: triangles, and camera, lights and ground."""
 
 import math
 from typing import Any
@@ -19,7 +19,7 @@ _BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
 def body_of(drawn: Drawing | Arrows) -> Any:
-    """Return a drawing or arrows as what kernels shade, less what rays search; it follows them."""
+    """Return a drawing or arrows as kernels read them, in the same memory, without a search tree."""
     body, device = shading.Body(), drawn.device
     body.points, body.normals, body.colours = drawn.points, drawn.normals, drawn.colours
     body.uv = wp.array(drawn.uv, dtype=wp.vec2, device=device)
@@ -28,7 +28,7 @@ def body_of(drawn: Drawing | Arrows) -> Any:
     body.gloss = wp.array(drawn.gloss, dtype=float, device=device)
     body.texture = _image(_BLANK if drawn.texture is None else drawn.texture, device)
     body.textured = int(drawn.texture is not None)
-    # A lattice of tubes would be covered all over by its own fine shadows, which hide what its colours show.
+    # A lattice of tubes casts fine shadows all over itself, which would hide its colours.
     if isinstance(drawn, Drawing) and drawn.shows_strain:
         body.first_shaded = sum(len(one.triangles) for one in drawn.body)
     return body
@@ -59,7 +59,7 @@ def surroundings_of(drawing: Drawing, stage: Stage, spots: NDArray = _NO_SPOTS) 
 
 
 def look_from(view: Any, camera: Camera, size: tuple[int, int]) -> None:
-    """Have pictures taken from another place, with another width and height; the lights stay."""
+    """Set the camera and the width and height of pictures; the lights stay."""
     width, height = size
     view.eye = wp.vec3(*camera.eye)
     pixel = 2 * math.tan(math.radians(VIEW_ANGLE) / 2) / height
