@@ -1,4 +1,4 @@
-"""Commands: what people can ask of a view."""
+"""Commands of a view."""
 
 import inspect
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ def _numbers(values: Sequence[float]) -> str:
 
 
 class Commands(ViewState):
-    """What people can ask of a view: each method is a command, under its name without the underscore."""
+    """The commands of a view: each method is one, under its name without the underscore."""
 
     def _pause(self, value: bool | None = None) -> None:
         self.paused = not self.paused if value is None else value
@@ -101,7 +101,7 @@ class Commands(ViewState):
         self._say(f"colours: {after}")
 
     def _send(self, value: str) -> None:
-        """Send pages triangles, or images that are drawn here, or what is faster."""
+        """Send pages triangles, or images, or the faster of them."""
         checks.one_of("value", value, SENDS)
         self.sends = value
         self._redraw()
@@ -129,28 +129,26 @@ class Commands(ViewState):
     # The hand.
 
     def _grab(self, holder: Any, point: ArrayLike) -> None:
-        """Take hold of the body at a point of its surface [m]; of several holders the last one holds."""
-        handling = self._handling
-        at = checks.vector("point", point, 3)
-        gravity = float(np.linalg.norm(handling.simulation.model.gravity))
-        grip = Picking.of(handling.simulation.system, self.source.frame().position, at, gravity)
+        """Hold the body at a point of its surface [m]; the last of several holders holds it."""
+        simulation, at = self._handling.simulation, checks.vector("point", point, 3)
+        gravity = float(np.linalg.norm(simulation.model.gravity))
+        grip = Picking.of(simulation.system, self.source.frame().position, at, gravity)
         if grip is None:
             raise ValueError("nothing can be pulled here: it is pinned")
         self.hand = Pull(grip, holder, at)
 
     def _pick(self, holder: Any, origin: Sequence[float], direction: Sequence[float]) -> None:
-        """Take hold of the body where a ray first meets its drawing."""
+        """Hold the body where a ray first meets its drawing."""
         drawing = self.shown.drawing
         triangles = np.concatenate([one.triangles for one in drawing.body])
-        point = hit(origin, direction, drawing.points.numpy(), triangles)
-        if point is not None:
+        if (point := hit(origin, direction, drawing.points.numpy(), triangles)) is not None:
             self._grab(holder, point)
 
     def _drag(self, holder: Any, point: ArrayLike = (), ray: Any = None) -> None:
-        """Pull what is held towards a point [m], or to a ray: (origin, direction, normal of the screen)."""
+        """Pull the held point to a point [m], or to a ray: (origin, direction, normal of the screen)."""
         if self.hand.grip is None or self.hand.holder != holder:
             return
-        if ray is not None:  # in the plane, parallel to the screen, in which it was taken
+        if ray is not None:  # in the plane through the present target, parallel to the screen
             origin, direction, normal = (checks.vector("ray", one, 3) for one in ray)
             way = float(direction @ normal)
             if way <= 0:
@@ -200,4 +198,4 @@ class Commands(ViewState):
 COMMANDS: dict[str, Callable[..., None]] = {
     name[1:]: method for name, method in vars(Commands).items() if inspect.isfunction(method)
 }
-"""What keys, buttons and clients of a page can ask of a view, by name."""
+"""The commands of keys, buttons and a page's clients, by name."""

@@ -13,17 +13,17 @@ from .keys import KEYS, SCENES
 from .state import Screen
 
 BUDGET = 1 / 20
-"""The longest that frames are simulated before commands have their turn [s]."""
+"""The longest time that frames are simulated between commands [s]."""
 READ_EVERY = 0.2
-"""Seconds from one reading of energies to the next."""
+"""Time between readings of energies [s]."""
 AVERAGED = 10
-"""About how many pictures the speeds are averaged over."""
+"""Number of pictures that speeds are averaged over."""
 BEHIND = 0.25
-"""How far simulated time may fall behind before it is not caught up with [s]."""
+"""A larger delay of simulated time is not made up for [s]."""
 
 
 def _message(error: BaseException) -> str:
-    """Return the message of an error, with its kind unless it explains what was wrong with a request."""
+    """Return the message of an error, with its class unless it is about a request."""
     explains = isinstance(error, ValueError | OSError | SimulationDiverged)
     return str(error) if explains and str(error) else f"{type(error).__name__}: {error}"
 
@@ -125,7 +125,7 @@ class View(Commands):
         return bool(pressed)
 
     def _obey(self) -> None:
-        """Do what was requested until now: frames have their turn before what comes meanwhile."""
+        """Execute the commands until now; later ones wait until frames have been simulated."""
         for _ in range(self.waiting):
             command, values = self._requests.get_nowait()
             try:
@@ -133,7 +133,7 @@ class View(Commands):
                 COMMANDS[command](self, **values)
             except SimulationDiverged as error:
                 self._failed(error)
-            except (Exception, SystemExit) as error:  # of a scene's script too: no request ends the view
+            except (Exception, SystemExit) as error:  # also of a scene's script: no request ends the view
                 self._say(_message(error))
 
     def _advance(self) -> bool:
@@ -141,8 +141,7 @@ class View(Commands):
         if self.paused:
             return False
         now = time.perf_counter()
-        due = self._frames_due(now)
-        taken = 0
+        due, taken = self._frames_due(now), 0
         try:
             while taken < due and (not taken or time.perf_counter() - now < BUDGET):
                 self._lead_hand()
@@ -150,7 +149,7 @@ class View(Commands):
                     self._pause(True)
                     break
                 taken += 1
-        except Exception as error:  # such as of a disk that is full
+        except Exception as error:  # such as of a full disk
             self._failed(error)
         self._taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
@@ -160,7 +159,7 @@ class View(Commands):
     def _failed(self, error: BaseException) -> None:
         """Pause: a frame could not be simulated."""
         if not isinstance(error, SimulationDiverged):
-            with suppress(Exception):  # it may be what failed
+            with suppress(Exception):  # the recording may have failed
                 self._end_recording()
         self._pause(True)
         self._say(f"{_message(error)} — press r to restart")
@@ -184,7 +183,7 @@ class View(Commands):
         self._looked, self._at, self._is_shown = now, frame.time, True
 
     def _tell(self, watched: bool) -> None:
-        """Read energies and have screens write, a few times a second."""
+        """Read energies and update the texts of screens, a few times a second."""
         now = time.perf_counter()
         if not watched or now - self._read < READ_EVERY:
             return
