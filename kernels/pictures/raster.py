@@ -45,9 +45,9 @@ def row_of(row: int) -> float:
 
 @wp.func
 def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Return (start, across, down): corners' shares, but for a factor, at (x, y) are start + x across + y down.
+    """Return (start, across, down): weights of corners at (x, y) are in proportion to start + x across + y down.
 
-    The corners are given from the camera on.
+    The corners are relative to the camera.
     """
     shares = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b))
     return shares @ view.corner, shares @ view.across, shares @ view.down
@@ -60,9 +60,10 @@ def draw_triangles(
     # In and out:
     nearest: wp.array2d(dtype=wp.uint64),  # of each point, shape [4 · height, width]
 ):
-    """Draw every triangle where points lie in it; the nearest counts.
+    """Draw every triangle at the points inside it, and keep the nearest.
 
-    What is kept of it is 1 / distance along the view, as bits, and in the lower half its number, counted from 1.
+    The upper half of an entry is 1 / distance along the view, as bits, and the lower half the triangle's number,
+    counted from 1.
     """
     t = wp.tid()
     a = body.points[body.triangles[t][0]] - view.eye
@@ -85,7 +86,7 @@ def draw_triangles(
         downs = wp.cw_div(wp.vec3(wp.dot(a, view.down), wp.dot(b, view.down), wp.dot(c, view.down)), depths)
         high = wp.min(downs)
         low = wp.max(downs)
-        # What is far outside is brought near first: as whole numbers it would be anything.
+        # Clamped before they become whole numbers, which could overflow.
         last = float(rows)
         lowest = wp.max(int(wp.ceil(wp.clamp(4.0 * (high + middle) / pixel - 0.5, -1.0, last))), 0)
         highest = wp.min(int(wp.floor(wp.clamp(4.0 * (low + middle) / pixel - 0.5, -1.0, last))), rows - 1)
@@ -125,7 +126,7 @@ def draw_backdrop(
     # Out:
     pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
 ):
-    """Draw the ground in light, and what is behind it."""
+    """Draw the lit ground, and the background."""
     row, column = wp.tid()
     mean = wp.vec3()
     for p in range(4):

@@ -8,25 +8,25 @@ BLOCK = 8
 """Texels of a shadow map along an edge of a block."""
 
 LEAST, MOST = 1.25, 12.0
-"""Least and largest distances of the texels that are looked at around a spot, in texels: half a shadow's edge at a
-contact, and far from one. The latter is what the blocks around four neighbours have in common."""
+"""Least and largest distances of the texels that are sampled around a spot, in texels: half a shadow's edge at a
+contact, and far from one. The latter lies within the blocks that count for all four neighbours."""
 STEEPEST = 6.0
-"""Steepest slope along the light that surfaces are taken to have, so that rounding casts no shadows."""
+"""Limit to the slopes of surfaces along the light, so that rounding casts no shadows."""
 FIRST = 8
-"""So many points of the light are looked at first: the others are not where all of these are seen, or none."""
+"""Points of the light that are sampled first: the others are only if some, and not all, of these are hidden."""
 
 
 @wp.struct
 class Seen:
-    """What the key light sees: a map of a square across it, and where to look at that."""
+    """A shadow map: the surfaces that the key light reaches first, in a square across it, and sampling points."""
 
     u: wp.vec3  # unit vectors across and towards the light
     v: wp.vec3
     towards: wp.vec3
-    corner: wp.vec3  # its first corner along u and v, and what distances towards the light are counted from [m]
+    corner: wp.vec3  # its first corner along u and v, and the origin of distances towards the light [m]
     scale: float  # texels per metre
     depth: wp.array2d(dtype=float)  # how far towards the light the nearest surface is [m], shape [size, size]
-    around: wp.array2d(dtype=wp.vec4)  # the same of blocks and those beside them, shape [size / BLOCK] * 2
+    around: wp.array2d(dtype=wp.vec4)  # the same of blocks and those around them, shape [size / BLOCK] * 2
     softness: float  # radius of the light over its distance
     spots: wp.array(dtype=wp.vec2)  # points of the light, a disc of radius 1, evenly spread as `light.spread` does
 
@@ -48,10 +48,7 @@ def over(slope: float) -> float:
 
 @wp.func
 def inside(share: float, run: float, reach: wp.vec2) -> wp.vec2:
-    """Return where share + x / run >= 0 holds of x from reach[0] to reach[1]: (first, last).
-
-    A run of 0 stands for a share that is everywhere the same.
-    """
+    """Return the part of the interval `reach` where share + x / run >= 0; for a run of 0 the share is constant."""
     if run > 0.0:
         return wp.vec2(wp.max(reach[0], -share * run), reach[1])
     if run < 0.0:
@@ -65,11 +62,11 @@ def inside(share: float, run: float, reach: wp.vec2) -> wp.vec2:
 def draw_depth(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
-    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is never seen, shape [triangle_count]
+    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is always hidden, shape [triangle_count]
     # In and out:
     seen: Seen,  # its depth
 ):
-    """Draw every triangle where a texel's middle lies in it; what is nearest to the light counts."""
+    """Draw every triangle into the texels whose middles lie in it, and keep the nearest to the light."""
     t = wp.tid()
     size = seen.depth.shape[0]
     a = in_map(seen, points[triangles[t][0]])
@@ -104,7 +101,7 @@ def draw_depth(
 
 @wp.func
 def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
-    """Return how far towards the light the nearest surface around a place of the map is, linear between blocks."""
+    """Return how far towards the light the nearest surface around a place in the map is, linear between blocks."""
     last = seen.around.shape[0] - 1
     column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
@@ -119,7 +116,7 @@ def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
 
 @wp.func
 def hidden(seen: Seen, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
-    """Return 1 if the texel so far aside from a place, in texels, is above a plane through that, else 0."""
+    """Return 1 if the texel at an offset from a place, in texels, is above a plane through that, else 0."""
     if seen.depth[int(at[1] + aside[1]), int(at[0] + aside[0])] > at[2] + wp.dot(slope, aside):
         return 1
     return 0
@@ -127,10 +124,9 @@ def hidden(seen: Seen, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
 
 @wp.func
 def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
-    """Return the share of the key light that is seen from a spot [m] of a plane with a normal of any length.
+    """Return the share of the key light that reaches a spot [m] of a plane with a normal of any length.
 
-    The texels that are looked at lie wider apart the higher above the spot something may hide the light. For what
-    lies `around` the spot they lie so many texels further out.
+    Samples lie wider apart the higher above the spot something may hide it, and `around` texels further out.
     """
     at = in_map(seen, spot) + wp.vec3(0.5, 0.5, 0.0)
     size = float(seen.depth.shape[0])
@@ -153,7 +149,7 @@ def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3, around: float) ->
     if above <= margin:
         return 1.0
     radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST)) + around
-    # Nothing is drawn near the map's edge, so that hardly anything is missed by not looking beyond that.
+    # The map is empty near its edge, so that hardly anything is missed there.
     radius = wp.min(radius, to_edge - 0.5)
     at[2] = at[2] + margin
     count = int(0)

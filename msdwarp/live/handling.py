@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import uniform_like
@@ -139,8 +138,3 @@ class Handling:
 
     def _pin(self, *, particles: Sequence[int]) -> None:
         self.simulation.change(group=np.asarray(particles), mass=np.inf)
-
-    @property
-    def holds(self) -> NDArray[np.int64]:
-        """The particles that are held, shape [any]."""
-        return next(one.on for one in self.loads if isinstance(one, MouseSpring))
