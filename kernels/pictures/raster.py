@@ -20,7 +20,7 @@ from .shading import (
     texel,
     within_one,
 )
-from .shadow import Seen, inside, over, share_of_light
+from .shadow import DepthMap, inverse, narrow, share_of_light
 
 ASIDE = wp.constant(wp.vec4(0.375, 0.875, 0.125, 0.625))
 """The four points of a pixel: one in each quarter of its height, and of its width (a rotated grid)."""
@@ -29,11 +29,11 @@ ALL = wp.constant(0xFFFF)
 Faces = wp.types.vector(16, int)
 Colours = wp.types.matrix((4, 3), wp.float32)
 Keys, Pixels = wp.array2d(dtype=wp.uint64), wp.array2d(dtype=wp.vec3ub)
-BESIDE = wp.constant(1.0)
+SQUARE_MARGIN = wp.constant(1.0)
 """For 2 x 2 pixels the shadow map is sampled this many texels further out, so that no pixel's shadow is missed."""
-GLEAMS = wp.constant(0.01)
+MOST_GLINT = wp.constant(0.01)
 """Brighter highlights are drawn pixel by pixel: they change quickly."""
-TURN = wp.constant(0.05)
+MOST_TURN = wp.constant(0.05)
 """Surfaces whose normals turn further from pixel to pixel [rad] are too: light would change in visible steps."""
 
 
@@ -103,15 +103,15 @@ def draw_triangles(
     near_slope = wp.dot(normal, view.across) / volume
     near_down = wp.dot(normal, view.down) / volume
     near_corner = wp.dot(normal, view.corner) / volume
-    runs = wp.vec3(over(slopes[0]), over(slopes[1]), over(slopes[2]))
+    runs = wp.vec3(inverse(slopes[0]), inverse(slopes[1]), inverse(slopes[2]))
     number = wp.uint64(t + 1)
     for row in range(lowest, highest + 1):
         y = row_of(row)
         aside = ASIDE[row % 4]
         here = corners + y * downwards + aside * slopes
-        reach = inside(here[0], runs[0], wp.vec2(0.0, float(columns - 1)))
-        reach = inside(here[1], runs[1], reach)
-        reach = inside(here[2], runs[2], reach)
+        reach = narrow(here[0], runs[0], wp.vec2(0.0, float(columns - 1)))
+        reach = narrow(here[1], runs[1], reach)
+        reach = narrow(here[2], runs[2], reach)
         near = near_corner + y * near_down + aside * near_slope
         first = int(wp.ceil(wp.min(reach[0], float(columns))))
         for column in range(first, int(wp.floor(wp.max(reach[1], -1.0))) + 1):
@@ -140,7 +140,7 @@ def draw_backdrop(
 
 
 @wp.func
-def light_on_ground(view: Surroundings, shadows: Seen, x: float, y: float, around: float) -> float:
+def light_on_ground(view: Surroundings, shadows: DepthMap, x: float, y: float, around: float) -> float:
     """Return the share of the key light on the ground at (x, y) in the picture; 1 beside the ground."""
     way = view.corner + x * view.across + y * view.down
     t, _uv = meets_ground(view, way)
@@ -161,7 +161,7 @@ def faces_at(nearest: Keys, row: int, column: int, points: int) -> Faces:
 
 
 @wp.func
-def alike(faces: Faces, face: int):
+def points_of(faces: Faces, face: int):
     """Return the points that show a triangle, as bits, their number, and their mean position in pixels."""
     found = int(0)
     for q in range(16):
@@ -187,7 +187,9 @@ def number_of(points: int) -> float:
 
 
 @wp.func
-def seen_triangle(body: Body, view: Surroundings, shadows: Seen, face: int, x: float, y: float, around: float):
+def shade_triangle(
+    body: Body, view: Surroundings, shadows: DepthMap, face: int, x: float, y: float, around: float
+):
     """Return a triangle's look at (x, y) in the picture.
 
     That is: brightness of its colour, highlights, share of the key light, colour if it has no texture, texture
@@ -242,7 +244,9 @@ def seen_triangle(body: Body, view: Surroundings, shadows: Seen, face: int, x: f
 
 
 @wp.func
-def painted(body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int) -> wp.vec3:
+def mean_texel(
+    body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int
+) -> wp.vec3:
     """Return the texture's mean colour at points of a pixel, given as bits; (x, y) of the pixel is at `at`."""
     colour = wp.vec3()
     for p in range(4):
@@ -253,7 +257,7 @@ def painted(body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y
 
 @wp.func
 def shade_pixel(
-    body: Body, view: Surroundings, shadows: Seen, row: int, column: int, nearest: Keys, pixels: Pixels
+    body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
 ):
     """Lay triangles and their shadow on the ground over one pixel; each is lit once, amid the points it covers."""
     faces = faces_at(nearest, row, column, 4)
@@ -266,16 +270,16 @@ def shade_pixel(
     p = int(0)
     while left > 0:
         if (left >> p) & 1 == 1:
-            covered, count, x, y = alike(faces, faces[p])
+            covered, count, x, y = points_of(faces, faces[p])
             left = left - covered
             if faces[p] < 0:
                 bare += count
             else:
-                bright, glint, _share, colour, at, across, down, above, _least, _turn = seen_triangle(
+                bright, glint, _share, colour, at, across, down, above, _least, _turn = shade_triangle(
                     body, view, shadows, faces[p], float(column) + x, float(row) + y, 0.0
                 )
                 if body.textured == 1:
-                    colour = painted(body, at, across, down, x, y, covered)
+                    colour = mean_texel(body, at, across, down, x, y, covered)
                 if above >= -view.below:
                     mean += 0.25 * count * within_one(bright * colour + wp.vec3(glint, glint, glint))
                 else:
@@ -291,7 +295,7 @@ def shade_pixel(
 
 @wp.func
 def shade_square(
-    body: Body, view: Surroundings, shadows: Seen, row: int, column: int, nearest: Keys, pixels: Pixels
+    body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
 ) -> int:
     """Shade 2 x 2 pixels, each triangle lit once, and return 0; or return 4 where each pixel needs its own light.
 
@@ -307,14 +311,14 @@ def shade_square(
     point = int(0)
     while left > 0:
         if (left >> point) & 1 == 1:
-            covered, _count, x, y = alike(faces, faces[point])
+            covered, _count, x, y = points_of(faces, faces[point])
             left = left - covered
             # Thin tubes turn from pixel to pixel, and so may colours that show values.
             if covered != ALL and body.textured == 0:
                 return 4
             if faces[point] < 0:
                 bare = covered
-                share = light_on_ground(view, shadows, float(column) + x, float(row) + y, BESIDE)
+                share = light_on_ground(view, shadows, float(column) + x, float(row) + y, SQUARE_MARGIN)
                 if share > 0.0 and share < 1.0:
                     return 4
                 if covered == ALL and share == 1.0:
@@ -324,16 +328,16 @@ def shade_square(
                     weight = 0.25 * bright * number_of(covered >> (4 * n))
                     means[n] += weight * colour_of(pixels[row + n / 2, column + n % 2])
             else:
-                bright, glint, share, colour, at, across, down, _above, least, turn = seen_triangle(
-                    body, view, shadows, faces[point], float(column) + x, float(row) + y, BESIDE
+                bright, glint, share, colour, at, across, down, _above, least, turn = shade_triangle(
+                    body, view, shadows, faces[point], float(column) + x, float(row) + y, SQUARE_MARGIN
                 )
-                if least < -view.below or (share > 0.0 and share < 1.0) or glint > GLEAMS or turn > TURN:
+                if least < -view.below or (share > 0.0 and share < 1.0) or glint > MOST_GLINT or turn > MOST_TURN:
                     return 4
                 for n in range(4):
                     here = (covered >> (4 * n)) & 15
                     if here > 0:
                         if body.textured == 1:
-                            colour = painted(body, at, across, down, x - float(n % 2), y - float(n / 2), here)
+                            colour = mean_texel(body, at, across, down, x - float(n % 2), y - float(n / 2), here)
                         lit = within_one(bright * colour + wp.vec3(glint, glint, glint))
                         means[n] += 0.25 * number_of(here) * lit
         point += 1
@@ -350,7 +354,7 @@ def shade_square(
 def shade(
     body: Body,
     view: Surroundings,
-    shadows: Seen,
+    shadows: DepthMap,
     first_row: int,
     first_column: int,
     columns: int,

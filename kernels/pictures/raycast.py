@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..springs.lanes import sum_over_lanes
-from .shading import LOOKS, Body, Surroundings, colour_of, in_bytes, seen, seen_body, within_one
+from .shading import FIRST_SAMPLES, Body, Surroundings, colour_of, in_bytes, shade_hit, shade_ray, within_one
 
 CONTRAST = wp.constant(0.08)
 """Pixels whose neighbours differ by more are refined."""
@@ -38,7 +38,7 @@ def cast(
     row, column = place(wp.tid(), image.shape[1])
     if row < image.shape[0] and column < image.shape[1]:
         spot = 2 * (row % 2) + column % 2
-        colour, share = seen(body, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
+        colour, share = shade_ray(body, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
         colour = within_one(colour)
         image[row, column] = wp.vec4(colour[0], colour[1], colour[2], share)
 
@@ -113,8 +113,8 @@ def refine(lanes: int):
                     y = float(row) + 0.25 + 0.5 * float(k / 2)
                     first = k
                     if i < count[0]:  # neighbouring pixels sample other points, so that there are no visible steps
-                        first = LOOKS + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
-                    colour, _share = seen(body, view, x, y, first, looks)
+                        first = FIRST_SAMPLES + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
+                    colour, _share = shade_ray(body, view, x, y, first, looks)
                     mean += (0.25 / float(shared)) * within_one(colour)
             mean = together(mean)
             if lane == 0:
@@ -142,7 +142,7 @@ def lay_over(
         hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
         if hit.result:
             met += 1
-            colour, _share = seen_body(body, view, hit, ray, 0, 0)
+            colour, _share = shade_hit(body, view, hit, ray, 0, 0)
             mean += 0.25 * within_one(colour)
     if met > 0:
         pixels[row, column] = in_bytes(mean + (1.0 - 0.25 * float(met)) * colour_of(pixels[row, column]))

@@ -63,9 +63,9 @@ class Surroundings:
 GAP = wp.constant(1.0e-4)
 """Distance of the start of a ray towards the light from the surface, over that of the camera: well above the
 rounding of float32, and less than a tenth of a pixel."""
-LOOKS = wp.constant(4)
+FIRST_SAMPLES = wp.constant(4)
 """Points of the light that neighbouring pixels sample, one each, to find where a shadow fades."""
-ALIKE = wp.constant(0.5)
+FACING_AWAY = wp.constant(0.5)
 """Stands for the visible share of the key light where surfaces face away from it."""
 
 
@@ -122,7 +122,7 @@ def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def light_seen(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
+def visible_light(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
     """Return the share of `count` points of the key light, from `first` on, that nothing hides."""
     if view.shadows == 0:
         return 1.0
@@ -168,7 +168,7 @@ def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, ar
 
 
 @wp.func
-def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
+def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
     """Return the colour of the body where the ray hit it, and the share of the key light that reaches it.
 
     Phong's shading, for both sides. If triangles approximate a smooth surface, a ray towards the light starts on
@@ -185,7 +185,7 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     if body.textured == 1:
         at = mix(shares, body.uv, corners)
         colour = texel(body.texture, at[0], at[1])
-    share = ALIKE
+    share = FACING_AWAY
     arrives = float(1.0)
     if wp.dot(normal, view.light) > 0.0 and count > 0 and hit.face >= body.first_shaded:
         spot = view.eye + hit.t * ray
@@ -194,7 +194,7 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
             # Up to the tangent plane at each corner.
             upwards = side * body.normals[corners[k]]
             start += shares[k] * (wp.max(wp.dot(body.points[corners[k]] - spot, upwards), 0.0) * upwards)
-        share = light_seen(body.mesh, view, start, first, count)
+        share = visible_light(body.mesh, view, start, first, count)
         arrives = share
     bright, glint = light_on(view, body.gloss[hit.face], normal, ray, arrives)
     return bright * colour + wp.vec3(glint, glint, glint), share
@@ -221,21 +221,21 @@ def meets_ground(view: Surroundings, way: wp.vec3):
 
 
 @wp.func
-def seen(body: Body, view: Surroundings, column: float, row: float, first: int, count: int):
+def shade_ray(body: Body, view: Surroundings, column: float, row: float, first: int, count: int):
     """Return the colour at a point of the picture, in pixels from its upper left, and the light that reaches it.
 
     That is the visible share of `count` points of the key light, from `first` on.
     """
     ray = wp.normalize(view.corner + column * view.across + row * view.down)
     colour = view.background
-    share = ALIKE
+    share = FACING_AWAY
     hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
     if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
-        colour, share = seen_body(body, view, hit, ray, first, count)
+        colour, share = shade_hit(body, view, hit, ray, first, count)
     else:
         t, uv = meets_ground(view, ray)
         if t > 0.0:
             spot = view.eye + t * ray
-            share = light_seen(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
+            share = visible_light(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
             colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
     return colour, share

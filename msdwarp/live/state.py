@@ -69,7 +69,7 @@ class ViewState:
         self.paused, self.speed, self.helps = paused, 1.0, False
         self.renderer, self.sends, self.images = renderer, "auto", False
         self.recording: Recording | None = None
-        self._kept: Path | None = None
+        self._last_recording: Path | None = None
         self._filming: Filming | None = None
         self._requests: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
@@ -83,14 +83,14 @@ class ViewState:
         self.source, self._rebuild = source, rebuild
         self.readings: deque[Reading] = deque(maxlen=300)
         self.hand = Pull()
-        self._read = self._looked = 0.0
+        self._last_reading = self._last_shown = 0.0
         self._fps, self._ratio, self._averaged = 0.0, 0.0, 0
         self._start_clock()
         self._draw(COLOURS[0] if before is None else before.colour, wires=before is not None and before.wires)
 
     def _start_clock(self) -> None:
         """Restart the count of due frames."""
-        self._clock, self._taken = time.perf_counter(), 0
+        self._clock, self._frames_taken = time.perf_counter(), 0
 
     def _draw(self, colour: str, *, wires: bool) -> None:
         """Make the drawing of the source, in colours or of its springs."""
@@ -139,7 +139,7 @@ class ViewState:
         if self.recording is None:
             return ""
         ended, self.recording = self.recording, None
-        message, self._kept = ended.close(), ended.folder
+        message, self._last_recording = ended.close(), ended.folder
         return f"; {message}"
 
     @property
@@ -153,8 +153,8 @@ class ViewState:
         shown_for = NOTICE_TIME * (1 + len(self._notice) / 40)
         return self._notice if time.perf_counter() - self._noticed < shown_for else ""
 
-    def _say(self, text: str) -> None:
-        self._notice, self._noticed, self._read = text, time.perf_counter(), 0.0
+    def _notify(self, text: str) -> None:
+        self._notice, self._noticed, self._last_reading = text, time.perf_counter(), 0.0
 
     @property
     def lines(self) -> list[str]:
@@ -172,7 +172,7 @@ class ViewState:
         """Return the list of keys as text."""
         return listed(list(self.scenes))
 
-    def _lead_hand(self) -> None:
+    def _move_hand(self) -> None:
         """Move the ends of the hand's springs, before a frame."""
         if (grip := self.hand.grip) is None:
             return

@@ -79,7 +79,7 @@ class View(Commands):
                 if not all(open_yet):
                     break
                 began = time.perf_counter()
-                self._obey()
+                self._execute_commands()
                 moved = self._advance()
                 watched = any(screen.watched for screen in opened)
                 if watched and (moved or not self._is_shown):
@@ -124,7 +124,7 @@ class View(Commands):
             self.post(one.command, **one.values)
         return bool(pressed)
 
-    def _obey(self) -> None:
+    def _execute_commands(self) -> None:
         """Execute the commands until now; later ones wait until frames have been simulated."""
         for _ in range(self.waiting):
             command, values = self._requests.get_nowait()
@@ -134,7 +134,7 @@ class View(Commands):
             except SimulationDiverged as error:
                 self._failed(error)
             except (Exception, SystemExit) as error:  # also of a scene's script: no request ends the view
-                self._say(_message(error))
+                self._notify(_message(error))
 
     def _advance(self) -> bool:
         """Simulate the frames that are due; return whether there were any."""
@@ -144,14 +144,14 @@ class View(Commands):
         due, taken = self._frames_due(now), 0
         try:
             while taken < due and (not taken or time.perf_counter() - now < BUDGET):
-                self._lead_hand()
+                self._move_hand()
                 if not self.source.advance():
                     self._pause(True)
                     break
                 taken += 1
         except Exception as error:  # such as of a full disk
             self._failed(error)
-        self._taken += taken
+        self._frames_taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
             self._start_clock()
         return taken > 0
@@ -162,10 +162,10 @@ class View(Commands):
             with suppress(Exception):  # the recording may have failed
                 self._end_recording()
         self._pause(True)
-        self._say(f"{_message(error)} — press r to restart")
+        self._notify(f"{_message(error)} — press r to restart")
 
     def _frames_due(self, now: float) -> int:
-        return int((now - self._clock) * self.source.fps * self.speed) - self._taken
+        return int((now - self._clock) * self.source.fps * self.speed) - self._frames_taken
 
     def _show(self) -> None:
         frame, now = self.source.frame(), time.perf_counter()
@@ -176,21 +176,23 @@ class View(Commands):
         self.shown.follow(frame)
         for screen in self.screens:
             screen.show()
-        if self._is_shown and now > self._looked:
+        if self._is_shown and now > self._last_shown:
             self._averaged = min(self._averaged + 1, AVERAGED)
-            self._fps += (1 / (now - self._looked) - self._fps) / self._averaged
-            self._ratio += ((frame.time - self._at) / (now - self._looked) - self._ratio) / self._averaged
-        self._looked, self._at, self._is_shown = now, frame.time, True
+            self._fps += (1 / (now - self._last_shown) - self._fps) / self._averaged
+            self._ratio += (
+                (frame.time - self._last_time) / (now - self._last_shown) - self._ratio
+            ) / self._averaged
+        self._last_shown, self._last_time, self._is_shown = now, frame.time, True
 
     def _tell(self, watched: bool) -> None:
         """Read energies and update the texts of screens, a few times a second."""
         now = time.perf_counter()
-        if not watched or now - self._read < READ_EVERY:
+        if not watched or now - self._last_reading < READ_EVERY:
             return
-        self._read = now
+        self._last_reading = now
         if self._filming is not None and (message := self._filming.ended()) is not None:
             self._filming = None
-            self._say(message)
+            self._notify(message)
         if not self.paused and (reading := self.source.reading()) is not None:
             self.readings.append(reading)
         for screen in self.screens:

@@ -59,9 +59,9 @@ class Window:
         """Open the window; raise RuntimeError if there is no display, see `no_display`."""
         self._view, self._source = view, None
         self._source: Source | None
-        self._does, self._at, self._is_stale = "", (0, 0), False
-        self._written: dict[str, Any] = {}
-        self._screen = OnScreen(f"msdwarp - {view.source.title}", self._size, self._happened)
+        self._drag_mode, self._pointer, self._is_stale = "", (0, 0), False
+        self._painted: dict[str, Any] = {}
+        self._screen = OnScreen(f"msdwarp - {view.source.title}", self._size, self._on_event)
         self._size, self._is_open = self._screen.size, True
 
     @property
@@ -79,7 +79,7 @@ class Window:
             seen = view.source.seen()
             around = surroundings(view.shown.scene, frame.position) if seen is None else seen
             self._stage = Stage(view.shown.scene, around, screen.size, zoom=ROOM)
-            screen.entitle(f"msdwarp - {view.source.title}")
+            screen.set_title(f"msdwarp - {view.source.title}")
         screen.stage(view.shown.drawing, self._stage, keep_camera=same)
         self._is_stale = True
 
@@ -92,8 +92,8 @@ class Window:
     def poll(self) -> bool:
         """Handle keys and the mouse; return whether the window is still open."""
         screen, view = self._screen, self._view
-        if self._does == "ask":  # the view has handled the request by now
-            self._does = "pull" if view.hand.grip is not None and view.hand.holder is self else "turn"
+        if self._drag_mode == "ask":  # the view has handled the request by now
+            self._drag_mode = "pull" if view.hand.grip is not None and view.hand.holder is self else "turn"
         if self._is_stale:  # since the view's last frame
             self._draw_pull()
             screen.redraw()
@@ -117,67 +117,67 @@ class Window:
         """Return the window's content, shape [height, width, 3]."""
         return self._screen.image()
 
-    def _happened(self, what: str, x: int, y: int, key: str, shift: bool) -> None:
+    def _on_event(self, what: str, x: int, y: int, key: str, shift: bool) -> None:
         """Handle a key or the mouse; see `OnScreen`."""
         view, orbit, height = self._view, self._screen.orbit, self._screen.size[1]
-        right, up = (x - self._at[0]) / height, (y - self._at[1]) / height
-        self._at = (x, y)
+        right, up = (x - self._pointer[0]) / height, (y - self._pointer[1]) / height
+        self._pointer = (x, y)
         if what == "key" and key.lower() in CLOSES:
             view.post("quit")
         elif what == "key":
             view.press(key.lower(), shift=shift)
-        elif what in MOVES and not self._does:
-            self._does = MOVES[what]
+        elif what in MOVES and not self._drag_mode:
+            self._drag_mode = MOVES[what]
             if what == "left" and view.source.handling is not None:
                 origin, direction, _ = self._ray()
                 view.post("pick", holder=self, origin=origin, direction=direction)
-                self._does = "ask"
+                self._drag_mode = "ask"
         elif what.endswith(" up"):
-            if self._does in ("ask", "pull"):
+            if self._drag_mode in ("ask", "pull"):
                 view.post("let_go", holder=self)
-            self._does = ""
-        elif what == "move" and self._does:
+            self._drag_mode = ""
+        elif what == "move" and self._drag_mode:
             self._is_stale = True
-            if self._does in ("ask", "pull"):
+            if self._drag_mode in ("ask", "pull"):
                 view.post("drag", holder=self, ray=self._ray())
             else:
-                getattr(orbit, self._does)(right, up)
+                getattr(orbit, self._drag_mode)(right, up)
         elif what.startswith("wheel"):
             orbit.zoom(ZOOM if what == "wheel in" else 1 / ZOOM)
             self._is_stale = True
 
     def _ray(self) -> tuple[NDArray, NDArray, NDArray]:
         """Return the ray through the mouse pointer: origin [m], direction, and the camera's direction."""
-        (width, height), (x, y) = self._screen.size, self._at
+        (width, height), (x, y) = self._screen.size, self._pointer
         return self._screen.orbit.ray((x + 0.5 - width / 2) / height, (y + 0.5 - height / 2) / height)
 
     # Texts and panels over the scene.
 
     @property
-    def _unit(self) -> float:
+    def _pixel(self) -> float:
         """Pixels for each of a window of 720 rows."""
         return min(max(self._size[1] / 720, 0.8), 2.5)
 
     def tell(self) -> None:
         """Update the view's lines, energies, notice, colour scale and keys."""
-        view, (width, height), unit = self._view, self._screen.size, self._unit
+        view, (width, height), unit = self._view, self._screen.size, self._pixel
         gap, message = GAP * unit, view.notice
         lines = (*view.lines, (PULLS if view.source.handling is not None else "") + HELPS)
         columns = max(20, int(0.4 * width / (7.5 * unit)))
-        self._write("lines", (lines, columns), lambda: overlay.text(lines, unit, columns=columns), (gap, -gap))
+        self._paint("lines", (lines, columns), lambda: overlay.text(lines, unit, columns=columns), (gap, -gap))
         last = view.readings[-1] if view.readings else None
-        self._write("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
+        self._paint("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
         scale, stops = view.shown.drawing.scale, view.shown.drawing.stops
         if scale is not None:
             scale = scale._replace(full=float(f"{scale.full:.2g}"))  # an adapting scale ends at no round number
-        self._write("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
+        self._paint("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
         row = max(20, int(0.8 * width / (15 * unit)))
         at = (None, gap + 0.16 * height)
-        self._write("notice", message, lambda: overlay.notice(message, unit, columns=row) if message else None, at)
+        self._paint("notice", message, lambda: overlay.notice(message, unit, columns=row) if message else None, at)
         listed = f"{view.keys()}\n{MOUSE}" if view.helps else ""
-        self._write("keys", listed, lambda: overlay.keys(listed, unit) if listed else None, (-gap, -gap))
+        self._paint("keys", listed, lambda: overlay.keys(listed, unit) if listed else None, (-gap, -gap))
 
-    def _write(
+    def _paint(
         self, name: str, what: Any, paint: Callable[[], Image.Image | None], at: tuple[float | None, float]
     ) -> None:
         """Paint a panel, unless it shows this already.
@@ -185,9 +185,9 @@ class Window:
         `at` is its distance from the lower left corner, or if negative from the right or upper edge; None centres.
         """
         size = self._screen.size
-        if self._written.get(name) == (what, size):
+        if self._painted.get(name) == (what, size):
             return
-        self._written[name] = (what, size)
+        self._painted[name] = (what, size)
         image, place = paint(), [0.0, 0.0]
         if image is not None:
             for k, (distance, extent, room) in enumerate(zip(at, image.size, size, strict=True)):
@@ -206,7 +206,7 @@ class Window:
         if ends is not None:
             ends = screen.orbit.pixels(ends, height=screen.size[1], width=screen.size[0])
         for name, colour, grow in (("edge of the pull", EDGE, 2.0), ("pull", PULL, 0.0)):
-            drawn = None if ends is None else arrow(ends[0], ends[1], self._unit, grow * self._unit)
+            drawn = None if ends is None else arrow(ends[0], ends[1], self._pixel, grow * self._pixel)
             screen.shape(name, drawn, colour)
 
 

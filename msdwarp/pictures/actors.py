@@ -97,7 +97,7 @@ class Actors:
         self._shading.light(actor, ground=True)
         return actor
 
-    def _only_above_ground(self, points: NDArray, ground: Ground) -> None:
+    def _clip_at_ground(self, points: NDArray, ground: Ground) -> None:
         """Clip triangles below the ground, which is drawn before all else and hides nothing.
 
         This is only done if there are any: clipping costs a CPU a sixth of the picture.
@@ -120,10 +120,10 @@ class Actors:
             body.GetPointData().GetNormals().Modified()
             if drawing.colours_move:
                 body.point_data["colours"][:] = 255 * drawing.colours.numpy()
-        points = drawing.points.numpy()[drawing.in_sight]
+        points = drawing.points.numpy()[drawing.visible]
         shadows = shadows and len(points) > 0  # a stage may be bare
         if len(points) and ground is not None:
-            self._only_above_ground(points, ground)
+            self._clip_at_ground(points, ground)
         if shadows:
             self._map.follow(points)
         self._shading.follow(shadows=shadows)

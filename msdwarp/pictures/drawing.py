@@ -118,7 +118,7 @@ class Drawing:
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
-        self.in_sight = slice(0, ends[-1])
+        self.visible = slice(0, ends[-1])
         """The vertices that are drawn: without the body, those of obstacles."""
         self._moving = [one for one in self.obstacles if one.moves]
         for one in self.obstacles:
@@ -221,7 +221,7 @@ class Drawing:
         Positions may be a Warp array of vectors on the drawing's device. Colours by value show `values`, shape
         [particle_count].
         """
-        self.in_sight = slice(0, len(self.points))
+        self.visible = slice(0, len(self.points))
         if isinstance(position, wp.array):
             for k, axis in enumerate(AXES[wp.types.type_size(position.dtype)]):
                 array_cast(_coordinate(position, k), _coordinate(self._x, axis))
@@ -240,7 +240,7 @@ class Drawing:
     @in_turn
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
         """Move colliders to their poses at `time`, and all of the body to one point [m], shape [3]."""
-        self.in_sight = slice(sum(len(one.points) for one in self.body), len(self.points))
+        self.visible = slice(sum(len(one.points) for one in self.body), len(self.points))
         for one in self.body:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:

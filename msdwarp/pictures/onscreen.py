@@ -45,17 +45,17 @@ STEEPEST = math.radians(89.0)
 class OnScreen:
     """A window that shows a drawing from a movable camera, `orbit`.
 
-    `size` is the initial width and height in pixels. `happened` is called with each event: one of the values of
+    `size` is the initial width and height in pixels. `on_event` is called with each event: one of the values of
     `EVENTS`, x and y in pixels from the lower left, the key's name in X, and whether shift is held. `is_open` is
     False once somebody has closed the window. RuntimeError is raised if there is no display.
     """
 
     def __init__(
-        self, title: str, size: tuple[int, int], happened: Callable[[str, int, int, str, bool], None]
+        self, title: str, size: tuple[int, int], on_event: Callable[[str, int, int, str, bool], None]
     ) -> None:
         if (why := no_display()) is not None:
             raise RuntimeError(why)
-        self._pv, self._happened = import_pyvista(), happened
+        self._pv, self._on_event = import_pyvista(), on_event
         with _on_a_display():
             self._plotter = self._pv.Plotter(
                 off_screen=False, notebook=False, window_size=list(size), lighting="none", title=title
@@ -68,7 +68,7 @@ class OnScreen:
         self.is_open = True
         self._actors: Actors | None = None
         self._panels: dict[str, Any] = {}
-        self._stacked: Any = self._layers()
+        self._renderers: Any = self._layers()
         self._plotter.show(interactive_update=True, auto_close=False)
         # Smooth edges cost a graphics card little, a CPU much.
         if not any(name in self._plotter.render_window.ReportCapabilities() for name in BY_PROCESSOR):
@@ -91,19 +91,19 @@ class OnScreen:
         return ground, shadows, panels
 
     def _listen(self) -> None:
-        """Report events to `_heard`, and keep VTK and PyVista from acting on them."""
+        """Report events, and keep VTK and PyVista from acting on them."""
         listener: Any = self._plotter.iren
         listener.remove_observers()
         self._interactor = listener.interactor
         self._interactor.SetInteractorStyle(None)
-        self._tags = [self._interactor.AddObserver(event, self._heard) for event in (*EVENTS, "ExitEvent")]
+        self._tags = [self._interactor.AddObserver(event, self._report) for event in (*EVENTS, "ExitEvent")]
 
-    def _heard(self, interactor: Any, event: str) -> None:
+    def _report(self, interactor: Any, event: str) -> None:
         if event == "ExitEvent":
             self.is_open = False
             return
         x, y = interactor.GetEventPosition()
-        self._happened(EVENTS[event], x, y, interactor.GetKeySym() or "", bool(interactor.GetShiftKey()))
+        self._on_event(EVENTS[event], x, y, interactor.GetKeySym() or "", bool(interactor.GetShiftKey()))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -111,7 +111,7 @@ class OnScreen:
         width, height = self._plotter.render_window.GetSize()
         return max(width, 1), max(height, 1)
 
-    def entitle(self, title: str) -> None:
+    def set_title(self, title: str) -> None:
         """Set the window's title."""
         self._plotter.render_window.SetWindowName(title)
 
@@ -129,7 +129,7 @@ class OnScreen:
         if self._actors is not None:
             self._actors.remove()
         if not keep_camera or self._actors is None:
-            self._stage, self._ground, back = stage, None, self._stacked[0]
+            self._stage, self._ground, back = stage, None, self._renderers[0]
             plotter.renderer.remove_all_lights()
             add_lights(pv, plotter, stage.camera)
             back.RemoveAllViewProps()
@@ -138,7 +138,7 @@ class OnScreen:
                 self._ground = ground_actor(pv, stage.ground)
                 self._ground.prop.culling = "back"  # from below it hides nothing
                 back.AddActor(self._ground)
-        now, shadows = self._stage, self._stacked[1]
+        now, shadows = self._stage, self._renderers[1]
         self._actors = Actors(pv, plotter, drawing, now.ground, self._ground, now.camera.light)
         shadows.RemoveAllViewProps()
         if now.ground is not None:
@@ -154,7 +154,7 @@ class OnScreen:
         """Render from the present camera."""
         if not self.is_open:
             return
-        plotter, (back, shadows, front) = self._plotter, self._stacked
+        plotter, (back, shadows, front) = self._plotter, self._renderers
         for renderer in (plotter.renderer, back, shadows):
             camera = renderer.camera
             camera.position, camera.focal_point = self.orbit.camera.eye, self.orbit.target
@@ -174,7 +174,7 @@ class OnScreen:
         self._remove(name)
         if image is not None:
             corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-            square, actor = self._lay(name, np.round([x, y]) + corners * image.size, 4)
+            square, actor = self._add_overlay(name, np.round([x, y]) + corners * image.size, 4)
             square.active_texture_coordinates = corners
             actor.texture, actor.prop.color = self._pv.Texture(np.asarray(image)), "white"
             actor.ForceTranslucentOn()
@@ -186,23 +186,23 @@ class OnScreen:
         """
         self._remove(name)
         if points is not None:
-            _, actor = self._lay(name, points.reshape(-1, 2), 3)
+            _, actor = self._add_overlay(name, points.reshape(-1, 2), 3)
             actor.prop.color = colour
 
-    def _lay(self, name: str, points: NDArray, corners: int) -> tuple[Any, Any]:
+    def _add_overlay(self, name: str, points: NDArray, corners: int) -> tuple[Any, Any]:
         """Add faces of this many corners before the drawing, points of shape [any, 2]; return mesh and actor."""
         flat = np.zeros((len(points), 3), np.float32)
         flat[:, :2] = points
         mesh = self._pv.PolyData.from_regular_faces(flat, np.arange(len(flat)).reshape(-1, corners))
         actor = self._panels[name] = self._pv.Actor(mapper=self._pv.DataSetMapper(mesh))
         actor.prop.lighting = False
-        self._stacked[2].AddActor(actor)
+        self._renderers[2].AddActor(actor)
         return mesh, actor
 
     def _remove(self, name: str) -> None:
         """Remove the image or triangles of this name, if there are any."""
         if (before := self._panels.pop(name, None)) is not None:
-            self._stacked[2].RemoveActor(before)
+            self._renderers[2].RemoveActor(before)
             before.ReleaseGraphicsResources(self._plotter.render_window)
 
     def image(self) -> NDArray[np.uint8]:
@@ -218,11 +218,11 @@ class OnScreen:
         del self._interactor
         self._panels.clear()
         window = self._plotter.render_window
-        for renderer in self._stacked:
+        for renderer in self._renderers:
             renderer.close()
             window.RemoveRenderer(renderer)
             renderer.deep_clean()
-        self._stacked = ()
+        self._renderers = ()
         self._actors = self._ground = None
         self._plotter.close()
         self._plotter.deep_clean()

@@ -42,7 +42,7 @@ class Rasteriser:
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
-        points = self._drawing.points.numpy()[self._drawing.in_sight]
+        points = self._drawing.points.numpy()[self._drawing.visible]
         wp.copy(self._pixels, self._backdrop)
         if len(points):  # a stage may be bare
             changed = points
@@ -72,5 +72,5 @@ class Rasteriser:
     def _shade(self, body: Any, part: tuple[int, int, int, int]) -> None:
         """Shade a part of the picture: first row, first column, rows, columns."""
         row, column, rows, columns = part
-        inputs = [body, self._view, self._map.seen, row, column, columns]
+        inputs = [body, self._view, self._map.data, row, column, columns]
         wp.launch(raster.shade, (rows + 1) // 2, inputs, [self._nearest, self._pixels], device="cpu")

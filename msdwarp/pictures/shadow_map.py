@@ -15,7 +15,7 @@ SIZE = 768
 """Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width the bodies seldom fill."""
 BLOCKS, REACH = SIZE // shadow.BLOCK, 2
 """Blocks of texels along an edge, and how many around each count for its largest value."""
-LOOKS = 16
+SAMPLES = 16
 """Texels that kernels sample where a shadow fades."""
 MARGIN = 14
 """Empty texels around the drawing, so that soft edges of shadows end inside the map."""
@@ -40,12 +40,12 @@ class ShadowMap:
         self.corner, self.width = np.zeros(3), 1.0  # the square's first corner along these, and its edge [m]
         self._triangles = wp.array(drawing.triangles, dtype=wp.vec3i, device="cpu")
         self._closed = wp.array(drawing.closed, dtype=wp.bool, device="cpu")
-        self.seen = shadow.Seen()  # the map as kernels read it
-        self.seen.u, self.seen.v, self.seen.towards = (wp.vec3(*axis) for axis in self.axes)
-        self.seen.depth = wp.zeros((SIZE, SIZE), dtype=float, device="cpu")
-        self.seen.around = wp.zeros((BLOCKS, BLOCKS), dtype=wp.vec4, device="cpu")
-        self.seen.softness, self.seen.spots = SOFTNESS, wp.array(spread(LOOKS), dtype=wp.vec2, device="cpu")
-        self.depth, self.around = self.seen.depth.numpy(), self.seen.around.numpy()  # the same memory
+        self.data = shadow.DepthMap()  # the map as kernels read it
+        self.data.u, self.data.v, self.data.towards = (wp.vec3(*axis) for axis in self.axes)
+        self.data.depth = wp.zeros((SIZE, SIZE), dtype=float, device="cpu")
+        self.data.around = wp.zeros((BLOCKS, BLOCKS), dtype=wp.vec4, device="cpu")
+        self.data.softness, self.data.spots = SOFTNESS, wp.array(spread(SAMPLES), dtype=wp.vec2, device="cpu")
+        self.depth, self.around = self.data.depth.numpy(), self.data.around.numpy()  # the same memory
 
     @property
     def texel(self) -> float:
@@ -86,12 +86,12 @@ class ShadowMap:
         # Whole texels, so that edges of shadows do not shimmer while the square follows what moves.
         middle = np.round((low + high) / 2 / self.texel) * self.texel
         self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
-        seen = self.seen
-        seen.corner, seen.scale = wp.vec3(*self.corner), 1 / self.texel
+        data = self.data
+        data.corner, data.scale = wp.vec3(*self.corner), 1 / self.texel
         # Empty texels count as a surface far below everything.
-        seen.depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
+        data.depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
         inputs = [self._drawing.points, self._triangles, self._closed]
-        wp.launch(shadow.draw_depth, len(self._triangles), inputs, [seen], device="cpu")
+        wp.launch(shadow.draw_depth, len(self._triangles), inputs, [data], device="cpu")
         rows = self.depth.reshape(BLOCKS, shadow.BLOCK, SIZE).max(axis=1)
         nearest = np.pad(rows.reshape(BLOCKS, BLOCKS, shadow.BLOCK).max(axis=2), REACH, mode="edge")
         nearest = np.maximum.reduce([nearest[k : k + BLOCKS] for k in range(2 * REACH + 1)])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_view import held
 
 from msdwarp import Plane, Scene, Simulation, box
 from msdwarp.live import Running, View, Window, within_reach
@@ -224,10 +225,10 @@ def test_a_drag_that_begins_on_the_body_lifts_it(person):
             person("mousemove", x, y + (40 - y) * k // 5)
             yield from turns(3)
         yield from until(lambda: middle(view)[2] > 0.7)  # it began at 0.6: without a hand it never gets there
-        assert len(view.source.handling.holds)
+        assert held(view.source)
         np.testing.assert_array_equal(window._screen.orbit.camera.eye, eye)
         person("mouseup", 1)
-        yield from until(lambda: not len(view.source.handling.holds))
+        yield from until(lambda: not held(view.source))
         height = middle(view)[2]
         yield from until(lambda: middle(view)[2] < height - 0.1)
 
