@@ -1,6 +1,5 @@
 """Patches: the triangles of a drawing by colour, as browsers receive them."""
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -45,7 +44,15 @@ def patches(drawing: Drawing) -> list[Patch]:
     divisions = min(max(divisions, 1), MOST_DIVISIONS)
     found: list[Patch] = []
     for one in drawing.obstacles if drawing.colours_move else (*drawing.body, *drawing.obstacles):
-        found += _plain(drawing, one) if drawing.texture is None else _textured(drawing, one, divisions)
+        if drawing.texture is None:
+            corners, weights, faces = np.arange(len(drawing.points)), None, one.triangles
+            colours = (255 * drawing.colours.numpy()[faces[:, 0]] + 0.5).astype(np.uint8)
+        else:
+            corners, weights, faces, colours = _textured(drawing, one, divisions)
+        for colour in np.unique(colours, axis=0):
+            used, mine = compact(faces[(colours == colour).all(axis=1)])
+            own = None if weights is None else weights[used]
+            found.append(Patch(corners[used], own, mine, colour, one.moves))
     return found
 
 
@@ -64,17 +71,11 @@ def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]
     return corners, faces.reshape(-1, 3).astype(np.uint32)
 
 
-def _plain(drawing: Drawing, one: Part) -> Iterator[Patch]:
-    """Return a part without texture, by the colours of its vertices."""
-    triangles = one.triangles
-    colours = (255 * drawing.colours.numpy()[triangles[:, 0]] + 0.5).astype(np.uint8)
-    for colour in np.unique(colours, axis=0):
-        corners, faces = compact(triangles[(colours == colour).all(axis=1)])
-        yield Patch(corners, None, faces, colour, one.moves)
+def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return a part with a texture in pieces: corners, weights and faces, see `Patch`, and each face's colour.
 
-
-def _textured(drawing: Drawing, one: Part, divisions: int) -> Iterator[Patch]:
-    """Return a part with a texture in pieces, each in the texture's colour at its centre."""
+    That is the texture's colour at its centre.
+    """
     assert drawing.texture is not None
     triangles = one.triangles
     if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
@@ -89,9 +90,7 @@ def _textured(drawing: Drawing, one: Part, divisions: int) -> Iterator[Patch]:
     corners = np.repeat(triangles, len(weights), axis=0)
     all_weights = np.tile(weights, (len(triangles), 1)).astype(np.float32)
     faces = (pieces[None] + len(weights) * np.arange(len(triangles))[:, None, None]).reshape(-1, 3)
-    for colour in np.unique(colours, axis=0):
-        used, mine = compact(faces[(colours == colour).all(axis=1)])
-        yield Patch(corners[used], all_weights[used], mine, colour, one.moves)
+    return corners, all_weights, faces, colours
 
 
 def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
