@@ -16,9 +16,8 @@ from .drawing import ColourScale, Drawing
 from .legend import ROOM, arrow, bar, with_corner
 from .opengl import OpenGL
 from .opengl_window import ADVICE, opengl_window
-from .raster import Rasteriser
-from .raycast import RayCaster
 from .stage import Stage
+from .warp_renderers import Rasteriser, RayCaster
 
 BACKENDS = ("auto", "raster", "raycast", "opengl")
 """What can draw; "auto" is one of the others."""
