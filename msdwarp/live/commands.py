@@ -63,9 +63,9 @@ class Commands(ViewState):
         self._notify(names[number - 1] + self._change_to(other, other.rebuild))
 
     def _parameters(self, **parameters: Any) -> None:
-        if self._rebuild is None:
+        if self.rebuild is None:
             raise ValueError("this scene was not built by a function: it has no parameters")
-        ended = self._change_to(self._rebuild(**parameters), self._rebuild)
+        ended = self._change_to(self.rebuild(**parameters), self.rebuild)
         self._notify(", ".join(f"{name} = {value}" for name, value in parameters.items()) + ended)
 
     def _scale(self, name: str, by: float | None = None, factor: float | None = None) -> None:

@@ -183,7 +183,7 @@ class Panel:
         own = {
             n: v for n, v in source.parameters.items() if isinstance(v, numbers.Real | str) and type(v) is not bool
         }
-        if not own or not self._view.can_rebuild:
+        if not own or self._view.rebuild is None:
             return
         gui, post = self._gui, self._view.post
         with self._folder("scene"):

@@ -80,7 +80,7 @@ class ViewState:
     def _begin(self, source: Source, rebuild: Callable[..., Source] | None) -> None:
         """Show another source from its start."""
         before: Shown | None = getattr(self, "shown", None)
-        self.source, self._rebuild = source, rebuild
+        self.source, self.rebuild = source, rebuild
         self.readings: deque[Reading] = deque(maxlen=300)
         self.hand = Pull()
         self._last_reading = self._last_shown = 0.0
@@ -116,7 +116,7 @@ class ViewState:
 
     def _change_to(self, other: Source, rebuild: Callable[..., Source] | None) -> str:
         """Show another source, or if that fails the previous one; return the message of an ended recording."""
-        before, hand = (self.source, self._rebuild), self.hand
+        before, hand = (self.source, self.rebuild), self.hand
         try:
             self._begin(other, rebuild)
             self._stage()
@@ -141,11 +141,6 @@ class ViewState:
         ended, self.recording = self.recording, None
         message, self._last_recording = ended.close(), ended.folder
         return f"; {message}"
-
-    @property
-    def can_rebuild(self) -> bool:
-        """Whether the scene can be built with other parameters."""
-        return self._rebuild is not None
 
     @property
     def notice(self) -> str:

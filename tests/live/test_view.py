@@ -332,7 +332,7 @@ def test_a_scene_is_rebuilt_by_the_function_that_built_it():
     assert view.source.scene.gravity == 2.0
     view, _ = played(lambda v: v.press("1"), lambda v: v.post("parameters", size=3), 0, **options)
     assert "not built by a function" in view.notice
-    assert not view.can_rebuild
+    assert view.rebuild is None
 
 
 def test_a_hand_is_refused_what_is_no_deed():
