@@ -29,7 +29,7 @@ from msdwarp import Plane, Renderer, Scene, Simulation, sheet
 from msdwarp.pictures import write_film
 from msdwarp.pictures.film import png as png_of
 from msdwarp.pictures.opengl_window import opengl_window
-from msdwarp.pictures.raycast import RayCaster
+from msdwarp.pictures.warp_renderers import RayCaster
 
 from ..common import arguments, machine, read_csv, scene_scripts, table, write_csv
 

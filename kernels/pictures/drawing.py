@@ -1,4 +1,4 @@
-"""What is drawn: points, normals and colours that follow the particles, and arrows (float32, in space)."""
+"""Points, normals and colours that follow the particles, and arrows (float32, in three dimensions)."""
 
 import warp as wp
 
@@ -25,16 +25,16 @@ VALUE_STOPS = (
 )
 """Colours, evenly spaced, of any other value from 0 to full: from blue through red to yellow.
 
-Each is as far from the next in OKLab as the others are, to 5 %, and lighter: equal differences of values look
-alike. The darkest is light enough for shading to show the shape of a body at rest.
+Distances in OKLab between neighbours are the same to 5 %, and each is lighter than the one before: equal
+differences of values look alike. The darkest is light enough for shading to show the shape of a body at rest.
 """
 SIDES = 8
 """Corners of each ring around an arrow: a thin cylinder with a cone in front."""
 RINGS = 5
-"""Start and end of an arrow's shaft, base and tip of its head, and the base once more, which closes that."""
+"""Start and end of an arrow's shaft, base and tip of its head, and the base again, which closes the cone."""
 THICK, WIDE, HEAD = 0.025, 0.07, 0.25
-"""Radii of shaft and head, and the length of the head, by that of the longest arrow; of a short one it is
-HEAD / SHORTEST of itself at most."""
+"""Radii of shaft and head, and length of the head, by the longest arrow's length; at most HEAD / SHORTEST of the
+arrow's own."""
 SHORTEST = 0.5
 
 
@@ -48,7 +48,7 @@ def place_vertices(
     # Out:
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
 ):
-    """Put every vertex at the weighted sum of its particles, and a radius from there along its normal."""
+    """Put every vertex at the weighted sum of its particles, plus a radius along its normal."""
     i = wp.tid()
     point = wp.vec3()
     for k in range(particle.shape[1]):
@@ -62,11 +62,11 @@ def place_vertices(
 def add_face_normals(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
-    normal_of: wp.array(dtype=int),  # the vertex whose normal each takes, shape [vertex_count]
+    normal_of: wp.array(dtype=int),  # the vertex whose normal each shares, shape [vertex_count]
     # Out:
     sums: wp.array(dtype=wp.vec3),  # 0 before; twice an area [m²], shape [vertex_count]
 ):
-    """Add each triangle's normal, weighted by its area, at the vertices whose normals its corners take."""
+    """Add each triangle's normal, weighted by its area, to those of its corners."""
     t = wp.tid()
     a = triangles[t][0]
     b = triangles[t][1]
@@ -80,11 +80,11 @@ def add_face_normals(
 @kernel
 def take_normals(
     sums: wp.array(dtype=wp.vec3),  # of the normals of triangles, shape [vertex_count]
-    normal_of: wp.array(dtype=int),  # the vertex whose normal each takes, shape [vertex_count]
+    normal_of: wp.array(dtype=int),  # the vertex whose normal each shares, shape [vertex_count]
     # Out:
     normals: wp.array(dtype=wp.vec3),  # of unit length, shape [vertex_count]
 ):
-    """Give every vertex the unit normal of the vertex that it shares it with."""
+    """Normalize the sums, and copy them to the vertices that share them."""
     i = wp.tid()
     normals[i] = wp.normalize(sums[normal_of[i]])
 
@@ -99,7 +99,7 @@ def place_rigid(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     normals: wp.array(dtype=wp.vec3),  # shape [vertex_count]
 ):
-    """Turn and shift a mesh as one."""
+    """Turn and shift a rigid mesh."""
     i = wp.tid()
     points[i] = turn * given_points[i] + shift
     normals[i] = turn * given_normals[i]
@@ -107,7 +107,7 @@ def place_rigid(
 
 @wp.func
 def spoke(axis: wp.vec3, k: int, count: int) -> wp.vec3:
-    """Return one of so many unit vectors spread evenly around an axis of unit length."""
+    """Return the k-th of `count` unit vectors spread evenly around an axis of unit length."""
     aside = wp.vec3(0.0, 0.0, 1.0)
     if wp.abs(axis[2]) > 0.9:
         aside = wp.vec3(1.0, 0.0, 0.0)
@@ -126,7 +126,7 @@ def place_tubes(
     points: wp.array(dtype=wp.vec3),  # [m], shape [2 · sides · connection_count]
     normals: wp.array(dtype=wp.vec3),  # of unit length, shape [2 · sides · connection_count]
 ):
-    """Lay a tube of some sides along every spring, with vertices at its start and its end in turn."""
+    """Lay a tube along every spring, with vertices at its start and its end in turn."""
     c = wp.tid()
     start = x[connections[c][0]]
     end = x[connections[c][1]]
@@ -149,7 +149,7 @@ def place_arrows(
     points: wp.array(dtype=wp.vec3),  # [m]
     normals: wp.array(dtype=wp.vec3),  # of unit length
 ):
-    """Lay out every arrow; one of no length is a point, which is not seen."""
+    """Lay out every arrow; one of no length is an invisible point."""
     a = wp.tid()
     length = wp.length(way[a])
     axis = wp.normalize(way[a])
@@ -174,14 +174,14 @@ def place_arrows(
 
 @kernel
 def collapse(
-    since: wp.array(dtype=float),  # when each piece is seen first [s], shape [piece_count]
-    until: wp.array(dtype=float),  # when it is seen last [s], inf where it stays, shape [piece_count]
+    since: wp.array(dtype=float),  # when each piece appears [s], shape [piece_count]
+    until: wp.array(dtype=float),  # when it disappears [s], inf for never, shape [piece_count]
     time: float,  # [s]
-    corners: int,
+    corners: int,  # of each piece
     # In and out:
-    points: wp.array(dtype=wp.vec3),  # [m], so many corners for each piece, shape [piece_count · corners]
+    points: wp.array(dtype=wp.vec3),  # [m], shape [piece_count · corners]
 ):
-    """Put all corners of pieces that are not to be seen, or broke at the start, where their first ones are."""
+    """Collapse pieces that are invisible now, or broke at the start, to their first corners."""
     piece = wp.tid()
     if until[piece] < time or until[piece] <= 0.0 or (since[piece] >= time and since[piece] > 0.0):
         for k in range(1, corners):
@@ -241,10 +241,10 @@ def halve_over(
     # In and out:
     pixels: wp.array2d(dtype=wp.vec4ub),  # shape [height, width]
 ):
-    """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over what is there.
+    """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over the present one.
 
-    Threads cover a rectangle from the first row and column on. Where nothing was drawn `fine` is 0, so an average
-    is weighted by coverage already.
+    Threads cover a rectangle from the first row and column on. Where nothing was drawn `fine` is 0, so averages
+    are weighted by coverage.
     """
     i, j = wp.tid()
     row = first_row + i

@@ -1,17 +1,40 @@
-"""A rasteriser: triangles are drawn into four points of each pixel; `raster_shading` lights what is nearest.
+"""A rasteriser: four points of each pixel find their nearest triangles, which are lit, mostly for 2 x 2 pixels.
 
 Points are found by products of three vectors, after M. Olano and T. Greer, "Triangle scan conversion using 2D
-homogeneous coordinates", Graphics Hardware 1997: what reaches behind the camera needs no cutting.
+homogeneous coordinates", Graphics Hardware 1997: triangles that reach behind the camera need no clipping.
 """
 
 import warp as wp
 
 from ..basis import kernel
-from .shading import Body, Surroundings, in_bytes, meets_ground, texel
-from .shadow import inside, over
+from .shading import (
+    Body,
+    Surroundings,
+    colour_of,
+    height,
+    in_bytes,
+    light_on,
+    meets_ground,
+    mix,
+    nearest_texel,
+    texel,
+    within_one,
+)
+from .shadow import DepthMap, inverse, narrow, share_of_light
 
 ASIDE = wp.constant(wp.vec4(0.375, 0.875, 0.125, 0.625))
 """The four points of a pixel: one in each quarter of its height, and of its width (a rotated grid)."""
+ALL = wp.constant(0xFFFF)
+"""All points of 2 x 2 pixels, as bits: 4 n to 4 n + 3 are those of pixel n, counted along rows."""
+Faces = wp.types.vector(16, int)
+Colours = wp.types.matrix((4, 3), wp.float32)
+Keys, Pixels = wp.array2d(dtype=wp.uint64), wp.array2d(dtype=wp.vec3ub)
+SQUARE_MARGIN = wp.constant(1.0)
+"""For 2 x 2 pixels the shadow map is sampled this many texels further out, so that no pixel's shadow is missed."""
+MOST_GLINT = wp.constant(0.01)
+"""Brighter highlights are drawn pixel by pixel: they change quickly."""
+MOST_TURN = wp.constant(0.05)
+"""Surfaces whose normals turn further from pixel to pixel [rad] are too: light would change in visible steps."""
 
 
 @wp.func
@@ -22,9 +45,9 @@ def row_of(row: int) -> float:
 
 @wp.func
 def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Return (start, across, down): corners' shares, but for a factor, at (x, y) are start + x across + y down.
+    """Return (start, across, down): weights of corners at (x, y) are in proportion to start + x across + y down.
 
-    The corners are given from the camera on.
+    The corners are relative to the camera.
     """
     shares = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b))
     return shares @ view.corner, shares @ view.across, shares @ view.down
@@ -37,9 +60,10 @@ def draw_triangles(
     # In and out:
     nearest: wp.array2d(dtype=wp.uint64),  # of each point, shape [4 · height, width]
 ):
-    """Draw every triangle where points lie in it; the nearest counts.
+    """Draw every triangle at the points inside it, and keep the nearest.
 
-    What is kept of it is 1 / distance along the view, as bits, and in the lower half its number, counted from 1.
+    The upper half of an entry is 1 / distance along the view, as bits, and the lower half the triangle's number,
+    counted from 1.
     """
     t = wp.tid()
     a = body.points[body.triangles[t][0]] - view.eye
@@ -62,7 +86,7 @@ def draw_triangles(
         downs = wp.cw_div(wp.vec3(wp.dot(a, view.down), wp.dot(b, view.down), wp.dot(c, view.down)), depths)
         high = wp.min(downs)
         low = wp.max(downs)
-        # What is far outside is brought near first: as whole numbers it would be anything.
+        # Clamped before they become whole numbers, which could overflow.
         last = float(rows)
         lowest = wp.max(int(wp.ceil(wp.clamp(4.0 * (high + middle) / pixel - 0.5, -1.0, last))), 0)
         highest = wp.min(int(wp.floor(wp.clamp(4.0 * (low + middle) / pixel - 0.5, -1.0, last))), rows - 1)
@@ -79,15 +103,15 @@ def draw_triangles(
     near_slope = wp.dot(normal, view.across) / volume
     near_down = wp.dot(normal, view.down) / volume
     near_corner = wp.dot(normal, view.corner) / volume
-    runs = wp.vec3(over(slopes[0]), over(slopes[1]), over(slopes[2]))
+    runs = wp.vec3(inverse(slopes[0]), inverse(slopes[1]), inverse(slopes[2]))
     number = wp.uint64(t + 1)
     for row in range(lowest, highest + 1):
         y = row_of(row)
         aside = ASIDE[row % 4]
         here = corners + y * downwards + aside * slopes
-        reach = inside(here[0], runs[0], wp.vec2(0.0, float(columns - 1)))
-        reach = inside(here[1], runs[1], reach)
-        reach = inside(here[2], runs[2], reach)
+        reach = narrow(here[0], runs[0], wp.vec2(0.0, float(columns - 1)))
+        reach = narrow(here[1], runs[1], reach)
+        reach = narrow(here[2], runs[2], reach)
         near = near_corner + y * near_down + aside * near_slope
         first = int(wp.ceil(wp.min(reach[0], float(columns))))
         for column in range(first, int(wp.floor(wp.max(reach[1], -1.0))) + 1):
@@ -102,7 +126,7 @@ def draw_backdrop(
     # Out:
     pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
 ):
-    """Draw the ground in light, and what is behind it."""
+    """Draw the lit ground, and the background."""
     row, column = wp.tid()
     mean = wp.vec3()
     for p in range(4):
@@ -113,3 +137,239 @@ def draw_backdrop(
         else:
             mean += 0.25 * view.background
     pixels[row, column] = in_bytes(mean)
+
+
+@wp.func
+def light_on_ground(view: Surroundings, shadows: DepthMap, x: float, y: float, around: float) -> float:
+    """Return the share of the key light on the ground at (x, y) in the picture; 1 beside the ground."""
+    way = view.corner + x * view.across + y * view.down
+    t, _uv = meets_ground(view, way)
+    if t > 0.0 and view.shadows == 1:
+        return share_of_light(shadows, view.eye + t * way, view.ground_normal, around)
+    return 1.0
+
+
+@wp.func
+def faces_at(nearest: Keys, row: int, column: int, points: int) -> Faces:
+    """Return the triangles that the points of one pixel show (4), or of 2 x 2 pixels (16); -1 for none."""
+    faces = Faces(-2)
+    for q in range(16):
+        if q < points:
+            key = nearest[4 * (row + q / 8) + q % 4, column + q / 4 % 2]
+            faces[q] = int(key & wp.static(wp.uint64(0xFFFFFFFF))) - 1
+    return faces
+
+
+@wp.func
+def points_of(faces: Faces, face: int):
+    """Return the points that show a triangle, as bits, their number, and their mean position in pixels."""
+    found = int(0)
+    for q in range(16):
+        if faces[q] == face:
+            found += 1 << q
+    if found == ALL:
+        return found, 16.0, 1.0, 1.0
+    count = float(0.0)
+    x = float(0.0)
+    y = float(0.0)
+    for q in range(16):
+        one = float((found >> q) & 1)
+        count += one
+        x += one * (float(q / 4 % 2) + ASIDE[q % 4])
+        y += one * (float(q / 8) + row_of(q % 4))
+    return found, count, x / count, y / count
+
+
+@wp.func
+def number_of(points: int) -> float:
+    """Return how many of a pixel's four points are set in these bits."""
+    return float((points & 1) + ((points >> 1) & 1) + ((points >> 2) & 1) + ((points >> 3) & 1))
+
+
+@wp.func
+def shade_triangle(
+    body: Body, view: Surroundings, shadows: DepthMap, face: int, x: float, y: float, around: float
+):
+    """Return a triangle's look at (x, y) in the picture.
+
+    That is: brightness of its colour, highlights, share of the key light, colour if it has no texture, texture
+    coordinates and their change per pixel across and down, height above the ground there and the lowest within a
+    pixel, and how far the normal turns from one pixel to the next.
+    """
+    corners = body.triangles[face]
+    a = body.points[corners[0]] - view.eye
+    b = body.points[corners[1]] - view.eye
+    c = body.points[corners[2]] - view.eye
+    normal = wp.cross(b - a, c - a)
+    start, to_right, downwards = shares_of(view, a, b, c)
+    shares = start + x * to_right + y * downwards
+    whole = shares[0] + shares[1] + shares[2]
+    # Where a triangle is seen edge on, rounding must not lead out of it.
+    shares = wp.max(shares / whole, wp.vec3())
+    shares = shares / (shares[0] + shares[1] + shares[2])
+    # How the shares change per pixel.
+    to_right = to_right / whole
+    to_right -= (to_right[0] + to_right[1] + to_right[2]) * shares
+    downwards = downwards / whole
+    downwards -= (downwards[0] + downwards[1] + downwards[2]) * shares
+    colour = wp.vec3()
+    at = wp.vec2()
+    across = wp.vec2()
+    down = wp.vec2()
+    if body.textured == 1:
+        at = mix(shares, body.uv, corners)
+        across = mix(to_right, body.uv, corners)
+        down = mix(downwards, body.uv, corners)
+    else:
+        colour = mix(shares, body.colours, corners)
+    ray = wp.normalize(view.corner + x * view.across + y * view.down)
+    upright = wp.normalize(mix(shares, body.normals, corners))
+    turn = wp.length(mix(to_right, body.normals, corners))
+    turn += wp.length(mix(downwards, body.normals, corners))
+    if wp.dot(a, normal) > 0.0:  # seen from its back
+        upright = -upright
+    above = float(0.0)
+    least = float(0.0)
+    if view.has_ground == 1:
+        heights = wp.vec3()
+        for k in range(3):
+            heights[k] = height(view, body.points[corners[k]])
+        above = wp.dot(shares, heights)
+        least = above - wp.abs(wp.dot(to_right, heights)) - wp.abs(wp.dot(downwards, heights))
+    share = float(1.0)
+    if view.shadows == 1 and face >= body.first_shaded and wp.dot(upright, view.light) > 0.0:
+        share = share_of_light(shadows, view.eye + shares[0] * a + shares[1] * b + shares[2] * c, normal, around)
+    bright, glint = light_on(view, body.gloss[face], upright, ray, share)
+    return bright, glint, share, colour, at, across, down, above, least, turn
+
+
+@wp.func
+def mean_texel(
+    body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int
+) -> wp.vec3:
+    """Return the texture's mean colour at points of a pixel, given as bits; (x, y) of the pixel is at `at`."""
+    colour = wp.vec3()
+    for p in range(4):
+        if (covered >> p) & 1 == 1:
+            colour += nearest_texel(body.texture, at + (ASIDE[p] - x) * across + (row_of(p) - y) * down)
+    return colour / (255.0 * number_of(covered))
+
+
+@wp.func
+def shade_pixel(
+    body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
+):
+    """Lay triangles and their shadow on the ground over one pixel; each is lit once, amid the points it covers."""
+    faces = faces_at(nearest, row, column, 4)
+    for q in range(4):
+        if faces[q] >= 0:
+            nearest[4 * row + q, column] = wp.static(wp.uint64(0))
+    bare = float(0.0)
+    mean = wp.vec3()
+    left = int(15)
+    p = int(0)
+    while left > 0:
+        if (left >> p) & 1 == 1:
+            covered, count, x, y = points_of(faces, faces[p])
+            left = left - covered
+            if faces[p] < 0:
+                bare += count
+            else:
+                bright, glint, _share, colour, at, across, down, above, _least, _turn = shade_triangle(
+                    body, view, shadows, faces[p], float(column) + x, float(row) + y, 0.0
+                )
+                if body.textured == 1:
+                    colour = mean_texel(body, at, across, down, x, y, covered)
+                if above >= -view.below:
+                    mean += 0.25 * count * within_one(bright * colour + wp.vec3(glint, glint, glint))
+                else:
+                    bare += count
+        p += 1
+    if bare > 0.0:
+        share = light_on_ground(view, shadows, float(column) + 0.5, float(row) + 0.5, 0.0)
+        if share == 1.0 and bare == 4.0:
+            return
+        mean += 0.25 * bare * (view.shadow + (1.0 - view.shadow) * share) * colour_of(pixels[row, column])
+    pixels[row, column] = in_bytes(mean)
+
+
+@wp.func
+def shade_square(
+    body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
+) -> int:
+    """Shade 2 x 2 pixels, each triangle lit once, and return 0; or return 4 where each pixel needs its own light.
+
+    That is at the edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
+    ground. Elsewhere light hardly changes between pixels; textures are sampled as finely as ever.
+    """
+    if 4 * row + 8 > nearest.shape[0] or column + 2 > nearest.shape[1]:
+        return 4
+    faces = faces_at(nearest, row, column, 16)
+    means = Colours()
+    bare = int(0)
+    left = int(wp.static(ALL))
+    point = int(0)
+    while left > 0:
+        if (left >> point) & 1 == 1:
+            covered, _count, x, y = points_of(faces, faces[point])
+            left = left - covered
+            # Thin tubes turn from pixel to pixel, and so may colours that show values.
+            if covered != ALL and body.textured == 0:
+                return 4
+            if faces[point] < 0:
+                bare = covered
+                share = light_on_ground(view, shadows, float(column) + x, float(row) + y, SQUARE_MARGIN)
+                if share > 0.0 and share < 1.0:
+                    return 4
+                if covered == ALL and share == 1.0:
+                    return 0
+                bright = view.shadow + (1.0 - view.shadow) * share
+                for n in range(4):
+                    weight = 0.25 * bright * number_of(covered >> (4 * n))
+                    means[n] += weight * colour_of(pixels[row + n / 2, column + n % 2])
+            else:
+                bright, glint, share, colour, at, across, down, _above, least, turn = shade_triangle(
+                    body, view, shadows, faces[point], float(column) + x, float(row) + y, SQUARE_MARGIN
+                )
+                if least < -view.below or (share > 0.0 and share < 1.0) or glint > MOST_GLINT or turn > MOST_TURN:
+                    return 4
+                for n in range(4):
+                    here = (covered >> (4 * n)) & 15
+                    if here > 0:
+                        if body.textured == 1:
+                            colour = mean_texel(body, at, across, down, x - float(n % 2), y - float(n / 2), here)
+                        lit = within_one(bright * colour + wp.vec3(glint, glint, glint))
+                        means[n] += 0.25 * number_of(here) * lit
+        point += 1
+    for n in range(4):
+        pixels[row + n / 2, column + n % 2] = in_bytes(means[n])
+    if bare != ALL:
+        for q in range(8):
+            nearest[4 * row + q, column] = wp.static(wp.uint64(0))
+            nearest[4 * row + q, column + 1] = wp.static(wp.uint64(0))
+    return 0
+
+
+@kernel
+def shade(
+    body: Body,
+    view: Surroundings,
+    shadows: DepthMap,
+    first_row: int,
+    first_column: int,
+    columns: int,
+    # In and out:
+    nearest: Keys,  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
+    pixels: Pixels,  # shape [height, width]
+):
+    """Lay triangles and their shadow on the ground over a picture of the lit ground.
+
+    Each thread takes two rows, from the first column on: to start one costs as much as a pixel of the ground.
+    """
+    row = first_row + 2 * wp.tid()
+    for pair in range((columns + 1) / 2):
+        column = first_column + 2 * pair
+        left = shade_square(body, view, shadows, row, column, nearest, pixels)
+        for q in range(left):
+            if row + q / 2 < pixels.shape[0] and column + q % 2 < pixels.shape[1]:
+                shade_pixel(body, view, shadows, row + q / 2, column + q % 2, nearest, pixels)

@@ -1,4 +1,4 @@
-"""A ray caster: pictures by ray queries, first one ray a pixel, then four where that is not enough."""
+"""A ray caster: one ray for each pixel, then four where that is not enough."""
 
 import functools
 
@@ -6,12 +6,12 @@ import warp as wp
 
 from ..basis import kernel
 from ..springs.lanes import sum_over_lanes
-from .shading import LOOKS, Body, Surroundings, colour_of, in_bytes, seen, seen_body, within_one
+from .shading import FIRST_SAMPLES, Body, Surroundings, colour_of, in_bytes, shade_hit, shade_ray, within_one
 
 CONTRAST = wp.constant(0.08)
-"""Differences between the neighbours of a pixel beyond which it is looked at more closely."""
+"""Pixels whose neighbours differ by more are refined."""
 TILE = wp.constant(8)
-"""Threads that follow each other draw squares of so many pixels: their rays go the same ways."""
+"""Consecutive threads draw squares of this edge in pixels: their rays are coherent."""
 Six = wp.types.vector(6, wp.float32)
 
 
@@ -33,12 +33,12 @@ def cast(
 ):
     """Draw the picture with one ray through the middle of each pixel, and one from there towards the light.
 
-    Each pixel of a square of four looks at another point of the light.
+    Each pixel of 2 x 2 samples another point of the light.
     """
     row, column = place(wp.tid(), image.shape[1])
     if row < image.shape[0] and column < image.shape[1]:
         spot = 2 * (row % 2) + column % 2
-        colour, share = seen(body, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
+        colour, share = shade_ray(body, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
         colour = within_one(colour)
         image[row, column] = wp.vec4(colour[0], colour[1], colour[2], share)
 
@@ -47,11 +47,11 @@ def cast(
 def choose(
     image: wp.array2d(dtype=wp.vec4),  # as `cast` draws it, shape [height, width]
     # Out:
-    pixels: wp.array2d(dtype=wp.vec3ub),  # those that need no closer look, shape [height, width]
+    pixels: wp.array2d(dtype=wp.vec3ub),  # those that need no refinement, shape [height, width]
     chosen: wp.array2d(dtype=int),  # rows: those where a shadow fades, and others; shape [2, height · width]
-    count: wp.array(dtype=int),  # how many of either there are; 0 before
+    count: wp.array(dtype=int),  # the number of either; 0 before
 ):
-    """Turn pixels to bytes; list those that need a closer look, whose neighbours differ in colour or in light."""
+    """Convert pixels to bytes; list those to refine, whose neighbours differ in colour or in light."""
     row, column = place(wp.tid(), image.shape[1])
     if row >= image.shape[0] or column >= image.shape[1]:
         return
@@ -62,7 +62,7 @@ def choose(
     below = image[wp.min(row + 1, image.shape[0] - 1), column]
     askew = image[wp.min(row + 1, image.shape[0] - 1), wp.min(column + 1, image.shape[1] - 1)]
     pixel = image.shape[1] * row + column
-    # Among these neighbours are all four looks at the light.
+    # These neighbours have sampled all four points of the light.
     shares = Six(here[3], left[3], right[3], above[3], below[3], askew[3])
     if wp.max(shares) > 0.5 and wp.min(shares) < 0.5:
         chosen[0, wp.atomic_add(count, 0, 1)] = pixel
@@ -76,8 +76,8 @@ def choose(
 def refine(lanes: int):
     """Compose the kernel that draws chosen pixels with four rays each.
 
-    Those where a shadow fades come first, since they take longest. So many neighbouring threads share a pixel (1,
-    4 or 16): each casts one of its rays, or where they are more, looks at some of its points of the light.
+    Those where a shadow fades come first, since they take longest. Neighbouring threads, `lanes` of them (1, 4 or
+    16), share a pixel: each casts one of its rays, or if they are more, samples some of its points of the light.
     """
     together, parts = sum_over_lanes(3, wp.float32, lanes), max(lanes // 4, 1)
 
@@ -85,7 +85,7 @@ def refine(lanes: int):
     def refine_pixels(
         body: Body,
         view: Surroundings,
-        spots: int,  # points of the light that each of four rays looks at where a shadow fades
+        spots: int,  # points of the light that each of four rays samples where a shadow fades
         threads: int,
         chosen: wp.array2d(dtype=int),  # shape [2, height · width]
         count: wp.array(dtype=int),  # shape [2]
@@ -97,7 +97,7 @@ def refine(lanes: int):
         while i < count[0] + count[1]:
             pixel = int(0)
             looks = int(1)
-            shared = int(1)  # by so many threads is each ray
+            shared = int(1)  # number of threads that share a ray
             if i < count[0]:
                 pixel = chosen[0, i]
                 looks = spots / wp.static(parts)
@@ -112,9 +112,9 @@ def refine(lanes: int):
                     x = float(column) + 0.25 + 0.5 * float(k % 2)
                     y = float(row) + 0.25 + 0.5 * float(k / 2)
                     first = k
-                    if i < count[0]:  # neighbouring pixels look at other points, so that no steps are seen
-                        first = LOOKS + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
-                    colour, _share = seen(body, view, x, y, first, looks)
+                    if i < count[0]:  # neighbouring pixels sample other points, so that there are no visible steps
+                        first = FIRST_SAMPLES + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
+                    colour, _share = shade_ray(body, view, x, y, first, looks)
                     mean += (0.25 / float(shared)) * within_one(colour)
             mean = together(mean)
             if lane == 0:
@@ -131,7 +131,7 @@ def lay_over(
     # In and out:
     pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
 ):
-    """Draw triangles over a picture, through all that is in it: four rays a pixel, where any meets one."""
+    """Draw triangles in front of a picture, with four rays for each pixel."""
     row, column = wp.tid()
     met = int(0)
     mean = wp.vec3()
@@ -142,7 +142,7 @@ def lay_over(
         hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
         if hit.result:
             met += 1
-            colour, _share = seen_body(body, view, hit, ray, 0, 0)
+            colour, _share = shade_hit(body, view, hit, ray, 0, 0)
             mean += 0.25 * within_one(colour)
     if met > 0:
         pixels[row, column] = in_bytes(mean + (1.0 - 0.25 * float(met)) * colour_of(pixels[row, column]))

@@ -1,4 +1,4 @@
-"""What a ray sees: bodies and obstacles, lit and in shadow, the ground, and the background."""
+"""Shading along a ray: bodies and obstacles, lit and in shadow, the ground, and the background."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ import warp as wp
 class Body:
     """The triangles that are drawn."""
 
-    mesh: wp.uint64  # what rays search, if rays are cast
+    mesh: wp.uint64  # search tree for rays
     # Of vertices, each of shape [vertex_count]:
     points: wp.array(dtype=wp.vec3)  # [m]
     normals: wp.array(dtype=wp.vec3)  # of unit length
@@ -17,11 +17,11 @@ class Body:
     uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
     # Of triangles, each of shape [triangle_count]:
     triangles: wp.array(dtype=wp.vec3i)  # three vertices each
-    closed: wp.array(dtype=wp.bool)  # whether the back is never seen
+    closed: wp.array(dtype=wp.bool)  # whether the back is always hidden
     gloss: wp.array(dtype=float)  # strength of highlights
-    first_shaded: int  # on triangles before this one no shadows fall
+    first_shaded: int  # triangles before this one take no shadows
     texture: wp.array2d(dtype=wp.vec3ub)  # shape [height, width]
-    textured: int  # 1 if the texture is what is seen, 0 if the colours are
+    textured: int  # 1 if the texture is drawn, 0 if the colours are
 
 
 @wp.struct
@@ -32,27 +32,27 @@ class Surroundings:
     corner: wp.vec3  # direction through the upper left corner of the picture
     across: wp.vec3  # from the direction of one pixel to that of its right neighbour
     down: wp.vec3  # the same downwards
-    far: float  # beyond this distance nothing is met [m]
+    far: float  # the longest ray [m]
     light: wp.vec3  # unit vector towards the middle of the key light
     light_u: wp.vec3  # point (a, b) of the light, a disc of radius 1, is towards light + a light_u + b light_v
     light_v: wp.vec3
-    spots: wp.array(dtype=wp.vec2)  # points of the key light: the first four for a look, the others for counting
-    towards_viewer: wp.vec3  # unit vector against the direction of view: towards the second light
-    fill_from: wp.vec3  # unit vector towards the light that fills what is turned away from the key light
-    background: wp.vec3  # colour where nothing is met, in 0 … 1
-    # Strengths of what lights the body: from everywhere, from below, and of the three lights.
+    spots: wp.array(dtype=wp.vec2)  # sampling points of the key light: four to find where a shadow fades, and more
+    towards_viewer: wp.vec3  # unit vector against the direction of view: towards the headlight
+    fill_from: wp.vec3  # unit vector towards the fill light
+    background: wp.vec3  # colour in 0 … 1
+    # Strengths of light from everywhere, from below, and of the three lights.
     ambient: float
     bounce: float
     key: float
     head: float
     fill: float
     shininess: float  # Phong's exponent of highlights
-    gleam: float  # cosine of an angle at which highlights are too weak to be seen: powers cost more than all else
+    gleam: float  # cosine of the angle beyond which highlights are too weak to see: powers are expensive
     shadows: int  # 1 if there are shadows, else 0
-    shaded: float  # what is left of the key light on bodies in full shadow, 0 … 1
-    shadow: float  # what is left of the ground's colour in full shadow, 0 … 1
+    shaded: float  # share of the key light on bodies in full shadow, 0 … 1
+    shadow: float  # share of the ground's colour in full shadow, 0 … 1
     has_ground: int
-    below: float  # what is further below the ground is not seen [m]
+    below: float  # points further below the ground are not drawn [m]
     ground: wp.array2d(dtype=wp.vec3ub)  # its texture, shape [height, width]
     ground_centre: wp.vec3  # its middle [m]
     ground_normal: wp.vec3  # unit vector upwards
@@ -61,12 +61,12 @@ class Surroundings:
 
 
 GAP = wp.constant(1.0e-4)
-"""How far from what it starts on a ray towards the light begins, over the distance from the camera: well above the
+"""Distance of the start of a ray towards the light from the surface, over that of the camera: well above the
 rounding of float32, and less than a tenth of a pixel."""
-LOOKS = wp.constant(4)
-"""Points of the light that neighbouring pixels look at, one each, to find where a shadow fades."""
-ALIKE = wp.constant(0.5)
-"""In place of the share of the key light that is seen, where none of it could fall."""
+FIRST_SAMPLES = wp.constant(4)
+"""Points of the light that neighbouring pixels sample, one each, to find where a shadow fades."""
+FACING_AWAY = wp.constant(0.5)
+"""Stands for the visible share of the key light where surfaces face away from it."""
 
 
 @wp.func
@@ -77,7 +77,7 @@ def colour_of(pixel: wp.vec3ub) -> wp.vec3:
 
 @wp.func
 def within_one(colour: wp.vec3) -> wp.vec3:
-    """Return a colour that is no brighter than can be shown."""
+    """Return a colour, limited to 1."""
     return wp.min(colour, wp.vec3(1.0, 1.0, 1.0))
 
 
@@ -90,7 +90,7 @@ def in_bytes(colour: wp.vec3) -> wp.vec3ub:
 
 @wp.func
 def mix(shares: wp.vec3, values: wp.array(dtype=Any), corners: wp.vec3i):
-    """Return the mixture of what the corners of a triangle have."""
+    """Return the weighted sum of the values at the corners of a triangle."""
     return shares[0] * values[corners[0]] + shares[1] * values[corners[1]] + shares[2] * values[corners[2]]
 
 
@@ -122,8 +122,8 @@ def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def light_seen(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
-    """Return the share of so many points of the key light, from `first` on, that nothing hides."""
+def visible_light(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
+    """Return the share of `count` points of the key light, from `first` on, that nothing hides."""
     if view.shadows == 0:
         return 1.0
     hidden = int(0)
@@ -136,7 +136,7 @@ def light_seen(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, 
 
 @wp.func
 def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
-    """Return how much of a highlight is seen along a ray, where it is mirrored that way; 0 if less than 1e-4."""
+    """Return the strength of a highlight along a ray, given the mirrored direction of the light; 0 below 1e-4."""
     along = -wp.dot(mirrored, ray)
     if along < view.gleam:
         return 0.0
@@ -145,9 +145,9 @@ def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
 
 @wp.func
 def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float):
-    """Return how bright a surface's colour is, and the highlights on it; see `msdwarp/pictures/light.py`.
+    """Return the brightness of a surface's colour, and its highlights; see `msdwarp/pictures/light.py`.
 
-    `normal` is that of the side that is seen along the ray; such a share of the key light `arrives` there.
+    `normal` is that of the visible side; the share `arrives` of the key light reaches it.
     """
     diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
     diffuse += view.fill * wp.max(wp.dot(normal, view.fill_from), 0.0)
@@ -168,12 +168,12 @@ def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, ar
 
 
 @wp.func
-def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
-    """Return the colour of the body where the ray hit it, and the share of the key light that is seen from there.
+def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
+    """Return the colour of the body where the ray hit it, and the share of the key light that reaches it.
 
-    Phong's shading, both sides alike. Where triangles stand for a smooth surface, a ray towards the light starts
-    on that surface, since the triangles' own shadow would be jagged where the light grazes them
-    (J. Hanika, "Hacking the shadow terminator", Ray Tracing Gems II, 2021).
+    Phong's shading, for both sides. If triangles approximate a smooth surface, a ray towards the light starts on
+    that surface, since the triangles' own shadow would be jagged at grazing light (J. Hanika, "Hacking the shadow
+    terminator", Ray Tracing Gems II, 2021).
     """
     corners = body.triangles[hit.face]
     shares = wp.vec3(hit.u, hit.v, 1.0 - hit.u - hit.v)
@@ -185,16 +185,16 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     if body.textured == 1:
         at = mix(shares, body.uv, corners)
         colour = texel(body.texture, at[0], at[1])
-    share = ALIKE
+    share = FACING_AWAY
     arrives = float(1.0)
     if wp.dot(normal, view.light) > 0.0 and count > 0 and hit.face >= body.first_shaded:
         spot = view.eye + hit.t * ray
         start = spot + GAP * hit.t * normal
         for k in range(3):
-            # Up to the plane through each corner across its normal.
+            # Up to the tangent plane at each corner.
             upwards = side * body.normals[corners[k]]
             start += shares[k] * (wp.max(wp.dot(body.points[corners[k]] - spot, upwards), 0.0) * upwards)
-        share = light_seen(body.mesh, view, start, first, count)
+        share = visible_light(body.mesh, view, start, first, count)
         arrives = share
     bright, glint = light_on(view, body.gloss[hit.face], normal, ray, arrives)
     return bright * colour + wp.vec3(glint, glint, glint), share
@@ -202,13 +202,13 @@ def seen_body(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
 
 @wp.func
 def height(view: Surroundings, spot: wp.vec3) -> float:
-    """Return how far a point is above the ground [m]."""
+    """Return the height of a point above the ground [m]."""
     return wp.dot(spot - view.ground_centre, view.ground_normal)
 
 
 @wp.func
 def meets_ground(view: Surroundings, way: wp.vec3):
-    """Return how many times `way` the ground is from the camera, or -1, and where that is in its texture."""
+    """Return t where eye + t way meets the ground, or -1, and the ground's texture coordinates there."""
     slope = wp.dot(way, view.ground_normal)
     if view.has_ground == 0 or slope >= 0.0:
         return -1.0, wp.vec2()
@@ -221,21 +221,21 @@ def meets_ground(view: Surroundings, way: wp.vec3):
 
 
 @wp.func
-def seen(body: Body, view: Surroundings, column: float, row: float, first: int, count: int):
-    """Return the colour at a point of the picture, in pixels from its upper left corner, and the light it gets.
+def shade_ray(body: Body, view: Surroundings, column: float, row: float, first: int, count: int):
+    """Return the colour at a point of the picture, in pixels from its upper left, and the light that reaches it.
 
-    That is the share of `count` points of the key light, from `first` on, that is seen from there.
+    That is the visible share of `count` points of the key light, from `first` on.
     """
     ray = wp.normalize(view.corner + column * view.across + row * view.down)
     colour = view.background
-    share = ALIKE
+    share = FACING_AWAY
     hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
     if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
-        colour, share = seen_body(body, view, hit, ray, first, count)
+        colour, share = shade_hit(body, view, hit, ray, first, count)
     else:
         t, uv = meets_ground(view, ray)
         if t > 0.0:
             spot = view.eye + t * ray
-            share = light_seen(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
+            share = visible_light(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
             colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
     return colour, share

@@ -8,38 +8,39 @@ BLOCK = 8
 """Texels of a shadow map along an edge of a block."""
 
 LEAST, MOST = 1.25, 12.0
-"""Least and largest distances of the texels that are looked at around a spot, in texels: half a shadow's edge at a
-contact, and far from one. The latter is what the blocks around four neighbours have in common."""
+"""Least and largest distances of the texels that are sampled around a spot, in texels: half a shadow's edge at a
+contact, and far from one. The latter lies within the blocks that count for all four neighbours."""
 STEEPEST = 6.0
-"""Steepest slope along the light that surfaces are taken to have, so that rounding casts no shadows."""
+"""Limit to the slopes of surfaces along the light, so that rounding casts no shadows."""
 FIRST = 8
-"""So many points of the light are looked at first: the others are not where all of these are seen, or none."""
+"""Points of the light that are sampled first: the others are only if some, and not all, of these are hidden."""
 
 
 @wp.struct
-class Seen:
-    """What the key light sees: a map of a square across it, and where to look at that."""
+class DepthMap:
+    """A shadow map: the surfaces that the key light reaches first, in a square across it, and sampling points."""
 
     u: wp.vec3  # unit vectors across and towards the light
     v: wp.vec3
     towards: wp.vec3
-    corner: wp.vec3  # its first corner along u and v, and what distances towards the light are counted from [m]
+    corner: wp.vec3  # its first corner along u and v, and the origin of distances towards the light [m]
     scale: float  # texels per metre
     depth: wp.array2d(dtype=float)  # how far towards the light the nearest surface is [m], shape [size, size]
-    around: wp.array2d(dtype=wp.vec4)  # the same of blocks and those beside them, shape [size / BLOCK] * 2
+    around: wp.array2d(dtype=wp.vec4)  # the same of blocks and those around them, shape [size / BLOCK] * 2
     softness: float  # radius of the light over its distance
     spots: wp.array(dtype=wp.vec2)  # points of the light, a disc of radius 1, evenly spread as `light.spread` does
 
 
 @wp.func
-def in_map(seen: Seen, point: wp.vec3) -> wp.vec3:
+def in_map(shadows: DepthMap, point: wp.vec3) -> wp.vec3:
     """Return a point as (column, row, distance towards the light [m]); a texel's middle is at whole numbers."""
-    away = wp.vec3(wp.dot(point, seen.u), wp.dot(point, seen.v), wp.dot(point, seen.towards)) - seen.corner
-    return wp.vec3(seen.scale * away[0] - 0.5, seen.scale * away[1] - 0.5, away[2])
+    place = wp.vec3(wp.dot(point, shadows.u), wp.dot(point, shadows.v), wp.dot(point, shadows.towards))
+    away = place - shadows.corner
+    return wp.vec3(shadows.scale * away[0] - 0.5, shadows.scale * away[1] - 0.5, away[2])
 
 
 @wp.func
-def over(slope: float) -> float:
+def inverse(slope: float) -> float:
     """Return 1 / slope, or 0 where there is hardly any."""
     if wp.abs(slope) < 1.0e-30:
         return 0.0
@@ -47,11 +48,8 @@ def over(slope: float) -> float:
 
 
 @wp.func
-def inside(share: float, run: float, reach: wp.vec2) -> wp.vec2:
-    """Return where share + x / run >= 0 holds of x from reach[0] to reach[1]: (first, last).
-
-    A run of 0 stands for a share that is everywhere the same.
-    """
+def narrow(share: float, run: float, reach: wp.vec2) -> wp.vec2:
+    """Return the part of the interval `reach` where share + x / run >= 0; for a run of 0 the share is constant."""
     if run > 0.0:
         return wp.vec2(wp.max(reach[0], -share * run), reach[1])
     if run < 0.0:
@@ -65,16 +63,16 @@ def inside(share: float, run: float, reach: wp.vec2) -> wp.vec2:
 def draw_depth(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
-    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is never seen, shape [triangle_count]
+    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is always hidden, shape [triangle_count]
     # In and out:
-    seen: Seen,  # its depth
+    shadows: DepthMap,  # its depth
 ):
-    """Draw every triangle where a texel's middle lies in it; what is nearest to the light counts."""
+    """Draw every triangle into the texels whose middles lie in it, and keep the nearest to the light."""
     t = wp.tid()
-    size = seen.depth.shape[0]
-    a = in_map(seen, points[triangles[t][0]])
-    ab = in_map(seen, points[triangles[t][1]]) - a
-    ac = in_map(seen, points[triangles[t][2]]) - a
+    size = shadows.depth.shape[0]
+    a = in_map(shadows, points[triangles[t][0]])
+    ab = in_map(shadows, points[triangles[t][1]]) - a
+    ac = in_map(shadows, points[triangles[t][2]]) - a
     area = ab[0] * ac[1] - ab[1] * ac[0]
     if area == 0.0 or (closed[t] and area < 0.0):
         return
@@ -83,84 +81,83 @@ def draw_depth(
     # The shares of b and c at a texel are linear in its column. Inside, neither they nor the rest are below 0.
     b_slope = ac[1] / area
     c_slope = -ab[1] / area
-    b_run = over(b_slope)
-    c_run = over(c_slope)
-    a_run = over(-b_slope - c_slope)
+    b_run = inverse(b_slope)
+    c_run = inverse(c_slope)
+    a_run = inverse(-b_slope - c_slope)
     slope = b_slope * ab[2] + c_slope * ac[2]
     for row in range(lowest, highest + 1):
         y = float(row) - a[1]
         b = -(y * ac[0] + a[0] * ac[1]) / area
         c = (y * ab[0] + a[0] * ab[1]) / area
-        reach = inside(b, b_run, wp.vec2(0.0, float(size - 1)))
-        reach = inside(c, c_run, reach)
-        reach = inside(1.0 - b - c, a_run, reach)
+        reach = narrow(b, b_run, wp.vec2(0.0, float(size - 1)))
+        reach = narrow(c, c_run, reach)
+        reach = narrow(1.0 - b - c, a_run, reach)
         near = a[2] + b * ab[2] + c * ac[2]
         # A little more than the triangle, so that rounding leaves no gap between neighbours.
         first = int(wp.ceil(wp.min(reach[0], float(size)) - 1.0e-3))
         last = int(wp.floor(wp.max(reach[1], -1.0) + 1.0e-3))
         for column in range(wp.max(first, 0), wp.min(last, size - 1) + 1):
-            wp.atomic_max(seen.depth, row, column, near + float(column) * slope)
+            wp.atomic_max(shadows.depth, row, column, near + float(column) * slope)
 
 
 @wp.func
-def nearest_around_spot(seen: Seen, at: wp.vec3) -> float:
-    """Return how far towards the light the nearest surface around a place of the map is, linear between blocks."""
-    last = seen.around.shape[0] - 1
+def nearest_around_spot(shadows: DepthMap, at: wp.vec3) -> float:
+    """Return how far towards the light the nearest surface around a place in the map is, linear between blocks."""
+    last = shadows.around.shape[0] - 1
     column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     c = wp.min(int(column), last - 1)
     r = wp.min(int(row), last - 1)
     s = column - float(c)
     t = row - float(r)
-    upper = (1.0 - s) * seen.around[r, c][0] + s * seen.around[r, c + 1][0]
-    lower = (1.0 - s) * seen.around[r + 1, c][0] + s * seen.around[r + 1, c + 1][0]
+    upper = (1.0 - s) * shadows.around[r, c][0] + s * shadows.around[r, c + 1][0]
+    lower = (1.0 - s) * shadows.around[r + 1, c][0] + s * shadows.around[r + 1, c + 1][0]
     return (1.0 - t) * upper + t * lower
 
 
 @wp.func
-def hidden(seen: Seen, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
-    """Return 1 if the texel so far aside from a place, in texels, is above a plane through that, else 0."""
-    if seen.depth[int(at[1] + aside[1]), int(at[0] + aside[0])] > at[2] + wp.dot(slope, aside):
+def hidden(shadows: DepthMap, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
+    """Return 1 if the texel at an offset from a place, in texels, is above a plane through that, else 0."""
+    if shadows.depth[int(at[1] + aside[1]), int(at[0] + aside[0])] > at[2] + wp.dot(slope, aside):
         return 1
     return 0
 
 
 @wp.func
-def share_of_light(seen: Seen, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
-    """Return the share of the key light that is seen from a spot [m] of a plane with a normal of any length.
+def share_of_light(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
+    """Return the share of the key light that reaches a spot [m] of a plane with a normal of any length.
 
-    The texels that are looked at lie wider apart the higher above the spot something may hide the light. For what
-    lies `around` the spot they lie so many texels further out.
+    Samples lie wider apart the higher above the spot something may hide it, and `around` texels further out.
     """
-    at = in_map(seen, spot) + wp.vec3(0.5, 0.5, 0.0)
-    size = float(seen.depth.shape[0])
+    at = in_map(shadows, spot) + wp.vec3(0.5, 0.5, 0.0)
+    size = float(shadows.depth.shape[0])
     to_edge = wp.min(wp.min(at[0], at[1]), size - wp.max(at[0], at[1]))
     if to_edge < 1.0:
         return 1.0
-    block = seen.around[int(at[1]) / wp.static(BLOCK), int(at[0]) / wp.static(BLOCK)]
-    texel = 1.0 / seen.scale
+    block = shadows.around[int(at[1]) / wp.static(BLOCK), int(at[0]) / wp.static(BLOCK)]
+    texel = 1.0 / shadows.scale
     if block[0] - at[2] <= 0.3 * texel:
         return 1.0
-    above = nearest_around_spot(seen, at) - at[2]
-    facing = wp.dot(normal, seen.towards)
+    above = nearest_around_spot(shadows, at) - at[2]
+    facing = wp.dot(normal, shadows.towards)
     if facing == 0.0:
         return 1.0
     # How the plane rises towards the light from one texel to the next. [m]
-    slope = -texel / facing * wp.vec2(wp.dot(normal, seen.u), wp.dot(normal, seen.v))
+    slope = -texel / facing * wp.vec2(wp.dot(normal, shadows.u), wp.dot(normal, shadows.v))
     slope = slope * wp.min(1.0, wp.static(STEEPEST) * texel / wp.max(wp.length(slope), 1.0e-6 * texel))
     # A texel holds the distance at its middle, half a texel aside.
     margin = 0.3 * texel + 0.6 * (wp.abs(slope[0]) + wp.abs(slope[1]))
     if above <= margin:
         return 1.0
-    radius = wp.clamp(seen.softness * above / texel, wp.static(LEAST), wp.static(MOST)) + around
-    # Nothing is drawn near the map's edge, so that hardly anything is missed by not looking beyond that.
+    radius = wp.clamp(shadows.softness * above / texel, wp.static(LEAST), wp.static(MOST)) + around
+    # The map is empty near its edge, so that hardly anything is missed there.
     radius = wp.min(radius, to_edge - 0.5)
     at[2] = at[2] + margin
     count = int(0)
     for k in range(wp.static(FIRST)):
-        count += hidden(seen, at, slope, radius * seen.spots[k])
+        count += hidden(shadows, at, slope, radius * shadows.spots[k])
     if count > 0 and count < wp.static(FIRST):
-        for k in range(wp.static(FIRST), seen.spots.shape[0]):
-            count += hidden(seen, at, slope, radius * seen.spots[k])
-        return 1.0 - float(count) / float(seen.spots.shape[0])
+        for k in range(wp.static(FIRST), shadows.spots.shape[0]):
+            count += hidden(shadows, at, slope, radius * shadows.spots[k])
+        return 1.0 - float(count) / float(shadows.spots.shape[0])
     return 1.0 - float(count) / wp.static(float(FIRST))

@@ -13,17 +13,17 @@ from urllib.parse import parse_qs, urlsplit
 from .. import checks
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
-"""Names of this machine that no other has."""
+"""Names that always mean this machine."""
 EVERYWHERE = ("0.0.0.0", "::", "")
-"""Hosts that stand for all addresses of this machine."""
+"""Hosts that mean all addresses of this machine."""
 
 
 class Access:
     """Who may open a page.
 
-    With each request a browser sends the name under which it asks (Host), and for other pages' requests their
-    origin (Origin). Any page can have a browser ask this machine for something, but only under its own origin; and
-    under the page's name only if that name leads here (DNS rebinding).
+    With each request a browser sends the name of the server (Host), and for requests of other pages their origin
+    (Origin). Any page can make a browser send requests to this machine, but only with its own origin; and with a
+    Host other than this machine's only if that name resolves to it (DNS rebinding).
 
     `host` is the address of the page: unless only this machine can reach it, requests need a token. `allow_origin`
     are other origins whose pages may control this one, such as that of a proxy: scheme, host and port. ValueError
@@ -55,16 +55,16 @@ class Access:
         return None
 
     def _is_own(self, host: str) -> bool:
-        """Tell whether a Host names this page, with any port: it may be forwarded from another one."""
+        """Return whether a Host names this page, with any port, since ports may be forwarded."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
             return False
-        # No DNS name leads to where an address is.
+        # An address needs no DNS, so it cannot be rebound.
         return name in self._names or (self._any_address and _address(name) is not None)
 
     def _has_token(self, token: str, path: str, headers: Any) -> bool:
-        """Tell whether a request has the token, in its address or from then on as a cookie."""
+        """Return whether a request has the token, in its address or as a cookie."""
         cookies = [one.strip().partition("=") for line in headers.get_all("Cookie") for one in line.split(";")]
         given = [value for name, _, value in cookies if name == self._cookie]
         given += parse_qs(urlsplit(path).query).get("token", [])
@@ -72,7 +72,7 @@ class Access:
 
     @property
     def response_headers(self) -> dict[str, str]:
-        """Headers of each answer: browsers keep the token to themselves, and show the page in no other one."""
+        """Headers of each response: browsers must not reveal the token, nor show the page inside another one."""
         frames = " ".join(("frame-ancestors 'self'", *self.origins))
         headers = {"Content-Security-Policy": frames, "Referrer-Policy": "no-referrer"}
         if self.token is not None:
@@ -90,6 +90,6 @@ def _origin(given: Any) -> str:
 
 
 def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    """Return the IP address that a name is; None if it is none."""
+    """Return a name as an IP address; None if it is none."""
     with suppress(ValueError):
         return ipaddress.ip_address(name)

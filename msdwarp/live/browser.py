@@ -27,11 +27,11 @@ HOST, PORT = "127.0.0.1", 8080
 SIZE = (1280, 720)
 """Width and height that the camera is placed for."""
 WORTH = 10_000
-"""The fewest vertices that are larger than an image of them."""
+"""The fewest vertices that take more bytes than an image of them."""
 MOST_WAITING = 20
-"""Commands that wait for the view, from which on messages wait at their senders."""
+"""With more commands waiting for the view, messages wait at their senders."""
 LATE, OFTEN = 1.0, 3
-"""A link that is so late [s] so often in a row is too slow for triangles."""
+"""A link is too slow for triangles if it is this late [s] this often in a row."""
 MISSING = "the page needs viser: pip install 'msdwarp[view]'"
 
 
@@ -59,7 +59,7 @@ class Browser:
         self._waiting: Callable[[], int] = lambda: 0
         self._server: Any = None
 
-        # Clients that send garbage are disconnected, which needs no message.
+        # Clients that send garbage are disconnected silently.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
 
         class Server(viser.ViserServer):
@@ -86,7 +86,7 @@ class Browser:
 
     @property
     def address(self) -> str:
-        """Where the page is, with the token that it needs."""
+        """The page's address, with its token if it needs one."""
         name = socket.gethostname() if self.host in EVERYWHERE else self.host
         address = f"http://{f'[{name}]' if ':' in name else name}:{self.port}"
         return address if self._access.token is None else f"{address}/?token={self._access.token}"
@@ -122,25 +122,24 @@ class Browser:
                     client.scene.set_background_image(None)
             if view.images:
                 self._images = Images(view.shown.drawing, self._stage)
-                # Behind images the mouse finds a box around the body.
+                # With images the mouse drags an invisible box around the body.
                 box = self._server.scene.add_box("/box", opacity=0.0, side="double", cast_shadow=False)
-                self._box = self._let_drag(self._add(box))
+                self._box = self._let_drag(box)
             else:
-                self._add_patches()
+                drawing = view.shown.drawing
+                points: Any = drawing.points.numpy()
+                for k, patch in enumerate(patches(drawing)):
+                    node = self._add_mesh(f"/patch/{k}", patch.points(points), patch.faces, patch.colour)
+                    if patch.moves:
+                        self._patches.append((node, patch))
                 self._add_ground()
             line = np.zeros((1, 2, 3), np.float32)
-            self._pull = self._add(
-                self._server.scene.add_line_segments("/pull", line, (30, 30, 30), visible=False)
-            )
+            self._pull = self._server.scene.add_line_segments("/pull", line, (30, 30, 30), visible=False)
+            self._nodes.append(self._pull)
         self._panel.stage()
 
-    def _add(self, node: Any) -> Any:
-        """Note a node, to remove it from the page later, and return it."""
-        self._nodes.append(node)
-        return node
-
     def _place_camera(self) -> None:
-        """Place the camera as pictures do, but further off: bodies move, and the panel covers a part."""
+        """Place the camera as pictures do, but further away: bodies move, and the panel covers a part."""
         camera, opening = self._stage.camera, math.radians(VIEW_ANGLE)
         eye = camera.target + 1.8 * (camera.eye - camera.target)
         first = self._server.initial_camera
@@ -150,48 +149,39 @@ class Browser:
             client.camera.fov = opening
             client.camera.position, client.camera.look_at = eye, camera.target
 
-    def _add_patches(self) -> None:
-        drawing = self._view.shown.drawing
-        points: Any = drawing.points.numpy()
-        for k, patch in enumerate(patches(drawing)):
-            node = self._add_mesh(f"/patch/{k}", patch.points(points), patch.faces, patch.colour)
-            if patch.moves:
-                self._patches.append((node, patch))
-
     def _add_ground(self) -> None:
-        """Lay the ground where pictures have it."""
+        """Add the ground where pictures have it."""
         ground = self._stage.ground
         if ground is None:
             return
         from viser.transforms import SO3
 
-        self._add(
-            self._server.scene.add_grid(
-                "/ground",
-                infinite_grid=True,
-                cell_size=ground.tile,
-                section_size=5 * ground.tile,
-                cell_thickness=0.4,
-                section_thickness=0.8,
-                cell_color=(214, 216, 220),
-                section_color=(190, 194, 200),
-                fade_distance=2 * ground.half,
-                plane_color=_bytes(checks.colour("ground", self._stage.look.ground)),
-                plane_opacity=1.0,
-                shadow_opacity=0.3,
-                plane="xy",
-                wxyz=SO3.from_matrix(np.stack([ground.u, ground.v, ground.normal], axis=1)).wxyz,
-                position=tuple(ground.centre),
-            )
+        grid = self._server.scene.add_grid(
+            "/ground",
+            infinite_grid=True,
+            cell_size=ground.tile,
+            section_size=5 * ground.tile,
+            cell_thickness=0.4,
+            section_thickness=0.8,
+            cell_color=(214, 216, 220),
+            section_color=(190, 194, 200),
+            fade_distance=2 * ground.half,
+            plane_color=_bytes(checks.colour("ground", self._stage.look.ground)),
+            plane_opacity=1.0,
+            shadow_opacity=0.3,
+            plane="xy",
+            wxyz=SO3.from_matrix(np.stack([ground.u, ground.v, ground.normal], axis=1)).wxyz,
+            position=tuple(ground.centre),
         )
+        self._nodes.append(grid)
 
     def _add_mesh(self, name: str, points: np.ndarray, faces: np.ndarray, colour: np.ndarray) -> Any:
-        """Add triangles that the mouse can take hold of."""
-        mesh = self._server.scene.add_mesh_simple(name, points, faces, color=colour, side="double")
-        return self._let_drag(self._add(mesh))
+        """Add triangles that the mouse can drag."""
+        return self._let_drag(self._server.scene.add_mesh_simple(name, points, faces, color=colour, side="double"))
 
     def _let_drag(self, node: Any) -> Any:
-        """Have the mouse pull the body by a node: at a point of triangles, or along a ray through an image."""
+        """Let the mouse pull the body by a node: at a point of triangles, or along a ray through an image."""
+        self._nodes.append(node)
         view, by_ray = self._view, self._images is not None
 
         async def drag(event: Any) -> None:  # asynchronous: these keep their order
@@ -253,28 +243,28 @@ class Browser:
                 self._levels[level] = self._add_mesh(f"/level/{level}", points[corners], faces, colours[level])
 
     def tell(self) -> None:
-        """Show what is written, and where sliders stand."""
+        """Update texts and sliders."""
         self._panel.tell()
 
     def poll(self) -> bool:
-        """Return that the page is open, as it is until the view ends; send images to clients that can take one."""
+        """Send images to clients that can take one; return True, since a page stays open until the view ends."""
         if self._images is not None:
             self._images.send(self._clients())
         return True
 
     def _clients(self) -> list[tuple[int, Any, Link]]:
-        """Return number, client and link of all who are there."""
+        """Return number, client and link of all present clients."""
         clients = self._server.get_clients()
         self._links = {k: self._links.get(k) or Link(self._server, one) for k, one in clients.items()}
         return [(k, one, self._links[k]) for k, one in clients.items()]
 
     def _look_for_slow(self) -> None:
-        """Have the view send images where triangles come late again and again."""
+        """Have the view send images if triangles are late again and again."""
         vertices = sum(len(patch.corners) for _, patch in self._patches)
         if vertices + len(self._view.shown.drawing.points) < WORTH:
             return
         for _, _, link in self._clients():
-            if link.busy:  # a client that never answers, such as a sleeping laptop, does not decide for others
+            if link.busy:  # a client that never answers, such as a sleeping laptop, must not decide for others
                 continue
             link.late = link.late + 1 if link.delay >= LATE else 0
             if link.late == OFTEN:
@@ -282,7 +272,7 @@ class Browser:
             link.ask()
 
     def close(self) -> None:
-        """End: the page is gone. It may be called again."""
+        """Stop the server. It may be called again."""
         if self._server is not None:
             with redirect_stdout(io.StringIO()):
                 self._server.stop()
@@ -299,7 +289,7 @@ def _is_taken(host: str, port: int) -> bool:
 
 
 def _ray(camera: Any, point: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ray from a camera through a point: origin [m], direction, and the way into the screen."""
+    """Return the ray from a camera through a point: origin [m], direction, and the camera's direction."""
     ahead, way = camera.look_at - camera.position, np.asarray(point) - camera.position
     return camera.position, way / np.linalg.norm(way), ahead / np.linalg.norm(ahead)
 

@@ -1,4 +1,4 @@
-"""Commands: what people can ask of a view."""
+"""Commands of a view."""
 
 import inspect
 from collections.abc import Callable, Sequence
@@ -25,26 +25,26 @@ def _numbers(values: Sequence[float]) -> str:
 
 
 class Commands(ViewState):
-    """What people can ask of a view: each method is a command, under its name without the underscore."""
+    """The commands of a view: each method is one, under its name without the underscore."""
 
     def _pause(self, value: bool | None = None) -> None:
         self.paused = not self.paused if value is None else value
         self._start_clock()
-        self._say("paused" if self.paused else "running")
+        self._notify("paused" if self.paused else "running")
 
     def _step(self) -> None:
         if not self.paused:
             self._pause(True)
-        self._lead_hand()
+        self._move_hand()
         self.source.advance()
         self._is_shown = False
-        self._say("one frame")
+        self._notify("one frame")
 
     def _pace(self, by: float = 1.0, value: float | None = None) -> None:
         speed = self.speed * by if value is None else checks.positive("speed", value)
         self.speed = min(max(speed, SLOWEST), FASTEST)
         self._start_clock()
-        self._say(f"{self.speed:g} times real time")
+        self._notify(f"{self.speed:g} times real time")
 
     def _reset(self) -> None:
         ended = self._end_recording()
@@ -53,70 +53,70 @@ class Commands(ViewState):
         self.hand = Pull()
         self._start_clock()
         self._redraw()
-        self._say(f"restarted{ended}")
+        self._notify(f"restarted{ended}")
 
     def _scene(self, number: int) -> None:
         names = list(self.scenes)
         if not 1 <= number <= len(names):
             raise ValueError(f"there is no scene {number}; there are {len(names)} scenes")
         other = self.scenes[names[number - 1]]()
-        self._say(names[number - 1] + self._change_to(other, other.rebuild))
+        self._notify(names[number - 1] + self._change_to(other, other.rebuild))
 
     def _parameters(self, **parameters: Any) -> None:
-        if self._rebuild is None:
+        if self.rebuild is None:
             raise ValueError("this scene was not built by a function: it has no parameters")
-        ended = self._change_to(self._rebuild(**parameters), self._rebuild)
-        self._say(", ".join(f"{name} = {value}" for name, value in parameters.items()) + ended)
+        ended = self._change_to(self.rebuild(**parameters), self.rebuild)
+        self._notify(", ".join(f"{name} = {value}" for name, value in parameters.items()) + ended)
 
     def _scale(self, name: str, by: float | None = None, factor: float | None = None) -> None:
         handling = self._handling
         if factor is None:
             factor = handling.factors[name] * (by or 1.0)
         handling.do("scale", name=name, factor=factor)
-        self._say(f"{name.replace('_', ' ')} {factor:.3g} times; {self.source.summary()}")
+        self._notify(f"{name.replace('_', ' ')} {factor:.3g} times; {self.source.summary()}")
 
     def _freeze(self) -> None:
         self._handling.do("freeze")
-        self._say("rest lengths set to the current lengths")
+        self._notify("rest lengths set to the current lengths")
 
     def _gravity(self, value: Sequence[float]) -> None:
         self._handling.do("gravity", value=list(value))
-        self._say(f"gravity {_numbers(value)} m/s²")
+        self._notify(f"gravity {_numbers(value)} m/s²")
 
     def _wind(self, velocity: Sequence[float]) -> None:
         self._handling.do("wind", velocity=list(velocity))
-        self._say(f"wind {_numbers(velocity)} m/s")
+        self._notify(f"wind {_numbers(velocity)} m/s")
 
     def _contact(self, side: str, name: str, value: float) -> None:
         self._handling.do("contact", side=side, name=name, value=value)
-        self._say(f"{name} of {side} {value:g}; {self.source.summary()}")
+        self._notify(f"{name} of {side} {value:g}; {self.source.summary()}")
 
     def _wires(self, value: bool | None = None) -> None:
         self._redraw(wires=not self.shown.wires if value is None else bool(value))
-        self._say("connections" if self.shown.wires else "surface")
+        self._notify("connections" if self.shown.wires else "surface")
 
     def _colour(self, value: str | None = None) -> None:
         after = COLOURS[(COLOURS.index(self.shown.colour) + 1) % len(COLOURS)] if value is None else value
         self._redraw(after, wires=False)
-        self._say(f"colours: {after}")
+        self._notify(f"colours: {after}")
 
     def _send(self, value: str) -> None:
-        """Send pages triangles, or images that are drawn here, or what is faster."""
+        """Send pages triangles, or images, or the faster of them."""
         checks.one_of("value", value, SENDS)
         self.sends = value
         self._redraw()
-        self._say("sending " + ("images" if self.images else "triangles") + " to pages")
+        self._notify("sending " + ("images" if self.images else "triangles") + " to pages")
 
     def _slow(self) -> None:
         """Send images: a link is too slow for triangles."""
         if self.sends == "auto" and not self.images:
             self._is_slow = True
             self._redraw()
-            self._say("the link is slow: sending images instead of triangles")
+            self._notify("the link is slow: sending images instead of triangles")
 
     def _help(self) -> None:
         self.helps = not self.helps
-        self._read = 0.0
+        self._last_reading = 0.0
 
     def _seek(self, k: int) -> None:
         self.source.seek(k)
@@ -129,28 +129,26 @@ class Commands(ViewState):
     # The hand.
 
     def _grab(self, holder: Any, point: ArrayLike) -> None:
-        """Take hold of the body at a point of its surface [m]; of several holders the last one holds."""
-        handling = self._handling
-        at = checks.vector("point", point, 3)
-        gravity = float(np.linalg.norm(handling.simulation.model.gravity))
-        grip = Picking.of(handling.simulation.system, self.source.frame().position, at, gravity)
+        """Hold the body at a point of its surface [m]; the last of several holders holds it."""
+        simulation, at = self._handling.simulation, checks.vector("point", point, 3)
+        gravity = float(np.linalg.norm(simulation.model.gravity))
+        grip = Picking.of(simulation.system, self.source.frame().position, at, gravity)
         if grip is None:
             raise ValueError("nothing can be pulled here: it is pinned")
         self.hand = Pull(grip, holder, at)
 
     def _pick(self, holder: Any, origin: Sequence[float], direction: Sequence[float]) -> None:
-        """Take hold of the body where a ray first meets its drawing."""
+        """Hold the body where a ray first meets its drawing."""
         drawing = self.shown.drawing
         triangles = np.concatenate([one.triangles for one in drawing.body])
-        point = hit(origin, direction, drawing.points.numpy(), triangles)
-        if point is not None:
+        if (point := hit(origin, direction, drawing.points.numpy(), triangles)) is not None:
             self._grab(holder, point)
 
     def _drag(self, holder: Any, point: ArrayLike = (), ray: Any = None) -> None:
-        """Pull what is held towards a point [m], or to a ray: (origin, direction, normal of the screen)."""
+        """Pull the held point to a point [m], or to a ray: (origin, direction, normal of the screen)."""
         if self.hand.grip is None or self.hand.holder != holder:
             return
-        if ray is not None:  # in the plane, parallel to the screen, in which it was taken
+        if ray is not None:  # in the plane through the present target, parallel to the screen
             origin, direction, normal = (checks.vector("ray", one, 3) for one in ray)
             way = float(direction @ normal)
             if way <= 0:
@@ -168,36 +166,36 @@ class Commands(ViewState):
         if not self.hand.last:
             raise ValueError("nothing was pulled yet: drag the body, then press p to pin it")
         self._handling.do("pin", particles=sorted(self.hand.last))
-        self._say(f"pinned {len(self.hand.last)} particles")
+        self._notify(f"pinned {len(self.hand.last)} particles")
 
     # Recordings and pictures.
 
     def _record(self, folder: Any = None) -> None:
         if self.recording is not None:
-            self._say(self._end_recording().removeprefix("; "))
+            self._notify(self._end_recording().removeprefix("; "))
             return
         if not isinstance(self.source, Running):
             raise ValueError("this is already a recording")
         self.recording = Recording(self.source, folder)
-        self._say(f"recording to {self.recording.path}")
+        self._notify(f"recording to {self.recording.path}")
 
     def _film(self) -> None:
         """Draw a film of the last recording, in a process of its own."""
         if self.recording is not None:
             self._record()
-        if self._kept is None:
+        if self._last_recording is None:
             raise ValueError("no frames were kept yet")
         if self._filming is not None:
             raise ValueError(f"a film is already being drawn: {self._filming.folder}")
-        self._filming = Filming(self._kept, self.renderer)
-        self._say(f"drawing a film in {self._kept}")
+        self._filming = Filming(self._last_recording, self.renderer)
+        self._notify(f"drawing a film in {self._last_recording}")
 
     def _screenshot(self, path: Any = None) -> None:
         """Draw the present frame as pictures are drawn, into a PNG file."""
-        self._say(f"wrote {save_picture(self.source, self.shown.scene, path, self.renderer)}")
+        self._notify(f"wrote {save_picture(self.source, self.shown.scene, path, self.renderer)}")
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
     name[1:]: method for name, method in vars(Commands).items() if inspect.isfunction(method)
 }
-"""What keys, buttons and clients of a page can ask of a view, by name."""
+"""The commands of keys, buttons and a page's clients, by name."""

@@ -1,4 +1,4 @@
-"""Guard: what viser's server lacks, checks of requests and messages, and commands from other threads."""
+"""Guard: checks of requests and messages, and thread safety, which viser's server lacks."""
 
 import asyncio
 import inspect
@@ -19,11 +19,11 @@ _STARTING = threading.Lock()
 
 @contextmanager
 def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
-    """Have a server that viser starts meanwhile refuse what `Access` and `Filter` do not allow.
+    """Have a server that viser starts in this context refuse what `Access` and `Filter` do not allow.
 
-    viser has no setting for that. Its server is one of the package websockets, whose own settings are changed as
-    it is started: a check of each request, the class of connections, and the longest message.
-    While it is busy, messages wait at their senders. ValueError is raised if viser starts a server in another way.
+    viser has no setting for that. It uses the package websockets, whose `serve` gets other settings here: a check
+    of each request, the class of connections, and the longest message. While `busy()`, messages wait at their
+    senders. ValueError is raised if viser starts a server in another way.
     """
     import viser
     from viser import _messages
@@ -36,12 +36,12 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
         raise ValueError(f"{unable} ({error}); {advice}") from error
 
     class Connection(server.ServerConnection):
-        """A connection that hands on only what a page may send."""
+        """A connection that passes on only allowed messages."""
 
         async def recv(self, decode: bool | None = None) -> Any:
             while True:
                 data = await super().recv(decode)
-                await asyncio.sleep(0)  # what came before is on its way to whoever is busy then
+                await asyncio.sleep(0)  # so that the message before counts
                 while busy():
                     await asyncio.sleep(0.01)
                 if messages.passes(data):
@@ -86,10 +86,10 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
 
 
 def allow_any_thread(page: Any) -> None:
-    """Let any thread add to what a server of viser's sends, also to a client that is just leaving.
+    """Let any thread send messages through a viser server, also to a client that is just leaving.
 
     viser 1.1.1 sets its buffers' `message_event` in the thread that adds a message, though asyncio's events are
-    for the loop's thread alone: that fails now and then, or wakes nobody. It also warns of a client that is gone.
+    for the loop's thread only: that fails now and then, or wakes nobody. It also warns of a client that is gone.
     """
     inner, loop = page._websock_server, page.get_event_loop()
 

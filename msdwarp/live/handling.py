@@ -1,11 +1,10 @@
-"""Handling: what is done by hand to a simulation as it runs, noted so that it can be done again."""
+"""Handling: interactive changes of a running simulation, recorded so that they can be replayed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import uniform_like
@@ -13,24 +12,23 @@ from ..simulation import Simulation
 from ..world import Contact, MouseSpring, Scene, Wind
 
 SCALED = ("mass", "stiffness", "damping", "rest_length")
-"""Parameters that are handled as multiples of the scene's."""
+"""Parameters that are set as multiples of the scene's."""
 SIDES, ROUGH = ("obstacles", "bodies"), ("friction", "restitution")
-"""What bodies have contact with, obstacles or each other; and what can be set of it."""
+"""Contacts with obstacles or between bodies, and their parameters."""
 DEEDS = ("scale", "freeze", "gravity", "wind", "hold", "pin", "contact")
-"""What can be done."""
 Deed = dict[str, Any]
-"""Something done: in which frame, what, and with which numbers, as JSON has them."""
+"""A change: its frame, its name and its values, as in JSON."""
 
 
 def within_reach(scene: Scene) -> Scene:
-    """Return a scene with a mouse spring, which holds nothing yet."""
+    """Return a scene with a mouse spring that holds nothing yet."""
     return replace(scene, loads=(*scene.loads, MouseSpring()))
 
 
 class Handling:
-    """A simulation, of a scene that `within_reach` returned, and what is done to it by hand.
+    """A simulation, of a scene that `within_reach` returned, and its interactive changes.
 
-    `deeds` is what has been done since the start, in order; `factors` multiply the parameters of the scene.
+    `deeds` are the changes since the start, in order; `factors` multiply the parameters of the scene.
     """
 
     def __init__(self, scene: Scene, simulation: Simulation) -> None:
@@ -44,24 +42,24 @@ class Handling:
         self.gravity = self.scene.gravity
 
     def reset(self) -> None:
-        """Go back to the start, before anything was done by hand."""
+        """Go back to the start, before all changes."""
         self.simulation.reset()
         self._begin()
 
     def do(self, deed: str, **values: Any) -> None:
-        """Do something, and note it, with values that JSON can hold.
+        """Make a change and record it, with values that JSON can hold.
 
         Deeds are "scale" (name, factor), "freeze", "gravity" (value [m/s²]), "wind" (velocity [m/s]), "hold"
         (particles, to [m], stiffness [N/m], damping [N s/m]), "pin" (particles) and "contact" (side, name, value);
-        see `SCALED`, `SIDES` and `ROUGH`. If it is none of these, or the simulation cannot go on with it,
-        ValueError is raised and nothing has changed.
+        see `SCALED`, `SIDES` and `ROUGH`. ValueError is raised for any other, or if the simulation cannot go on
+        with it; then nothing has changed.
         """
         checks.one_of("deed", deed, DEEDS)
         getattr(self, f"_{deed}")(**values)
         self.deeds.append({"frame": self.simulation.frame_index, "deed": deed, **values})
 
     def do_due(self, deeds: list[Deed]) -> None:
-        """Do again what was done before the next frame, and remove it; raise ValueError if it is no deed."""
+        """Replay the changes before the next frame, and remove them; raise ValueError if one is no deed."""
         while deeds and deeds[0].get("frame", 0) <= self.simulation.frame_index:
             deed = deeds.pop(0)
             try:
@@ -77,14 +75,14 @@ class Handling:
         values = uniform_like(before * factor, before)
         uniform = len(values) > 0 and not values.strides[0]
         pinned = np.isinf(self.simulation.system.mass)
-        if name == "mass" and pinned.any():  # some by hand, which stay so
+        if name == "mass" and pinned.any():  # particles pinned by hand stay so
             values, uniform = np.where(pinned, np.inf, values), False
         value: Any = float(values[0]) if uniform else values
         self.simulation.change(**{name: value})
         self.factors[name] = factor
 
     def _freeze(self) -> None:
-        """Have the body keep its present shape."""
+        """Make the present shape the rest shape."""
         self.simulation.change(set_rest_shape=True)
 
     def _gravity(self, *, value: Sequence[float]) -> None:
@@ -92,11 +90,11 @@ class Handling:
         self.gravity = tuple(value)
 
     def _wind(self, *, velocity: Sequence[float]) -> None:
-        """Give all steady winds a velocity."""
+        """Set the velocity of all steady winds."""
         self._exchange({one: replace(one, velocity=tuple(velocity)) for one in self._winds})
 
     def _contact(self, *, side: str, name: str, value: float) -> None:
-        """Set the friction or restitution of all obstacles, or of all contact between bodies."""
+        """Set the friction or restitution of all obstacles, or of all contacts between bodies."""
         checks.one_of("side", side, SIDES)
         checks.one_of("name", name, ROUGH)
         before = self._sides(side)
@@ -109,13 +107,13 @@ class Handling:
             self.simulation.change(colliders=[others[one] for one in before])
 
     def _sides(self, side: str) -> list[Any]:
-        """Return the obstacles, or the loads of contact between bodies."""
+        """Return the obstacles, or the contacts between bodies."""
         if side == "obstacles":
             return list(self.simulation.colliders)
         return [one for one in self.loads if isinstance(one, Contact) and not one.exclude]
 
     def contact(self, side: str, name: str) -> float | None:
-        """Return the friction or restitution of obstacles or bodies; None where there is no contact."""
+        """Return the friction or restitution of obstacles or bodies; None without contact."""
         return next((float(getattr(one, name)) for one in self._sides(side)), None)
 
     @property
@@ -124,7 +122,7 @@ class Handling:
 
     @property
     def wind(self) -> tuple[float, ...] | None:
-        """Velocity of the first steady wind [m/s]; None where there is none."""
+        """Velocity of the first steady wind [m/s]; None without any."""
         return next((tuple(map(float, one.velocity)) for one in self._winds), None)
 
     def _hold(
@@ -140,8 +138,3 @@ class Handling:
 
     def _pin(self, *, particles: Sequence[int]) -> None:
         self.simulation.change(group=np.asarray(particles), mass=np.inf)
-
-    @property
-    def holds(self) -> NDArray[np.int64]:
-        """The particles that are held, shape [any]."""
-        return next(one.on for one in self.loads if isinstance(one, MouseSpring))

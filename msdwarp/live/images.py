@@ -1,4 +1,4 @@
-"""Images: what a page is sent where triangles are too many for its link, drawn here for each client."""
+"""Images, drawn here for each client of a page, for links that are too slow for triangles."""
 
 import asyncio
 import time
@@ -16,44 +16,42 @@ ROWS, LEAST_ROWS = 1080, 144
 STEPS = (144, 216, 288, 432, 576, 720, 900)
 """Rows of images that take too long with ROWS: few, so that the size does not change with every image."""
 IN_MOTION = 1 / 15
-"""How long an image may take to draw while something moves [s]: a coarser one is drawn instead."""
+"""The longest time to draw an image while something moves [s]; else it is made coarser."""
 AT_REST, PATIENCE = 1.5, 0.3
-"""The same for a scene that rests, and how long it must have rested [s]."""
+"""The same for a scene at rest, and how long it must have been at rest [s]."""
 SHARE = 1 / 3
-"""The largest share of the time for drawing on the CPU, which the simulation needs too."""
+"""The largest share of time for drawing on the CPU, which the simulation needs too."""
 
 
 class Link:
-    """The link to a client, which tells how soon arrives what is sent.
+    """The link to a client, which measures how long messages take to arrive.
 
-    viser does not report that. A ping of the websocket follows what was sent before it, and is answered once all
-    that was read.
+    viser does not report that. A ping of the websocket is answered once all messages before it have been read.
     """
 
     def __init__(self, server: Any, client: Any) -> None:
         self._server, self._client = server, client
         self._answer: Future[float] | None = None
-        self.late = 0
-        """How often in a row what was sent came late."""
+        self.late = 0  # how often in a row messages were late
 
     @property
     def busy(self) -> bool:
-        """Whether what was sent before the last `ask` has not arrived yet."""
+        """Whether messages before the last `ask` are still on their way."""
         return self._answer is not None and not self._answer.done()
 
     @property
     def delay(self) -> float:
-        """How long the last answer took [s]; 0 if nothing was asked or the client is gone."""
+        """The time of the last answer [s]; 0 without one, or if the client is gone."""
         if self._answer is None or self._answer.cancelled() or self._answer.exception() is not None:
             return 0.0
         return self._answer.result()
 
     def ask(self) -> None:
-        """Ask for an answer once all that was sent until now has arrived."""
+        """Ask for an answer once all messages until now have arrived."""
         self._answer = asyncio.run_coroutine_threadsafe(self._arrival(), self._server.get_event_loop())
 
     async def _arrival(self) -> float:
-        """Send what waits for the client alone, then a ping; return after which time [s] it was answered."""
+        """Send the client's waiting messages, then a ping; return the time until its answer [s]."""
         began = time.perf_counter()
         waiting = self._client._websock_connection.get_message_buffer()
         while waiting.message_from_id and not waiting.done:
@@ -77,14 +75,11 @@ class Images:
         self._free_at = 0.0
 
     def follow(self) -> None:
-        """Have the next images show the drawing as it is now."""
+        """Have the next images show the present drawing."""
         self._frame, self._moved, self._fits = self._frame + 1, time.perf_counter(), False
 
     def send(self, links: list[tuple[int, Any, Link]]) -> None:
-        """Draw for each client that has its last image, and would see another one now.
-
-        The client that has waited longest comes first: there may be time for one only.
-        """
+        """Draw for each client that has its last image and would see another; who waited longest comes first."""
         present = {k for k, _, _ in links}
         self._sent = {k: sent for k, sent in self._sent.items() if k in present}
         turn = {k: place for place, k in enumerate(self._sent)}
@@ -93,7 +88,7 @@ class Images:
                 link.ask()
 
     def _send_to(self, k: int, client: Any) -> bool:
-        """Draw for a client, if it would see another image; return whether it would."""
+        """Draw for a client, if it would see a different image; return whether it would."""
         camera, now = client.camera, time.perf_counter()
         pose = (*camera.position, *camera.wxyz, camera.image_width, camera.image_height)
         if not np.isfinite(pose).all() or min(pose[-2:]) < 1:
@@ -122,14 +117,14 @@ class Images:
         return True
 
     def _rows(self, most: float, seconds: float) -> int:
-        """Return how many rows an image can have that is drawn so fast."""
+        """Return the number of rows that can be drawn in this time [s], at most `most`."""
         rows = (seconds / self._seconds_a_row) ** 0.5 if self._seconds_a_row else 2 * LEAST_ROWS
         fast = ROWS if rows >= ROWS else max((n for n in STEPS if n <= rows), default=LEAST_ROWS)
         return min(int(most), fast)
 
 
 def _camera(of_client: Any) -> Camera:
-    """Return where a client looks from, with the opening that all pictures have."""
+    """Return a client's camera, with the view angle of all pictures."""
     from viser.transforms import SO3
 
     right, down, forward = SO3(of_client.wxyz / np.linalg.norm(of_client.wxyz)).as_matrix().T

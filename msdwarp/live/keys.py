@@ -4,22 +4,17 @@ from typing import Any, NamedTuple
 
 
 class Key(NamedTuple):
-    """What a key does."""
+    """A key, by its name in X, with the command of the view and its values, and the text in the list of keys."""
 
     name: str
-    """As X has it."""
     command: str
-    """The command of the view."""
     values: dict[str, Any]
-    """The command's values."""
     text: str
-    """What it does, for the list of keys."""
     shift: bool = False
-    """Whether shift is held too."""
 
 
 STEP = 1.25
-"""By how much a press of a key multiplies a parameter."""
+"""A key multiplies a parameter by this."""
 _SCALED = (("m", "mass"), ("s", "stiffness"), ("l", "rest_length"), ("d", "damping"))
 KEYS = (
     Key("space", "pause", {}, "pause or continue"),
@@ -38,7 +33,7 @@ KEYS = (
     Key("p", "pin", {}, "pin the particles held, or held last"),
     Key("h", "help", {}, "this list"),
 )
-"""What keys do; one that shift changes stands once without and then once with it."""
+"""All keys; one that shift changes is here without it, and then with it."""
 SCENES = "123456789"
 """The keys of scenes."""
 ARROWS = {"right": "→", "up": "↑", "down": "↓"}

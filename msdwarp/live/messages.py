@@ -1,4 +1,4 @@
-"""Messages: what may come from a page. viser trusts its pages: it sets the attributes that they name."""
+"""Messages that may come from a page. viser trusts its pages: it sets any attribute that they name."""
 
 import dataclasses
 import math
@@ -37,7 +37,7 @@ def _plain(value: Any) -> bool:
 
 
 def _entered(value: Any) -> bool:
-    """Tell whether a widget of the panel can have this value: a vector has three numbers."""
+    """Return whether a widget of the panel can have this value: a vector has three numbers."""
     return (value is not None and _plain(value)) or _numbers(3)(value)
 
 
@@ -70,14 +70,14 @@ RULES: dict[str, dict[str, Rule]] = {
     },
     "CommandTriggerMessage": {"uuid": _text},
 }
-"""The messages that a page needs, with a check of each field; no others are heard."""
+"""The messages that a page needs, with a check of each field; all others are dropped."""
 
 
 class Filter:
-    """Tells messages that a page may send from others.
+    """Recognizes messages that a page may send.
 
-    `declared` are viser's classes of messages, by name; ValueError is raised if they lack a message or a field of
-    the rules. Fields that they have beside those may be numbers or short texts.
+    `declared` are viser's message classes, by name; ValueError is raised if they lack a message or a field of the
+    rules. Other fields of theirs may be numbers or short texts.
     """
 
     def __init__(self, declared: Mapping[str, Any]) -> None:
@@ -90,7 +90,7 @@ class Filter:
             self._allowed[name] = dict.fromkeys((*fields, "type"), _plain) | rules
 
     def passes(self, raw: Any) -> bool:
-        """Tell whether a page may send this."""
+        """Return whether a page may send this."""
         import msgspec
 
         if not isinstance(raw, bytes) or len(raw) > MOST_BYTES:

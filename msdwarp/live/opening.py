@@ -61,7 +61,18 @@ def view(
     ValueError
         If `shown` or an origin is invalid, viser is not installed, or the port is in use.
     """
-    source = _source_of(shown)
+    if isinstance(shown, Scene):
+        handled = within_reach(shown)
+        source: Source = Running(handled, Simulation.from_scene(handled))
+    else:
+        shown, scene = scene_of(shown)
+        if isinstance(shown, Trajectory):
+            source = Played(shown, scene, shown.path.stem)
+        else:
+            if not any(isinstance(one, MouseSpring) for one in shown.loads):
+                shown.change(loads=[*shown.loads, MouseSpring()])
+                scene = replace(scene, loads=shown.loads)
+            source = Running(scene, shown)
     if browser is None:
         browser = no_display() is not None
     if not browser and not block:
@@ -97,16 +108,3 @@ def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
     contact = [one for one in shown.loads if isinstance(one, Contact)]
     around = {"colliders": shown.colliders, "loads": shown.loads, "contact": contact, "gravity": shown.gravity}
     return shown, Scene(system=shown.system, **around)
-
-
-def _source_of(shown: object) -> Source:
-    if isinstance(shown, Scene):
-        handled = within_reach(shown)
-        return Running(handled, Simulation.from_scene(handled))
-    shown, scene = scene_of(shown)
-    if isinstance(shown, Trajectory):
-        return Played(shown, scene, shown.path.stem)
-    if not any(isinstance(one, MouseSpring) for one in shown.loads):
-        shown.change(loads=[*shown.loads, MouseSpring()])
-        scene = replace(scene, loads=shown.loads)
-    return Running(scene, shown)

@@ -1,4 +1,4 @@
-"""Panels over the window of a view: images of text and of curves, with a veil behind them."""
+"""Panels over the window of a view: images of text and of curves on a translucent background."""
 
 import functools
 import importlib.util
@@ -14,18 +14,17 @@ from .shown import ENERGIES
 from .sources import Reading
 
 VEIL, INK, FAINT = (255, 255, 255, 205), (44, 50, 56, 255), (110, 118, 126, 255)
-"""Colours of what is behind the text, of the text, and of what matters less."""
+"""Colours of the background, of text, and of less important text."""
 CURVES = ("kinetic", "elastic", "potential")
-"""The energies that are plotted."""
 RECENT = 60
 """The most readings that the plot of energies shows."""
 FINE = 3
-"""How many times finer curves are drawn than they are shown: smooth edges."""
+"""Curves are drawn this many times finer: smooth edges."""
 
 
 @functools.lru_cache(maxsize=16)
 def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return a font that has arrows: that of Matplotlib, which PyVista needs; else Pillow's."""
+    """Return a font that has arrows: Matplotlib's, which PyVista needs; else Pillow's."""
     found = importlib.util.find_spec("matplotlib")
     if found is not None and found.origin is not None:
         fonts = Path(found.origin).parent / "mpl-data/fonts/ttf"
@@ -47,9 +46,9 @@ def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, Image
 
 
 def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image:
-    """Return two or more lines of text, the first of them large, the last, a hint, faint.
+    """Return two or more lines of text, the first large and the last, a hint, faint, wrapped at `columns` letters.
 
-    `unit` is pixels for each of a window of 720 rows; lines of more letters than `columns` are broken.
+    `unit` is pixels for each of a window of 720 rows.
     """
     pad, large, small = 11 * unit, max(10, round(15 * unit)), max(9, round(13 * unit))
     first, body, hint = (_font(large, bold=True), INK), (_font(small), INK), (_font(small), FAINT)
@@ -63,7 +62,7 @@ def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image
 
 
 def notice(message: str, unit: float, *, columns: int = 56) -> Image.Image:
-    """Return what was done last, large; see `text`."""
+    """Return a message in large letters; see `text`."""
     rows = textwrap.wrap(message, columns)
     size, pad = max(12, round((24 if len(rows) < 2 else 18) * unit)), 16 * unit
     font = _font(size)
@@ -76,7 +75,7 @@ def notice(message: str, unit: float, *, columns: int = 56) -> Image.Image:
 
 
 def keys(listed: str, unit: float) -> Image.Image:
-    """Return the list of keys: a line for each, with two spaces before what it does."""
+    """Return the list of keys: a line for each, with two spaces before its effect."""
     rows = [line.split("  ", 1) for line in listed.splitlines()]
     size, pad = max(9, round(15 * unit)), 16 * unit
     bold, plain = _font(size, bold=True), _font(size)
@@ -91,10 +90,7 @@ def keys(listed: str, unit: float) -> Image.Image:
 
 
 def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
-    """Return a plot of the energies of the last readings; None where there are too few.
-
-    The potential energy is counted from the lowest that is seen.
-    """
+    """Return a plot of the energies of the last readings, potential energy above its lowest; None if too few."""
     recent = list(readings)[-RECENT:]
     if len(recent) < 3 or recent[-1].time <= recent[0].time:
         return None
@@ -114,7 +110,7 @@ def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
         fine_pen.line([*zip(FINE * x, FINE * y, strict=True)], ENERGIES[name], round(2 * unit * FINE))
         pen.text((left, 0.8 * pad + size / 2), name, ENERGIES[name], font, anchor="lm")
         left += font.getlength(name) + size
-    # Averaged with its own weight: colours between strokes and nothing do not fade to white.
+    # Averaged by opacity, so that colours do not fade to white at the edges.
     image.alpha_composite(strokes.resize(image.size, Image.Resampling.LANCZOS))
     pen.line([(pad, top + high), (pad + wide, top + high)], FAINT, max(1, round(unit)))
     pen.text((pad + wide, 0.8 * pad + size / 2), f"{most:.3g} J", FAINT, font, anchor="rm")

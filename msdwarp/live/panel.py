@@ -1,4 +1,4 @@
-"""Panel: the buttons, sliders and keys of a page, and what is written beside them."""
+"""Panel: the buttons, sliders, keys and texts of a page."""
 
 import numbers
 import time
@@ -23,11 +23,10 @@ LEAST, MOST = 0.1, 10.0
 MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
 """End of the sliders of friction; the least restitution between bodies, see `Contact`."""
 SPEEDS = {"1/16": 1 / 16, "1/8": 1 / 8, "1/4": 1 / 4, "1/2": 1 / 2, "1": 1.0, "2": 2.0, "4": 4.0}
-"""Speeds of playing, over real time."""
+"""Playback speeds, over real time."""
 PATIENCE = 1.0
-"""How long an entry stays that the simulation has not taken up [s]."""
+"""How long an entry stays that the simulation has not adopted [s]."""
 CURVES = ("kinetic", "elastic", "sum")
-"""The energies that are plotted."""
 PLAY = {"pause / continue": "pause", "one frame": "step", "restart": "reset"}
 BUTTONS = {
     "freeze shape (f)": "freeze",
@@ -36,18 +35,17 @@ BUTTONS = {
     "film of the last recording": "film",
     "save picture": "screenshot",
 }
-"""The commands of buttons."""
 
 
 class Control:
-    """A widget of viser's that shows what `read` returns, unless that is None."""
+    """A viser widget that shows the value of `read`, unless that is None."""
 
     def __init__(self, widget: Any, read: Callable[[], Any]) -> None:
         self._widget, self._read = widget, read
         self._value, self._since = None, 0.0
 
     def update(self) -> None:
-        """Show the present value. What was just entered stays: the simulation takes it up at its next frame."""
+        """Show the present value. A new entry stays: the simulation adopts it at its next frame."""
         value, now = self._read(), time.monotonic()
         if value is None:
             return
@@ -61,7 +59,7 @@ class Control:
 
 
 class Panel:
-    """What a page has beside the picture. Callbacks come in viser's thread, and only post commands."""
+    """The controls of a page. Callbacks run in viser's thread, and only post commands."""
 
     def __init__(self, server: Any) -> None:
         self._server, self._gui = server, server.gui
@@ -71,7 +69,7 @@ class Panel:
         self._notice = ""
 
     def open(self, view: "View") -> None:
-        """Build what is the same for all scenes."""
+        """Build the controls of all scenes."""
         self._view, gui = view, self._gui
         self._status = gui.add_markdown("")
         play = gui.add_button_group("play", tuple(PLAY))
@@ -104,7 +102,7 @@ class Panel:
         command: str,
         values: Callable[[Any], dict[str, Any]] = lambda entered: {"value": entered},
     ) -> Any:
-        """Have a widget show what `read` returns, and post a command with the values of what is entered."""
+        """Have a widget show the value of `read`, and post a command with the values of entries."""
 
         async def entered(event: Any) -> None:
             if event.client_id is not None and _can_show(widget):
@@ -115,17 +113,17 @@ class Panel:
         return widget
 
     def _slider(self, label: str, ends: tuple[float, float], read: Callable[[], Any], *more: Any) -> None:
-        """Add a slider; more arguments are those of `_control`."""
+        """Add a slider; for more arguments see `_control`."""
         first = min(max(read(), ends[0]), ends[1])
         self._control(self._gui.add_slider(label, *ends, 0.01, first), read, *more)
 
     def _folder(self, label: str, *, expand: bool = False) -> Any:
-        """Add a folder that goes with the scene."""
+        """Add a folder that is removed with the scene."""
         self._parts.append(self._gui.add_folder(label, expand_by_default=expand))
         return self._parts[-1]
 
     def stage(self) -> None:
-        """Build what belongs to the scene, where it is another one."""
+        """Build the controls of the scene, if it is another one."""
         view, gui, source = self._view, self._gui, self._view.source
         if self._scene is source:
             return
@@ -185,7 +183,7 @@ class Panel:
         own = {
             n: v for n, v in source.parameters.items() if isinstance(v, numbers.Real | str) and type(v) is not bool
         }
-        if not own or not self._view.can_rebuild:
+        if not own or self._view.rebuild is None:
             return
         gui, post = self._gui, self._view.post
         with self._folder("scene"):
@@ -196,7 +194,7 @@ class Panel:
             build.on_click(_called(lambda: post("parameters", **{n: field.value for n, field in fields.items()})))
 
     def tell(self) -> None:
-        """Show what is written, and where sliders stand."""
+        """Update texts and controls."""
         view = self._view
         text = "\n\n".join([f"**{view.source.title or 'msdwarp'}**", *view.lines])
         if text != self._status.content:
@@ -208,12 +206,6 @@ class Panel:
         self._notice = notice
         for control in self._controls:
             control.update()
-        self._show_scale()
-        if self._energies is not None and len(view.readings) > 1:
-            curves = ([getattr(one, name) for one in view.readings] for name in ("time", *CURVES))
-            self._energies.data = tuple(np.array(curve) for curve in curves)
-
-    def _show_scale(self) -> None:
         drawing = self._view.shown.drawing
         self._legend.visible = drawing.scale is not None
         if drawing.scale is not None:
@@ -224,10 +216,13 @@ class Panel:
                 f'<div style="display:flex;justify-content:space-between"><span>0</span>'
                 f"<span>{drawing.scale.full:.3g}</span></div></div>"
             )
+        if self._energies is not None and len(view.readings) > 1:
+            curves = ([getattr(one, name) for one in view.readings] for name in ("time", *CURVES))
+            self._energies.data = tuple(np.array(curve) for curve in curves)
 
 
 def _called(call: Callable[[], Any]) -> Any:
-    """Return a callback for viser that calls; asynchronous, so that requests keep their order."""
+    """Return a viser callback that calls; it is asynchronous, so that requests keep their order."""
 
     async def called(event: Any) -> None:
         call()
@@ -236,7 +231,7 @@ def _called(call: Callable[[], Any]) -> Any:
 
 
 def _can_show(widget: Any) -> bool:
-    """Tell whether a widget can show its value, which a client has set."""
+    """Return whether a widget can show the value that a client has set."""
     options, least = getattr(widget, "options", None), getattr(widget, "min", None)
     if options is not None:
         return widget.value in options

@@ -1,6 +1,5 @@
-"""Patches: a drawing as triangles of one colour each, which is what a browser is sent."""
+"""Patches: the triangles of a drawing by colour, as browsers receive them."""
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +8,9 @@ from numpy.typing import NDArray
 from ..pictures import Drawing, Part, ramp
 
 LEVELS = 24
-"""Colours of a scale that a browser is sent."""
+"""Colours of a scale in a browser."""
 MOST_COLOURS = 12
-"""Colours of a texture that a browser is sent."""
+"""Colours of a texture in a browser."""
 FINE = 40_000
 """Triangles that a textured drawing is divided into at least: they show its pattern."""
 MOST_DIVISIONS = 16
@@ -19,39 +18,46 @@ MOST_DIVISIONS = 16
 
 
 class Patch(NamedTuple):
-    """Triangles of one colour, whose vertices lie between those of a drawing."""
+    """Triangles of one colour.
+
+    `weights` are the barycentric coordinates of its vertices, shape [vertex_count, 3], in triangles of the
+    drawing's vertices `corners`, of the same shape; or None, and the vertices are the drawing's `corners`, shape
+    [vertex_count]. `faces` are of its own vertices, shape [face_count, 3].
+    """
 
     corners: NDArray[np.integer]
-    """The drawing's vertices between which each vertex lies, shape [vertex_count, 3]; without weights the one that
-    it is, [vertex_count]."""
     weights: NDArray[np.float32] | None
-    """Barycentric coordinates, shape [vertex_count, 3]; None where each vertex is one of the drawing's."""
     faces: NDArray[np.uint32]
-    """Shape [face_count, 3], of the patch's own vertices."""
     colour: NDArray[np.uint8]
-    """Red, green and blue."""
     moves: bool
-    """Whether it is of something that moves."""
 
     def points(self, drawn: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return where its vertices are [m], shape [vertex_count, 3], from the drawing's vertices."""
+        """Return its vertices [m], shape [vertex_count, 3], from the drawing's."""
         if self.weights is None:
             return drawn[self.corners]
         return np.einsum("ij,ijk->ik", self.weights, drawn[self.corners])
 
 
 def patches(drawing: Drawing) -> list[Patch]:
-    """Return all of a drawing, or where the body's colours change over time only the obstacles."""
+    """Return all of a drawing, or only the obstacles if the body's colours change over time."""
     divisions = round(np.sqrt(FINE / max(len(drawing.triangles), 1)))
     divisions = min(max(divisions, 1), MOST_DIVISIONS)
     found: list[Patch] = []
     for one in drawing.obstacles if drawing.colours_move else (*drawing.body, *drawing.obstacles):
-        found += _plain(drawing, one) if drawing.texture is None else _textured(drawing, one, divisions)
+        if drawing.texture is None:
+            corners, weights, faces = np.arange(len(drawing.points)), None, one.triangles
+            colours = (255 * drawing.colours.numpy()[faces[:, 0]] + 0.5).astype(np.uint8)
+        else:
+            corners, weights, faces, colours = _textured(drawing, one, divisions)
+        for colour in np.unique(colours, axis=0):
+            used, mine = compact(faces[(colours == colour).all(axis=1)])
+            own = None if weights is None else weights[used]
+            found.append(Patch(corners[used], own, mine, colour, one.moves))
     return found
 
 
 def levels(drawing: Drawing) -> list[NDArray[np.int32]]:
-    """Return the triangles of the body in each of the colours that its values have now, by their level."""
+    """Return the triangles of the body in each of the LEVELS colours of its present values."""
     triangles = np.concatenate([one.triangles for one in drawing.body])
     away = drawing.colours.numpy()[:, None] - ramp(drawing.stops, LEVELS)
     of_vertex = np.argmin((away**2).sum(axis=2), axis=1)
@@ -65,17 +71,11 @@ def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]
     return corners, faces.reshape(-1, 3).astype(np.uint32)
 
 
-def _plain(drawing: Drawing, one: Part) -> Iterator[Patch]:
-    """Return a part without texture, by the colours of its vertices."""
-    triangles = one.triangles
-    colours = (255 * drawing.colours.numpy()[triangles[:, 0]] + 0.5).astype(np.uint8)
-    for colour in np.unique(colours, axis=0):
-        corners, faces = compact(triangles[(colours == colour).all(axis=1)])
-        yield Patch(corners, None, faces, colour, one.moves)
+def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return a part with a texture in pieces: corners, weights and faces, see `Patch`, and each face's colour.
 
-
-def _textured(drawing: Drawing, one: Part, divisions: int) -> Iterator[Patch]:
-    """Return a part with a texture in pieces, each in the texture's colour in its middle."""
+    That is the texture's colour at its centre.
+    """
     assert drawing.texture is not None
     triangles = one.triangles
     if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
@@ -90,9 +90,7 @@ def _textured(drawing: Drawing, one: Part, divisions: int) -> Iterator[Patch]:
     corners = np.repeat(triangles, len(weights), axis=0)
     all_weights = np.tile(weights, (len(triangles), 1)).astype(np.float32)
     faces = (pieces[None] + len(weights) * np.arange(len(triangles))[:, None, None]).reshape(-1, 3)
-    for colour in np.unique(colours, axis=0):
-        used, mine = compact(faces[(colours == colour).all(axis=1)])
-        yield Patch(corners[used], all_weights[used], mine, colour, one.moves)
+    return corners, all_weights, faces, colours
 
 
 def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -109,7 +107,7 @@ def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def _few(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return for each colour the nearest of the few most frequent ones."""
+    """Replace each colour by the nearest of the most frequent ones."""
     coarse = (colours // 16).astype(np.int64) @ (1, 16, 256)
     _, first, counts = np.unique(coarse, return_index=True, return_counts=True)
     chosen = colours[first[np.argsort(-counts)[:MOST_COLOURS]]]

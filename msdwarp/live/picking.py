@@ -1,4 +1,4 @@
-"""Picking: where the mouse takes hold of a body, and how firmly."""
+"""Picking: which particles the mouse holds, and by which springs."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,28 +16,23 @@ MOST_OF_SPRINGS = 0.5
 MOST_WEIGHTS = 50.0
 """Largest pull, over the weight of the piece."""
 SPREAD, MOST_HELD = 2.0, 32
-"""How far around the point a hand holds, in mean lengths of springs; and the most particles that it holds."""
+"""Radius around the point that a hand holds, in mean lengths of springs; and the most particles."""
 
 
 class Picking(NamedTuple):
-    """What a hand holds of a body: arrays over the held particles, the nearest to the point first."""
+    """The particles that a hand holds, and its springs to them, the nearest to the picked point first."""
 
     particles: NDArray[np.int64]
-    offset: NDArray[np.float64]
-    """From the point that was taken to each [m], shape [held_count, d]."""
-    stiffness: NDArray[np.float64]
-    """[N/m]"""
-    damping: NDArray[np.float64]
-    """[N s/m]: critical for the piece as a whole."""
-    reach: float
-    """The furthest that the point may be pulled from where it is [m]."""
+    offset: NDArray[np.float64]  # from the picked point to each [m], shape [held_count, d]
+    stiffness: NDArray[np.float64]  # [N/m]
+    damping: NDArray[np.float64]  # critical for the piece as a whole [N s/m]
+    reach: float  # largest distance that the point is pulled from its position [m]
 
     @classmethod
     def of(cls, system: System, position: NDArray, point: NDArray, gravity: float = 9.82) -> "Picking | None":
-        """Return the grip at a point [m], shape [3], or None if nothing free is near.
+        """Return the grip at a point [m], shape [3], or None if all particles are pinned.
 
-        `position` is of all particles [m], shape [particle_count, d]; `gravity` is the acceleration of weights
-        [m/s²].
+        `position` is of all particles [m], shape [particle_count, d]; `gravity` is an acceleration [m/s²].
         """
         distance = np.linalg.norm(in_space(position, np.float64) - point, axis=1)
         free = np.isfinite(system.mass)
@@ -68,33 +63,27 @@ class Picking(NamedTuple):
         return cls(near, offset, stiffness, np.minimum(damping, most), reach)
 
     def pulled(self, position: NDArray, target: NDArray) -> NDArray[np.float64]:
-        """Return where to each particle is pulled [m], shape [held_count, d], with all particles at `position`.
-
-        The point that was taken is pulled to `target` [m], shape [3].
-        """
+        """Return the targets of the particles [m], shape [held_count, d], for that of the point, shape [3]."""
         here = self.point(position)
         way = _in_plane(target, position.shape[1]) - here
         length = float(np.linalg.norm(way))
         return here + way * min(1.0, self.reach / max(length, 1e-30)) + self.offset
 
     def point(self, position: NDArray) -> NDArray[np.float64]:
-        """Return where the point that was taken is now [m], shape [d]."""
+        """Return the picked point's present position [m], shape [d]."""
         return (position[self.particles].astype(np.float64) - self.offset).mean(axis=0)
 
 
 class Pull(NamedTuple):
-    """A hand, and where it pulls what it holds."""
+    """A hand: what it holds, for whom, who alone can end the drag, its target [m], and the last held particles."""
 
     grip: Picking | None = None
     holder: Any = None
-    """Whose it is: only they can end the drag."""
     target: NDArray[np.float64] = np.zeros(3)
-    """Where to [m]."""
     last: Sequence[int] = ()
-    """The particles that it held last."""
 
     def arrow(self, position: NDArray) -> NDArray[np.float64] | None:
-        """Return from where to where it pulls [m], shape [2, 3]; None if it holds nothing."""
+        """Return the ends of its pull [m], shape [2, 3]; None if it holds nothing."""
         if self.grip is None:
             return None
         ends = np.array([self.target, self.target])
@@ -103,17 +92,14 @@ class Pull(NamedTuple):
 
 
 def _in_plane(point: NDArray, dim: int) -> NDArray[np.float64]:
-    """Return the coordinates of a point in space that a body of fewer dimensions has."""
+    """Return the coordinates of a point in space that a body of `dim` dimensions has."""
     return np.asarray(point, dtype=np.float64)[list(AXES[dim])]
 
 
 def hit(
     origin: ArrayLike, direction: ArrayLike, points: NDArray, triangles: NDArray
 ) -> NDArray[np.float64] | None:
-    """Return where a ray first meets triangles; None where it meets none.
-
-    All arrays are of shape [3] or [any, 3].
-    """
+    """Return where a ray first meets triangles, shape [any, 3] like `points`; None if it meets none."""
     origin, direction = checks.vector("origin", origin, 3), checks.vector("direction", direction, 3)
     a, b, c = (points[triangles[:, k]].astype(np.float64) for k in range(3))
     # The point is at origin + distance direction = a + u (b - a) + v (c - a).

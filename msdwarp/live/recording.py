@@ -1,4 +1,4 @@
-"""Recording: frames of a view kept in a file, with what was done by hand, so that `rerun` can do it again."""
+"""Recording: frames of a view in a file, with the interactive changes, so that `rerun` can replay them."""
 
 import json
 import subprocess
@@ -16,15 +16,15 @@ from ..world import Scene, scene_as_stored
 from .sources import Running, Source
 
 DEEDS = "deeds.json"
-"""The file of a recording with what was done by hand since the start, if anything was."""
+"""The file of a recording with the interactive changes since the start, if any."""
 FIRST_FRAME = "first_frame"
-"""The attribute of a recording's file with the simulation's frame that is its first one."""
+"""The attribute of a recording's file with the number of its first frame in the simulation."""
 
 
 class Recording:
-    """Frames of a running simulation, from the present one on, kept in a new folder.
+    """Frames of a running simulation, from the present one on, in a new folder, by default a free out/NAME-live.
 
-    By default that is out/NAME-live, or the next that is free. FileExistsError is raised if it exists.
+    FileExistsError is raised if the folder exists.
     """
 
     def __init__(self, source: Running, folder: str | Path | None = None) -> None:
@@ -45,7 +45,7 @@ class Recording:
         self._writer.write(self._source.frame(), broken_at=self._source.broken_at())
 
     def close(self) -> str:
-        """End, with what was done by hand beside the frames; return a message."""
+        """End, and write the interactive changes; return a message."""
         self._source.after_frame.remove(self._write)
         self._writer.close()
         deeds = self._source.handling.deeds
@@ -57,7 +57,7 @@ class Recording:
 
 
 def read_deeds(folder: Path) -> list[dict[str, Any]]:
-    """Return what was done by hand in a recording; raise ValueError if the file is damaged."""
+    """Return the interactive changes of a recording; raise ValueError if the file is damaged."""
     path = folder / DEEDS
     if not path.exists():
         return []
@@ -71,7 +71,7 @@ def read_deeds(folder: Path) -> list[dict[str, Any]]:
 
 
 class Filming:
-    """A film of a recording as it is drawn, in a process of its own: the view goes on meanwhile."""
+    """The drawing of a recording's film in a process of its own, while the view continues."""
 
     def __init__(self, folder: Path, renderer: str = "auto") -> None:
         self.folder = folder
@@ -86,7 +86,7 @@ class Filming:
         )
 
     def ended(self) -> str | None:
-        """Return a message once it has ended; None while it is drawn."""
+        """Return a message once it has ended; None before."""
         if self._process.poll() is None:
             return None
         _, error = self._process.communicate()

@@ -1,4 +1,4 @@
-"""Shown: the drawing of what a view shows, and the values in its colours."""
+"""Shown: the drawing of a view, and the values of its colours."""
 
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from ..pictures import ColourScale, Drawing
 from ..world import Scene
 
 COLOURS = ("look", "speed", "strain")
-"""What colours can show."""
 ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", "sum": "#333a40"}
 """Colours of curves of energies: those of `studies.plots`."""
 LEAST_SHARE = 0.05
@@ -20,10 +19,7 @@ LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connect
 
 
 class Shown:
-    """The triangles of a scene, `drawing`, which follow its frames, in colours that can be chosen.
-
-    With `wires` the springs are drawn, coloured by strain, instead of the surface.
-    """
+    """The `drawing` of a scene in one of COLOURS; with `wires`, of springs by strain instead of the surface."""
 
     def __init__(
         self, scene: Scene, colour: str = COLOURS[0], *, wires: bool = False, device: str = "cpu"
@@ -38,7 +34,7 @@ class Shown:
         self._largest = 0.0
 
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
-        """Return a drawing without the springs that are broken at a time [s]: this one, if it has as many."""
+        """Return a drawing without the springs that are broken at a time [s]: this one, if no more have broken."""
         count = int((broken_at <= time).sum())
         if count == self._broken:
             return self

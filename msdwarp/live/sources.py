@@ -1,4 +1,4 @@
-"""Sources: what a view shows, a simulation as it runs or a trajectory as it is played."""
+"""Sources of a view: a running simulation, or a trajectory that is played."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -37,9 +37,11 @@ class Reading(NamedTuple):
 
 
 class Running:
-    """A simulation, of a scene that `within_reach` returned, as it runs.
+    """A running simulation of a scene that `within_reach` returned.
 
-    `parameters` are the scene's, by name; `attributes` are written into recordings: what made the simulation.
+    `parameters` are the scene's, by name; `attributes` are written into recordings: how the simulation was made.
+    `rebuild` builds the scene with other parameters, if it was built by a function. `after_frame` are called after
+    each frame.
     """
 
     frame_count = None
@@ -59,9 +61,7 @@ class Running:
         self._simulation, self.device = simulation, simulation.device
         self.frame, self.reset = simulation.frame, self.handling.reset
         self.after_frame: list[Callable[[], None]] = []
-        """Called after each frame."""
         self.rebuild: Callable[..., Running] | None = None
-        """Builds the scene with other parameters, if it was built by a function."""
 
     @property
     def time(self) -> float:
@@ -74,7 +74,7 @@ class Running:
         return self._simulation.frame_index
 
     def seen(self) -> None:
-        """Return nothing: where the body goes is unknown."""
+        """Return None: the positions to come are unknown."""
 
     def advance(self) -> bool:
         """Go on by a frame; raise SimulationDiverged if it cannot be simulated."""
@@ -84,8 +84,8 @@ class Running:
         return True
 
     def broken_at(self) -> NDArray | None:
-        """Return when springs broke [s], shape [connection_count]; None where none can."""
-        if not self.scene.system.tears:  # other fields that the run changes would be copied in vain
+        """Return when springs broke [s], shape [connection_count]; None if none can."""
+        if not self.scene.system.tears:  # other changed fields would be copied in vain
             return None
         return self._simulation.stepping.changed_fields().get("broken_at")
 
@@ -106,7 +106,7 @@ class Running:
 
 
 class Played:
-    """A trajectory, with a scene of its system, as it is played."""
+    """A trajectory that is played, with a scene of its system."""
 
     handling = rebuild = None
     parameters: Mapping[str, Any] = MappingProxyType({})
@@ -130,7 +130,7 @@ class Played:
         return self._k
 
     def seen(self) -> NDArray:
-        """Return the outermost particles of the frames, or of some of many frames [m], shape [any, d]."""
+        """Return the outermost particles of all frames, or of some of many [m], shape [any, d]."""
         last, count = self.frame_count - 1, min(self.frame_count, MOST_SEEN)
         positions, look = self._trajectory.positions, self.scene.look
         chosen = np.unique(np.linspace(0, last, count).round().astype(int))
@@ -147,7 +147,7 @@ class Played:
         return self._trajectory.frame(self._k)
 
     def broken_at(self) -> NDArray | None:
-        """Return when springs broke [s], shape [connection_count]; None where none can."""
+        """Return when springs broke [s], shape [connection_count]; None if none can."""
         return np.asarray(self._trajectory.broken_at) if self.scene.system.tears else None
 
     def reset(self) -> None:
@@ -155,11 +155,11 @@ class Played:
         self._k = 0
 
     def seek(self, k: int) -> None:
-        """Go to frame k, or the nearest that there is."""
+        """Go to frame k, or the nearest existing one."""
         self._k = min(max(int(k), 0), self.frame_count - 1)
 
     def reading(self) -> None:
-        """Return nothing: a trajectory has no energies."""
+        """Return None: a trajectory has no energies."""
 
     def summary(self) -> str:
         """Return which frame it is."""
@@ -167,4 +167,3 @@ class Played:
 
 
 Source = Running | Played
-"""What a view shows."""

@@ -1,4 +1,4 @@
-"""State: what a view shows and writes, and the screens that it does this on."""
+"""State: the source, texts and screens of a view."""
 
 import queue
 import threading
@@ -18,15 +18,14 @@ from .sources import Reading, Source
 NOTICE_TIME = 1.5
 """How long a short notice is shown [s]."""
 MOST_TRIANGLES = 100_000
-"""The most triangles that a page is sent where a GPU draws: a million are 6 MB a frame, an image less than 0.1 MB.
-A CPU needs longer to draw them than most links to carry them."""
+"""The most triangles for a page if a GPU can draw images: a million are 6 MB a frame, an image less than 0.1 MB.
+A CPU takes longer to draw them than most links to carry them."""
 
 
 class Screen(Protocol):
-    """A window or a page. All of it is called in the thread of the view's loop."""
+    """A window or a page. All methods are called in the thread of the view's loop."""
 
-    takes_images: bool
-    """Whether it can be sent images."""
+    takes_images: bool  # whether it can show images instead of triangles
 
     @property
     def watched(self) -> bool:
@@ -37,16 +36,16 @@ class Screen(Protocol):
         """Begin to show a `View`."""
 
     def stage(self) -> None:
-        """Show another scene, or the same drawn in another way: `view.shown` is a new one."""
+        """Show another scene or drawing: `view.shown` is new."""
 
     def show(self) -> None:
-        """Show the frame that `view.shown` follows now."""
+        """Show the present frame of `view.shown`."""
 
     def tell(self) -> None:
-        """Show `view.notice`, `view.lines`, `view.readings`, and where sliders stand."""
+        """Show `view.notice`, `view.lines` and `view.readings`, and update sliders."""
 
     def poll(self) -> bool:
-        """Handle what has come from the person; return whether this is still open."""
+        """Handle user input; return whether this is still open."""
         ...
 
     def close(self) -> None:
@@ -54,7 +53,7 @@ class Screen(Protocol):
 
 
 class ViewState:
-    """What a view shows and writes; the parameters are those of `View`."""
+    """The state of a view; the parameters are those of `View`."""
 
     def __init__(
         self,
@@ -70,7 +69,7 @@ class ViewState:
         self.paused, self.speed, self.helps = paused, 1.0, False
         self.renderer, self.sends, self.images = renderer, "auto", False
         self.recording: Recording | None = None
-        self._kept: Path | None = None
+        self._last_recording: Path | None = None
         self._filming: Filming | None = None
         self._requests: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
@@ -81,20 +80,20 @@ class ViewState:
     def _begin(self, source: Source, rebuild: Callable[..., Source] | None) -> None:
         """Show another source from its start."""
         before: Shown | None = getattr(self, "shown", None)
-        self.source, self._rebuild = source, rebuild
+        self.source, self.rebuild = source, rebuild
         self.readings: deque[Reading] = deque(maxlen=300)
         self.hand = Pull()
-        self._read = self._looked = 0.0
+        self._last_reading = self._last_shown = 0.0
         self._fps, self._ratio, self._averaged = 0.0, 0.0, 0
         self._start_clock()
         self._draw(COLOURS[0] if before is None else before.colour, wires=before is not None and before.wires)
 
     def _start_clock(self) -> None:
-        """Count the frames that are due from now on."""
-        self._clock, self._taken = time.perf_counter(), 0
+        """Restart the count of due frames."""
+        self._clock, self._frames_taken = time.perf_counter(), 0
 
     def _draw(self, colour: str, *, wires: bool) -> None:
-        """Draw the source in other colours, or its springs."""
+        """Make the drawing of the source, in colours or of its springs."""
         scene, device = self.source.scene, self.source.device
         self.shown = Shown(scene, colour, wires=wires)
         large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
@@ -110,14 +109,14 @@ class ViewState:
             screen.stage()
 
     def _redraw(self, colour: str | None = None, *, wires: bool | None = None) -> None:
-        """Draw the source anew, by default as it was drawn."""
+        """Make another drawing of the source, by default as before."""
         before = self.shown
         self._draw(before.colour if colour is None else colour, wires=before.wires if wires is None else wires)
         self._stage()
 
     def _change_to(self, other: Source, rebuild: Callable[..., Source] | None) -> str:
-        """Show another source, or if that fails the one before; return the message of a recording that ended."""
-        before, hand = (self.source, self._rebuild), self.hand
+        """Show another source, or if that fails the previous one; return the message of an ended recording."""
+        before, hand = (self.source, self.rebuild), self.hand
         try:
             self._begin(other, rebuild)
             self._stage()
@@ -130,24 +129,18 @@ class ViewState:
 
     @property
     def _handling(self) -> Handling:
-        """What can be done by hand; raise ValueError for a recording."""
+        """The source's `Handling`; raise ValueError for a recording."""
         if self.source.handling is None:
             raise ValueError("this is a recording: it cannot be changed")
         return self.source.handling
 
     def _end_recording(self) -> str:
-        """End a recording, if there is one; return its message, to follow another one."""
+        """End a recording, if there is one; return its message, to be appended to another one."""
         if self.recording is None:
             return ""
         ended, self.recording = self.recording, None
-        message = ended.close()
-        self._kept = ended.folder
+        message, self._last_recording = ended.close(), ended.folder
         return f"; {message}"
-
-    @property
-    def can_rebuild(self) -> bool:
-        """Whether the scene can be built with other parameters."""
-        return self._rebuild is not None
 
     @property
     def notice(self) -> str:
@@ -155,8 +148,8 @@ class ViewState:
         shown_for = NOTICE_TIME * (1 + len(self._notice) / 40)
         return self._notice if time.perf_counter() - self._noticed < shown_for else ""
 
-    def _say(self, text: str) -> None:
-        self._notice, self._noticed, self._read = text, time.perf_counter(), 0.0
+    def _notify(self, text: str) -> None:
+        self._notice, self._noticed, self._last_reading = text, time.perf_counter(), 0.0
 
     @property
     def lines(self) -> list[str]:
@@ -174,8 +167,8 @@ class ViewState:
         """Return the list of keys as text."""
         return listed(list(self.scenes))
 
-    def _lead_hand(self) -> None:
-        """Move the hand's springs to where it pulls, before a frame."""
+    def _move_hand(self) -> None:
+        """Move the ends of the hand's springs, before a frame."""
         if (grip := self.hand.grip) is None:
             return
         to = grip.pulled(self.source.frame().position, self.hand.target)

@@ -13,17 +13,17 @@ from .keys import KEYS, SCENES
 from .state import Screen
 
 BUDGET = 1 / 20
-"""The longest that frames are simulated before commands have their turn [s]."""
+"""The longest time that frames are simulated between commands [s]."""
 READ_EVERY = 0.2
-"""Seconds from one reading of energies to the next."""
+"""Time between readings of energies [s]."""
 AVERAGED = 10
-"""About how many pictures the speeds are averaged over."""
+"""Number of pictures that speeds are averaged over."""
 BEHIND = 0.25
-"""How far simulated time may fall behind before it is not caught up with [s]."""
+"""A larger delay of simulated time is not made up for [s]."""
 
 
 def _message(error: BaseException) -> str:
-    """Return the message of an error, with its kind unless it explains what was wrong with a request."""
+    """Return the message of an error, with its class unless it is about a request."""
     explains = isinstance(error, ValueError | OSError | SimulationDiverged)
     return str(error) if explains and str(error) else f"{type(error).__name__}: {error}"
 
@@ -79,7 +79,7 @@ class View(Commands):
                 if not all(open_yet):
                     break
                 began = time.perf_counter()
-                self._obey()
+                self._execute_commands()
                 moved = self._advance()
                 watched = any(screen.watched for screen in opened)
                 if watched and (moved or not self._is_shown):
@@ -124,8 +124,8 @@ class View(Commands):
             self.post(one.command, **one.values)
         return bool(pressed)
 
-    def _obey(self) -> None:
-        """Do what was requested until now: frames have their turn before what comes meanwhile."""
+    def _execute_commands(self) -> None:
+        """Execute the commands until now; later ones wait until frames have been simulated."""
         for _ in range(self.waiting):
             command, values = self._requests.get_nowait()
             try:
@@ -133,26 +133,25 @@ class View(Commands):
                 COMMANDS[command](self, **values)
             except SimulationDiverged as error:
                 self._failed(error)
-            except (Exception, SystemExit) as error:  # of a scene's script too: no request ends the view
-                self._say(_message(error))
+            except (Exception, SystemExit) as error:  # also of a scene's script: no request ends the view
+                self._notify(_message(error))
 
     def _advance(self) -> bool:
         """Simulate the frames that are due; return whether there were any."""
         if self.paused:
             return False
         now = time.perf_counter()
-        due = self._frames_due(now)
-        taken = 0
+        due, taken = self._frames_due(now), 0
         try:
             while taken < due and (not taken or time.perf_counter() - now < BUDGET):
-                self._lead_hand()
+                self._move_hand()
                 if not self.source.advance():
                     self._pause(True)
                     break
                 taken += 1
-        except Exception as error:  # such as of a disk that is full
+        except Exception as error:  # such as of a full disk
             self._failed(error)
-        self._taken += taken
+        self._frames_taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
             self._start_clock()
         return taken > 0
@@ -160,13 +159,13 @@ class View(Commands):
     def _failed(self, error: BaseException) -> None:
         """Pause: a frame could not be simulated."""
         if not isinstance(error, SimulationDiverged):
-            with suppress(Exception):  # it may be what failed
+            with suppress(Exception):  # the recording may have failed
                 self._end_recording()
         self._pause(True)
-        self._say(f"{_message(error)} — press r to restart")
+        self._notify(f"{_message(error)} — press r to restart")
 
     def _frames_due(self, now: float) -> int:
-        return int((now - self._clock) * self.source.fps * self.speed) - self._taken
+        return int((now - self._clock) * self.source.fps * self.speed) - self._frames_taken
 
     def _show(self) -> None:
         frame, now = self.source.frame(), time.perf_counter()
@@ -177,21 +176,23 @@ class View(Commands):
         self.shown.follow(frame)
         for screen in self.screens:
             screen.show()
-        if self._is_shown and now > self._looked:
+        if self._is_shown and now > self._last_shown:
             self._averaged = min(self._averaged + 1, AVERAGED)
-            self._fps += (1 / (now - self._looked) - self._fps) / self._averaged
-            self._ratio += ((frame.time - self._at) / (now - self._looked) - self._ratio) / self._averaged
-        self._looked, self._at, self._is_shown = now, frame.time, True
+            self._fps += (1 / (now - self._last_shown) - self._fps) / self._averaged
+            self._ratio += (
+                (frame.time - self._last_time) / (now - self._last_shown) - self._ratio
+            ) / self._averaged
+        self._last_shown, self._last_time, self._is_shown = now, frame.time, True
 
     def _tell(self, watched: bool) -> None:
-        """Read energies and have screens write, a few times a second."""
+        """Read energies and update the texts of screens, a few times a second."""
         now = time.perf_counter()
-        if not watched or now - self._read < READ_EVERY:
+        if not watched or now - self._last_reading < READ_EVERY:
             return
-        self._read = now
+        self._last_reading = now
         if self._filming is not None and (message := self._filming.ended()) is not None:
             self._filming = None
-            self._say(message)
+            self._notify(message)
         if not self.paused and (reading := self.source.reading()) is not None:
             self.readings.append(reading)
         for screen in self.screens:

@@ -1,4 +1,4 @@
-"""Window: a view in a window of its own, handled by keys and the mouse."""
+"""Window: a view in a window, with keys and the mouse."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -16,21 +16,21 @@ if TYPE_CHECKING:
     from .view import View
 
 SIZE = (1280, 800)
-"""Width and height of the window at first, in pixels."""
+"""Initial width and height of the window in pixels."""
 CLOSES = ("escape", "q")
 """The keys that close the window."""
 ZOOM = 1.15
-"""How many times nearer a notch of the wheel brings the camera."""
+"""A notch of the mouse wheel divides the camera's distance by this."""
 MOVES = {"left": "turn", "middle": "shift", "right": "shift"}
-"""What the buttons of the mouse do to the camera; the left one pulls where it is pressed on the body."""
+"""Camera movements of the mouse buttons; the left one pulls the body if pressed on it."""
 PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
 """Colours of the arrow of a pull, and of its edge."""
 ROOM = 0.8
 """Zoom of the first camera: bodies move."""
 BELOW = 0.35
-"""How much the first camera sees below a body without ground, which may fall, over the body's length."""
+"""Height below a body without ground, which may fall, that the first camera sees, over the body's length."""
 PULLS, HELPS = "drag the body to pull it; ", "h lists the keys"
-"""The last line of the text; its first part where there is a body to pull."""
+"""The last line of the text; its first part only if there is a body to pull."""
 MOUSE = """beside  drag: turn the camera
 wheel  nearer, farther
 right  drag: shift the camera
@@ -41,11 +41,10 @@ GAP = 14
 
 
 class Window:
-    """A view in a window of its own, at first of this size in pixels: a `Screen`.
+    """A view in a window, initially of this size in pixels: a `Screen`.
 
-    The left button of the mouse takes hold of the body and pulls it; beside the body it turns the camera. The
-    middle and the right one shift the camera, and the wheel brings it nearer. Keys do what `KEYS` says; escape and
-    q close.
+    The left mouse button pulls the body; beside the body it turns the camera. The middle and the right one shift
+    the camera, and the wheel zooms. For keys see `KEYS`; escape and q close.
     """
 
     takes_images = False
@@ -57,21 +56,21 @@ class Window:
         self._size, self._is_open = size, False
 
     def open(self, view: "View") -> None:
-        """Open the window; raise RuntimeError if there is no display for it, see `no_display`."""
+        """Open the window; raise RuntimeError if there is no display, see `no_display`."""
         self._view, self._source = view, None
         self._source: Source | None
-        self._does, self._at, self._is_stale = "", (0, 0), False
-        self._written: dict[str, Any] = {}
-        self._screen = OnScreen(f"msdwarp - {view.source.title}", self._size, self._happened)
+        self._drag_mode, self._pointer, self._is_stale = "", (0, 0), False
+        self._painted: dict[str, Any] = {}
+        self._screen = OnScreen(f"msdwarp - {view.source.title}", self._size, self._on_event)
         self._size, self._is_open = self._screen.size, True
 
     @property
     def watched(self) -> bool:
-        """Whether anybody looks: whether the window is open."""
+        """Whether the window is open."""
         return self._is_open and self._screen.is_open
 
     def stage(self) -> None:
-        """Show another scene, or the same drawing in another way; the camera stays where the source does."""
+        """Show another scene or drawing; the camera stays if the source does."""
         view, screen = self._view, self._screen
         same, self._source = self._source is view.source, view.source
         if not same:
@@ -80,12 +79,12 @@ class Window:
             seen = view.source.seen()
             around = surroundings(view.shown.scene, frame.position) if seen is None else seen
             self._stage = Stage(view.shown.scene, around, screen.size, zoom=ROOM)
-            screen.entitle(f"msdwarp - {view.source.title}")
+            screen.set_title(f"msdwarp - {view.source.title}")
         screen.stage(view.shown.drawing, self._stage, keep_camera=same)
         self._is_stale = True
 
     def show(self) -> None:
-        """Show the frame that the drawing follows now."""
+        """Show the present frame."""
         self._draw_pull()
         self._screen.draw()
         self._is_stale = False
@@ -93,9 +92,9 @@ class Window:
     def poll(self) -> bool:
         """Handle keys and the mouse; return whether the window is still open."""
         screen, view = self._screen, self._view
-        if self._does == "ask":  # the view has done what was asked by now
-            self._does = "pull" if view.hand.grip is not None and view.hand.holder is self else "turn"
-        if self._is_stale:  # and the view has shown no frame since
+        if self._drag_mode == "ask":  # the view has handled the request by now
+            self._drag_mode = "pull" if view.hand.grip is not None and view.hand.holder is self else "turn"
+        if self._is_stale:  # since the view's last frame
             self._draw_pull()
             screen.redraw()
             self._is_stale = False
@@ -115,81 +114,80 @@ class Window:
             del self._screen, self._view, self._source
 
     def image(self) -> NDArray[np.uint8]:
-        """Return what the window shows, shape [height, width, 3]."""
+        """Return the window's content, shape [height, width, 3]."""
         return self._screen.image()
 
-    def _happened(self, what: str, x: int, y: int, key: str, shift: bool) -> None:
-        """Act on a key or the mouse; see `OnScreen`."""
+    def _on_event(self, what: str, x: int, y: int, key: str, shift: bool) -> None:
+        """Handle a key or the mouse; see `OnScreen`."""
         view, orbit, height = self._view, self._screen.orbit, self._screen.size[1]
-        right, up = (x - self._at[0]) / height, (y - self._at[1]) / height
-        self._at = (x, y)
+        right, up = (x - self._pointer[0]) / height, (y - self._pointer[1]) / height
+        self._pointer = (x, y)
         if what == "key" and key.lower() in CLOSES:
             view.post("quit")
         elif what == "key":
             view.press(key.lower(), shift=shift)
-        elif what in MOVES and not self._does:
-            self._does = MOVES[what]
+        elif what in MOVES and not self._drag_mode:
+            self._drag_mode = MOVES[what]
             if what == "left" and view.source.handling is not None:
                 origin, direction, _ = self._ray()
                 view.post("pick", holder=self, origin=origin, direction=direction)
-                self._does = "ask"
+                self._drag_mode = "ask"
         elif what.endswith(" up"):
-            if self._does in ("ask", "pull"):
+            if self._drag_mode in ("ask", "pull"):
                 view.post("let_go", holder=self)
-            self._does = ""
-        elif what == "move" and self._does:
+            self._drag_mode = ""
+        elif what == "move" and self._drag_mode:
             self._is_stale = True
-            if self._does in ("ask", "pull"):
+            if self._drag_mode in ("ask", "pull"):
                 view.post("drag", holder=self, ray=self._ray())
             else:
-                getattr(orbit, self._does)(right, up)
+                getattr(orbit, self._drag_mode)(right, up)
         elif what.startswith("wheel"):
             orbit.zoom(ZOOM if what == "wheel in" else 1 / ZOOM)
             self._is_stale = True
 
     def _ray(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the ray through where the mouse is: origin [m], direction, and the way into the screen."""
-        (width, height), (x, y) = self._screen.size, self._at
+        """Return the ray through the mouse pointer: origin [m], direction, and the camera's direction."""
+        (width, height), (x, y) = self._screen.size, self._pointer
         return self._screen.orbit.ray((x + 0.5 - width / 2) / height, (y + 0.5 - height / 2) / height)
 
-    # What is written and drawn over the scene.
+    # Texts and panels over the scene.
 
     @property
-    def _unit(self) -> float:
-        """Pixels for each that a window of 720 rows would have."""
+    def _pixel(self) -> float:
+        """Pixels for each of a window of 720 rows."""
         return min(max(self._size[1] / 720, 0.8), 2.5)
 
     def tell(self) -> None:
-        """Write what the view says: its lines, the energies, the notice, the colour scale and the keys."""
-        view, (width, height), unit = self._view, self._screen.size, self._unit
+        """Update the view's lines, energies, notice, colour scale and keys."""
+        view, (width, height), unit = self._view, self._screen.size, self._pixel
         gap, message = GAP * unit, view.notice
         lines = (*view.lines, (PULLS if view.source.handling is not None else "") + HELPS)
         columns = max(20, int(0.4 * width / (7.5 * unit)))
-        self._write("lines", (lines, columns), lambda: overlay.text(lines, unit, columns=columns), (gap, -gap))
+        self._paint("lines", (lines, columns), lambda: overlay.text(lines, unit, columns=columns), (gap, -gap))
         last = view.readings[-1] if view.readings else None
-        self._write("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
+        self._paint("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
         scale, stops = view.shown.drawing.scale, view.shown.drawing.stops
         if scale is not None:
-            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # the end of a moving scale is no round number
-        self._write("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
+            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # an adapting scale ends at no round number
+        self._paint("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
         row = max(20, int(0.8 * width / (15 * unit)))
         at = (None, gap + 0.16 * height)
-        self._write("notice", message, lambda: overlay.notice(message, unit, columns=row) if message else None, at)
+        self._paint("notice", message, lambda: overlay.notice(message, unit, columns=row) if message else None, at)
         listed = f"{view.keys()}\n{MOUSE}" if view.helps else ""
-        self._write("keys", listed, lambda: overlay.keys(listed, unit) if listed else None, (-gap, -gap))
+        self._paint("keys", listed, lambda: overlay.keys(listed, unit) if listed else None, (-gap, -gap))
 
-    def _write(
+    def _paint(
         self, name: str, what: Any, paint: Callable[[], Image.Image | None], at: tuple[float | None, float]
     ) -> None:
-        """Have a panel show something, unless it does already.
+        """Paint a panel, unless it shows this already.
 
-        `at` is its distance from the lower left corner, or where negative from the upper or the right edge; None
-        is the middle.
+        `at` is its distance from the lower left corner, or if negative from the right or upper edge; None centres.
         """
         size = self._screen.size
-        if self._written.get(name) == (what, size):
+        if self._painted.get(name) == (what, size):
             return
-        self._written[name] = (what, size)
+        self._painted[name] = (what, size)
         image, place = paint(), [0.0, 0.0]
         if image is not None:
             for k, (distance, extent, room) in enumerate(zip(at, image.size, size, strict=True)):
@@ -201,22 +199,22 @@ class Window:
         self._is_stale = True
 
     def _draw_pull(self) -> None:
-        """Draw an arrow from what the hand holds to where it pulls."""
+        """Draw an arrow from the picked point to its target."""
         view, screen, frame = self._view, self._screen, self._view.shown.frame
         assert frame is not None
         ends = view.hand.arrow(frame.position)
         if ends is not None:
             ends = screen.orbit.pixels(ends, height=screen.size[1], width=screen.size[0])
         for name, colour, grow in (("edge of the pull", EDGE, 2.0), ("pull", PULL, 0.0)):
-            drawn = None if ends is None else arrow(ends[0], ends[1], self._unit, grow * self._unit)
+            drawn = None if ends is None else arrow(ends[0], ends[1], self._pixel, grow * self._pixel)
             screen.shape(name, drawn, colour)
 
 
 def surroundings(scene: Scene, position: NDArray) -> NDArray:
-    """Return what a camera should have in view while it is unknown where the body goes [m], shape [any, d].
+    """Return points that a camera should have in view while the body's path is unknown [m], shape [any, d].
 
-    This is the body, its projection onto the ground and half as much again beside that; without ground, a share of
-    the body's length below it.
+    These are the body, and its projection onto the ground, 1.5 times as large; without ground, a share of the
+    body's length below it.
     """
     low, high = position.min(axis=0), position.max(axis=0)
     size = float((high - low).max())

@@ -6,7 +6,7 @@ from .legend import bar as bar, ramp as ramp
 from .onscreen import OnScreen as OnScreen
 from .opengl_window import ADVICE as ADVICE, no_display as no_display
 from .parts import Part as Part
-from .raycast import RayCaster as RayCaster
 from .renderer import Renderer as Renderer, no_opengl as no_opengl
 from .stage import VIEW_ANGLE as VIEW_ANGLE, Camera as Camera, Stage as Stage, outermost as outermost
 from .timelapse import timelapse as timelapse
+from .warp_renderers import RayCaster as RayCaster

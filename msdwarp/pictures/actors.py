@@ -16,13 +16,11 @@ AROUND = 24
 
 
 def add_lights(pv: Any, plotter: Any, camera: Camera) -> None:
-    """Add the key light, the one at the camera, and the fill light, which stand as they would for a camera."""
+    """Add the key light, the headlight and the fill light of a camera."""
     for strength, towards in ((KEY, camera.light), (HEAD, None), (FILL, camera.fill)):
-        if towards is None:
-            light = pv.Light(intensity=strength, light_type="headlight")
-        else:
-            light = pv.Light(position=towards, intensity=strength, light_type="scene light")
-            light.positional = False
+        kind = "headlight" if towards is None else "scene light"
+        light = pv.Light(position=towards, intensity=strength, light_type=kind)
+        light.positional = False
         plotter.add_light(light)
 
 
@@ -40,11 +38,10 @@ def ground_actor(pv: Any, ground: Ground) -> Any:
 
 
 class Actors:
-    """The triangles of a drawing and the shadows that they cast, which follow it in place.
+    """The triangles of a drawing and their shadows, added to a PyVista plotter and updated in place.
 
-    They are added to a PyVista plotter. Where there is a ground, drawn by `painted`, `on_ground` is its piece on
-    which shadows fall, which hides what it lies on; the caller adds it. `light` is the unit vector towards the key
-    light.
+    Where there is a ground, drawn by `painted`, `on_ground` is the piece of it that shows shadows and hides the
+    ground below; the caller adds it. `light` is the unit vector towards the key light.
     """
 
     def __init__(
@@ -54,51 +51,43 @@ class Actors:
         self._pv, self._plotter = pv, plotter
         self._map = ShadowMap(drawing, light)
         self._shading = Shading(pv, self._map, drawing.bounce)
+        self._bodies: list[Any] = []
         self._actors: list[Any] = []
         self._cut = False
-        self._bodies = self._add_bodies()
+        self._add_bodies()
         self.on_ground: Any = None if ground is None else self._add_on_ground(ground, painted.texture)
 
-    def _add_bodies(self) -> list[Any]:
-        """Add the drawing's triangles, those that are drawn alike together: VTK has one way for all at once.
-
-        The backs of closed parts, which are hidden by their fronts, are not drawn.
-        """
+    def _add_bodies(self) -> None:
+        """Add the drawing's triangles, one actor for all that have the same properties."""
         drawing, texture = self._drawing, None
         if drawing.texture is not None:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
         of_triangle = np.stack([drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1)
         kinds, kind = np.unique(of_triangle, axis=0, return_inverse=True)
-        return [
-            self._add_body(drawing.triangles[kind.ravel() == k], gloss, closed, shaded, texture)
-            for k, (gloss, closed, shaded) in enumerate(kinds)
-        ]
-
-    def _add_body(self, triangles: NDArray, gloss: float, closed: float, shaded: float, texture: Any) -> Any:
-        drawing = self._drawing
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
-        body, actor = mesh_actor(self._pv, triangles, drawing.points.numpy(), drawing.normals.numpy())
-        prop = actor.prop
-        prop.interpolation = "Phong"
-        prop.ambient, prop.diffuse = drawing.ambient, drawing.diffuse
-        prop.specular, prop.specular_power = float(gloss), SHININESS
-        prop.color, prop.culling = "white", "back" if closed else "none"
-        if texture is not None:
-            body.active_texture_coordinates = drawing.uv
-            actor.texture = texture
-        else:
-            body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
-            body.GetPointData().SetActiveScalars("colours")
-            actor.mapper.ScalarVisibilityOn()
-        self._shading.light(actor, shadows=bool(shaded))
-        # What moves decides on no camera, and asks for no picture until it is in place.
-        self._plotter.add_actor(actor, reset_camera=False, render=False)
-        self._actors.append(actor)
-        return body
+        points, normals = drawing.points.numpy(), drawing.normals.numpy()
+        for k, (gloss, closed, shaded) in enumerate(kinds):
+            body, actor = mesh_actor(self._pv, drawing.triangles[kind.ravel() == k], points, normals)
+            prop = actor.prop
+            prop.interpolation = "Phong"
+            prop.ambient, prop.diffuse = drawing.ambient, drawing.diffuse
+            prop.specular, prop.specular_power = float(gloss), SHININESS
+            prop.color, prop.culling = "white", "back" if closed else "none"
+            if texture is not None:
+                body.active_texture_coordinates, actor.texture = drawing.uv, texture
+            else:
+                body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
+                body.GetPointData().SetActiveScalars("colours")
+                actor.mapper.ScalarVisibilityOn()
+            self._shading.light(actor, shadows=bool(shaded))
+            # Moving actors must neither reset the camera nor be rendered before they are in place.
+            self._plotter.add_actor(actor, reset_camera=False, render=False)
+            self._bodies.append(body)
+            self._actors.append(actor)
 
     def _add_on_ground(self, ground: Ground, texture: Any) -> Any:
-        """Return the piece of ground on which shadows fall."""
-        # Triangles: VTK cuts a polygon once, where it is first drawn, which a window may do before it has a shape.
+        """Return the piece of ground that shows shadows."""
+        # Triangles, since VTK triangulates a polygon only once, perhaps before it has a shape.
         fan = np.array([[0, k, k + 1] for k in range(1, AROUND - 1)])
         normals = np.tile(ground.normal, (AROUND, 1)).astype(np.float32)
         self._piece, actor = mesh_actor(self._pv, fan, np.zeros((AROUND, 3), np.float32), normals)
@@ -108,35 +97,33 @@ class Actors:
         self._shading.light(actor, ground=True)
         return actor
 
-    def _only_above_ground(self, points: NDArray, ground: Ground) -> None:
-        """Cut off what is below the ground, which is drawn before all else and hides nothing.
+    def _clip_at_ground(self, points: NDArray, ground: Ground) -> None:
+        """Clip triangles below the ground, which is drawn before all else and hides nothing.
 
-        Only where something is: cutting costs a processor a sixth of the picture.
+        This is only done if there are any: clipping costs a CPU a sixth of the picture.
         """
         height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
         deep = self._drawing.below + UNSEEN * ground.reach
         cut = bool(height.min() < -deep)
-        if cut == self._cut:
-            return
-        self._cut = cut
-        for actor in self._actors:
+        for actor in self._actors if cut != self._cut else ():
             actor.mapper.RemoveAllClippingPlanes()
             if cut:
                 origin = ground.centre - deep * ground.normal
                 actor.mapper.AddClippingPlane(self._pv.generate_plane(ground.normal, origin))
+        self._cut = cut
 
     def follow(self, *, shadows: bool = True) -> NDArray:
-        """Move to where the drawing is now; return the points in sight, and those around their shadows [m]."""
+        """Update to the drawing; return the visible points, and those around their shadows [m]."""
         drawing, ground = self._drawing, self._ground
         for body in self._bodies:
             body.GetPoints().Modified()
             body.GetPointData().GetNormals().Modified()
             if drawing.colours_move:
                 body.point_data["colours"][:] = 255 * drawing.colours.numpy()
-        points = drawing.points.numpy()[drawing.in_sight]
+        points = drawing.points.numpy()[drawing.visible]
         shadows = shadows and len(points) > 0  # a stage may be bare
         if len(points) and ground is not None:
-            self._only_above_ground(points, ground)
+            self._clip_at_ground(points, ground)
         if shadows:
             self._map.follow(points)
         self._shading.follow(shadows=shadows)
@@ -153,14 +140,14 @@ class Actors:
         return np.concatenate([points, corners])
 
     def remove(self) -> None:
-        """Draw nothing any more."""
+        """Remove the triangles from the plotter."""
         for actor in self._actors:
             self._plotter.remove_actor(actor, reset_camera=False, render=False)
         self._actors.clear()
 
 
 def mesh_actor(pv: Any, triangles: NDArray, points: NDArray, normals: NDArray) -> tuple[Any, Any]:
-    """Return triangles with normals, in the memory of these arrays, and an actor that rounds none of them."""
+    """Return a mesh that shares the memory of these arrays, and an actor that rounds no coordinates."""
     from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
 
     mesh = pv.PolyData.from_regular_faces(np.zeros(points.shape, np.float32), triangles)

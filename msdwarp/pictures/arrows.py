@@ -1,4 +1,4 @@
-"""Arrows in pictures: forces on particles, seen through all else."""
+"""Arrows in pictures: forces on particles, drawn over all else."""
 
 import math
 
@@ -12,17 +12,17 @@ from ..kernels.pictures import drawing
 from .stage import VIEW_ANGLE, Stage
 
 MOST_ARROWS = 1500
-"""Where more particles bear a force, the largest forces are drawn."""
+"""Of more forces the largest are drawn."""
 LONGEST = 0.16
-"""Length of the longest arrow by the height of the picture, where the camera looks at."""
+"""Length of the longest arrow by the height of the picture, at the camera's target."""
 FAINTEST = 0.02
 """Forces below this share of the full one are not drawn."""
 COLOUR = (0.0, 0.62, 0.66)
-"""Neither on the scale of values nor on that of strain."""
+"""On neither colour scale."""
 
 
 class Arrows:
-    """Arrows from particles along the forces on them, as long as these are large, up to a `full` force [N]."""
+    """Arrows at particles along the forces on them, in proportion to these up to the `full` force [N]."""
 
     def __init__(self, full: float, particle_count: int, stage: Stage, device: str = "cpu") -> None:
         self.full = checks.positive("arrows", full)
@@ -40,7 +40,7 @@ class Arrows:
         self._start, self._way = (wp.zeros(self._count, dtype=wp.vec3, device=device) for _ in "sw")
 
     def follow(self, position: NDArray, force: NDArray | None) -> None:
-        """Lay the arrows of forces [N], if there are any, on particles [m], shape [particle_count, d] both."""
+        """Place the arrows of forces [N], if given, at particles [m], both of shape [particle_count, d]."""
         start, way = np.tile(self._nowhere, (self._count, 1)), np.zeros((self._count, 3), dtype=np.float32)
         if force is not None:
             size = np.linalg.norm(force.astype(np.float64), axis=1)
@@ -56,7 +56,7 @@ class Arrows:
 
 
 def _triangles(count: int) -> NDArray[np.int32]:
-    """Return the triangles of so many arrows, shape [any, 3]: those of a shaft, a head and its base."""
+    """Return the triangles of `count` arrows, shape [any, 3]: of shaft, head and the head's base."""
     n = drawing.SIDES
     k = np.arange(n)
     ahead = (k + 1) % n

@@ -1,8 +1,7 @@
-"""Obstacles: the triangles of solid colliders, for drawing, and where a moving one is.
+"""Triangle meshes of solid colliders, for drawing, and their poses.
 
-Everything here is in three dimensions. In a plane system, which is drawn upright in the x-z plane, a disc is
-drawn as a ball, a capsule and a triangle as the rod and the cone that they are the section of, and a
-rectangle as a block as deep as its shorter side.
+Everything here is in three dimensions. A plane system is drawn upright in the x-z plane: a disc as a ball, a
+capsule as a rod, a triangle as a cone, and a rectangle as a block as deep as its shorter side.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,15 +15,15 @@ from ..shapes import box
 from ..world import Box, Capsule, Collider, Cone, Plane, Scene, Sphere
 
 AROUND = 72
-"""Segments of what is round: with so many an outline of 500 pixels is off a circle by a quarter of one."""
+"""Segments of a circle: an outline of 500 pixels is off by a quarter of a pixel."""
 WALL = 0.75
-"""Half the edge of the square that is drawn of a plane, by the diagonal of all else."""
+"""Half the edge of the square that is drawn of a plane, by the diagonal of the scene."""
 SAMPLES = 61
-"""Times at which the extent of a moving obstacle is looked at."""
+"""Times at which the extent of a moving obstacle is sampled."""
 
 
 class Mesh(NamedTuple):
-    """The closed surface of a solid as it was given, with vertices doubled along edges and seams.
+    """The closed surface of a solid before it moves, with vertices doubled along edges and seams.
 
     `points` [m] and unit `normals` are of shape [vertex_count, 3], `uv` of [vertex_count, 2], and `triangles`,
     counter-clockwise seen from outside, of [triangle_count, 3].
@@ -43,10 +42,10 @@ def meshes(scene: Scene) -> list[tuple[Collider, Mesh]]:
 
 
 def walls(scene: Scene, towards: Sequence[NDArray]) -> list[tuple[Collider, Mesh]]:
-    """Return the planes of a scene beside its ground that face all of some directions, and squares of them.
+    """Return the planes of a scene, except its ground, that face all given directions, and squares of them.
 
-    The squares lie beside the bodies as they start and the solids, and are larger than these. A plane that does
-    not face the camera would hide the scene, and one that does not face the light would leave it in the dark.
+    The squares lie beside the solids and the bodies at the start, and are larger. A plane that faces away from the
+    camera would hide the scene, and one that faces away from the light would put it in shadow.
     """
     dim = scene.system.dim
     points = np.concatenate([in_space(scene.system.position, np.float64), extent(scene)])
@@ -89,7 +88,7 @@ def pose_in_space(collider: Collider, time: float, dim: int) -> tuple[NDArray[np
 
 
 def extent(scene: Scene) -> NDArray[np.float64]:
-    """Return points that enclose all solids, wherever they are while the scene lasts [m], shape [any, 3]."""
+    """Return points that enclose all solids at all times of the scene [m], shape [any, 3]."""
     points = [np.empty((0, 3))]
     for collider, mesh in meshes(scene):
         times = [0.0] if collider.motion is None else np.linspace(0, scene.duration, SAMPLES)
@@ -166,10 +165,10 @@ def _frame(axis: NDArray) -> NDArray[np.float64]:
 
 
 def _lathe(profile: NDArray, normals: NDArray, origin: NDArray, axis: NDArray) -> Mesh:
-    """Return what a profile sweeps as it turns about an axis through `origin`.
+    """Return the surface of revolution of a profile about an axis through `origin`.
 
-    `profile` holds (distance from the axis, place along it) [m] of points from below upwards on the outside,
-    shape [any, 2], and `normals` its unit normals in the same coordinates.
+    `profile` holds (distance from the axis, place along it) [m] of points from below upwards, shape [any, 2], and
+    `normals` its outward unit normals in the same coordinates.
     """
     rows, columns = len(profile), AROUND + 1  # the last column lies on the first, with u = 1
     radius = np.where(profile[:, 0] < 1e-9 * np.abs(profile).max(), 0.0, profile[:, 0])

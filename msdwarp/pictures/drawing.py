@@ -25,7 +25,7 @@ from .dressing import (
     uncovered,
 )
 from .light import AMBIENT, BOUNCE, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, towards
-from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes, strain_paint, value_paint
+from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes
 from .stage import axes_of
 
 COLOURINGS = ("texture", "strain")
@@ -34,14 +34,13 @@ TUBE, BALL = 0.045, 0.11
 INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
 """Colours of free and of pinned particles."""
 MOST_BALLS, LARGE_BALLS = 200, 50
-"""Particles of the largest system whose particles are drawn as balls unless the look says otherwise, and of the
-largest whose balls are large enough in the picture to deserve 162 corners, else 42."""
+"""The most particles drawn as balls unless the look says otherwise; the most drawn with 162 vertices, not 42."""
 MOST_TUBES = 6000
-"""Where strain is shown of more springs, those inside a body, which others hide, are not drawn."""
+"""Of more springs with strain only those on the outside of a body, which hide the others, are drawn."""
 FULL_STRAIN = 0.2
-"""The strain at the ends of its scale where neither a look nor a run says what it is."""
+"""The strain at the ends of its scale unless a look or a run says otherwise."""
 ROUND, MOST_JOINTS = 8, 2000
-"""Sides of the tubes of ropes, and the most particles where balls of 42 corners join these, else of 12."""
+"""Sides of the tubes of ropes, and the most particles where balls of 42 vertices join these, else of 12."""
 
 
 class ColourScale(NamedTuple):
@@ -58,25 +57,26 @@ class ColourScale(NamedTuple):
 class Drawing:
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
-    The surface of the system, and a tube along each spring of bodies that have none, or between bodies. Where
-    `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
-    spring and, in small systems, a ball at each particle. Behind them are the solid colliders. What the
-    system's `broken_at` says is broken by the time of a frame is not drawn. `points`, `normals` and `colours` are
-    float32 of shape [vertex_count, 3], `gloss` of [triangle_count]. `body` are the parts that follow the
-    particles, `obstacles` those of the colliders. `scale` is what colours show: values of the particles, the
-    strain of springs, or None for nothing.
+    These are the system's surface, and a tube along each spring of bodies without surface, or between bodies.
+    Where `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
+    spring and, in small systems, a ball at each particle. Behind them are the solid colliders. Springs are not
+    drawn once they are broken by the system's `broken_at`. `points`, `normals` and `colours` are float32 of shape
+    [vertex_count, 3], `gloss`, `closed` and `takes_shadows` of [triangle_count]. `body` are the parts that follow
+    the particles, `obstacles` those of the colliders. `scale` is the scale of the colours, `stops` the colours
+    along it: of values of the particles or of the strain of springs; None if colours show nothing.
     """
 
     @in_turn
     def __init__(self, scene: Scene, colouring: str | ColourScale, device: str = "cpu") -> None:
         system, look = scene.system, scene.look
         self.by_value = isinstance(colouring, ColourScale)
-        """Whether the body takes the colours of values, which it is given as it follows the particles."""
         bare = system.surface is None
         plain = not scene.looks and not look.says_colour
         self.shows_strain = colouring == "strain" or (bare and plain and not self.by_value)
         self._plain_tubes = self.shows_strain or (bare and self.by_value)
         self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
+        self.stops = drawing.VALUE_STOPS if self.by_value else drawing.STRAIN_STOPS
+        self._stops = wp.array(self.stops, dtype=wp.vec3, device=device)
         self.scale: ColourScale | None = None
         if isinstance(colouring, ColourScale):
             self.scale = colouring._replace(full=checks.positive("colouring.full", colouring.full))
@@ -86,6 +86,7 @@ class Drawing:
                 self.scale = ColourScale("strain (below 0: shorter than at rest)", self._full_strain, True)
         even = (EVEN_AMBIENT, EVEN_SHARE, 0.0)
         self.ambient, self.diffuse, self.bounce = even if self.by_value else (AMBIENT, 1.0, BOUNCE)
+        self.colours_move = self.scale is not None
         self.device = device
         self.body = self._body_of(scene)
         finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
@@ -94,11 +95,10 @@ class Drawing:
         self.obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
         parts = [*self.body, *self.obstacles]
         self.below = max(part.radius for part in parts)
-        """How far below the ground something may be and still be seen [m]: what is drawn around particles."""
+        """How far below the ground something may be and still be seen [m]."""
 
         ends = np.cumsum([0, *(len(part.uv) for part in parts)]).tolist()
-        vertex_count = ends[-1]
-        arrays: list[Any] = [wp.zeros(vertex_count, dtype=wp.vec3, device=device) for _ in range(3)]
+        arrays: list[Any] = [wp.zeros(ends[-1], dtype=wp.vec3, device=device) for _ in range(3)]
         self.points, self.normals, self.colours = arrays
         for part, (start, end) in zip(parts, pairwise(ends), strict=True):
             part.join(slice(start, end), *arrays)
@@ -106,13 +106,11 @@ class Drawing:
         counts = [len(part.triangles) for part in parts]
         self.gloss = np.repeat([part.finish.gloss for part in parts], counts)
         self.closed = np.repeat([part.closed for part in parts], counts)
-        """Which triangles have backs that are never seen, shape [triangle_count]."""
         takes_shadows = [not (self.colours_move and k < len(self.body)) for k in range(len(parts))]
         self.takes_shadows = np.repeat(takes_shadows, counts)
-        """Which triangles are darker in shadow, shape [triangle_count]: those whose colours show no values."""
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
-        paint = np.ones((vertex_count, 3))  # white shows a texture as it is
+        paint = np.ones((ends[-1], 3))  # white shows a texture as it is
         if self.texture is None:
             for part in parts:
                 paint[part.vertices] = part.finish.colour
@@ -120,24 +118,11 @@ class Drawing:
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
-        self.in_sight = slice(0, vertex_count)
-        """The vertices of what is drawn at all: those of obstacles where it follows without the body."""
-        if self.by_value:
-            for part in self.body:
-                part.paint = value_paint(part, device)
+        self.visible = slice(0, ends[-1])
+        """The vertices that are drawn: without the body, those of obstacles."""
         self._moving = [one for one in self.obstacles if one.moves]
         for one in self.obstacles:
             one.follow(self._x, 0.0)
-
-    @property
-    def colours_move(self) -> bool:
-        """Whether the body's colours change from frame to frame, and need a legend."""
-        return self.scale is not None
-
-    @property
-    def stops(self) -> tuple[tuple[float, float, float], ...]:
-        """Colours of the scale, evenly spaced from its start to its end."""
-        return drawing.VALUE_STOPS if self.by_value else drawing.STRAIN_STOPS
 
     def _body_of(self, scene: Scene) -> list[Part]:
         """Return the parts that follow the particles, look by look."""
@@ -173,49 +158,42 @@ class Drawing:
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
         """Return springs as thin tubes, and particles as dark balls if there are few; else balls at bends."""
-        tubes, unit = self._tubes(system, look, shown, Finish(np.ones(3)))
+        tubes, unit = self._tubes(system, look, shown, Finish(np.ones(3)), 3)
         ends, rest_length = system.connections[shown], system.rest_length[shown]
-        self._paint(tubes, rest_length)
+        tubes.take_strain_of(ends, rest_length, self.device)
         few = system.particle_count <= MOST_BALLS
         if look.particles or (look.particles is None and few):
             dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
             halvings = 2 if system.particle_count <= LARGE_BALLS else 1
-            return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings=halvings)]
+            return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings)]
         # Where two springs meet, in the colour of one of them: between more, no gap is seen.
         particle, first, count = np.unique(ends, return_index=True, return_counts=True)
         bends, along = particle[count == 2], first[count == 2] // 2
         if not len(bends):
             return [tubes]
-        balls = Balls(bends, TUBE * unit, tubes.finish, self.device, halvings=0, along=ends[along])
-        self._paint(balls, rest_length[along])
+        balls = Balls(bends, TUBE * unit, tubes.finish, self.device, halvings=0)
+        balls.take_strain_of(ends[along], rest_length[along], self.device)
         return [tubes, balls]
 
     def _ropes(self, system: System, look: Look, shown: NDArray, finish: Finish) -> list[Part]:
         """Return springs as round tubes in the colour of a look, with balls where they meet."""
-        tubes, unit = self._tubes(system, look, shown, finish, sides=ROUND)
+        tubes, unit = self._tubes(system, look, shown, finish, ROUND)
         joints = np.unique(system.connections[shown])
         halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
-        radius = (BALL if look.particles else TUBE) * unit
-        return [tubes, Balls(joints, radius, finish, self.device, halvings=halvings)]
+        return [tubes, Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device, halvings)]
 
     def _tubes(
-        self, system: System, look: Look, shown: NDArray, finish: Finish, sides: int = 3
+        self, system: System, look: Look, shown: NDArray, finish: Finish, sides: int
     ) -> tuple[Tubes, float]:
         """Return some springs as tubes, and the length unit of TUBE and BALL [m]."""
         rest_length = system.rest_length[shown]
         unit = float(np.median(rest_length)) if len(rest_length) else 0.0
         unit = unit if look.tube is None else look.tube / TUBE
         broken_at = np.array(system.broken_at[shown]) if system.tears else None
-        ends = system.connections[shown]
-        return Tubes(ends, TUBE * unit, finish, self.device, sides=sides, broken_at=broken_at), unit
-
-    def _paint(self, part: Tubes | Balls, rest_length: NDArray) -> None:
-        """Have a part show the strain of its springs, if that is shown."""
-        if self.shows_strain:
-            part.paint = strain_paint(part, rest_length, self._full_strain, self.device)
+        return Tubes(system.connections[shown], TUBE * unit, finish, self.device, sides, broken_at), unit
 
     def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
-        """Return what a part looks like, which does not shine where colours show something."""
+        """Return a look without highlights where colours show something."""
         return Finish(np.array(colour), texture, 0.0 if self.colours_move else gloss)
 
     def _textured(self, parts: Sequence[Part]) -> tuple[NDArray | None, list[NDArray]]:
@@ -238,12 +216,12 @@ class Drawing:
 
     @in_turn
     def follow(self, position: NDArray | wp.array, time: float = 0.0, values: NDArray | None = None) -> None:
-        """Move to particle positions [m], shape [particle_count, d], and colliders to where they are at `time`.
+        """Move to particle positions [m], shape [particle_count, d], and to the colliders' poses at `time`.
 
-        Positions may be an array of Warp on the drawing's device, of vectors with d coordinates. Where the drawing
-        is by value, the body takes the colours of `values`, shape [particle_count].
+        Positions may be a Warp array of vectors on the drawing's device. Colours by value show `values`, shape
+        [particle_count].
         """
-        self.in_sight = slice(0, len(self.points))
+        self.visible = slice(0, len(self.points))
         if isinstance(position, wp.array):
             for k, axis in enumerate(AXES[wp.types.type_size(position.dtype)]):
                 array_cast(_coordinate(position, k), _coordinate(self._x, axis))
@@ -254,13 +232,15 @@ class Drawing:
         for one in (*self.body, *self._moving):
             one.follow(self._x, time)
         for one in self.body:
-            if one.paint is not None:
-                one.paint(self._x, self._shares)
+            if self.by_value:
+                one.show_value(self._shares, self._stops)
+            elif self.shows_strain:
+                one.show_strain(self._x, self._full_strain, self._stops)
 
     @in_turn
     def follow_without_body(self, out_of_sight: NDArray, time: float = 0.0) -> None:
-        """Move colliders to where they are at `time`, and all of the body to one point [m], shape [3]."""
-        self.in_sight = slice(sum(len(one.points) for one in self.body), len(self.points))
+        """Move colliders to their poses at `time`, and all of the body to one point [m], shape [3]."""
+        self.visible = slice(sum(len(one.points) for one in self.body), len(self.points))
         for one in self.body:
             one.points.fill_(wp.vec3(*out_of_sight))
         for one in self._moving:
@@ -277,8 +257,7 @@ def _coordinate(vectors: Any, k: int) -> wp.array:
 def atlas(images: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], list[tuple[NDArray, NDArray]]]:
     """Return one image of several, on top of each other, and (c, s) of each: its uv is at c + s uv in the whole.
 
-    Each is framed by its own outermost pixels, so that its edges, where half a pixel beyond them is looked at, are
-    the same as without the others.
+    Each has a frame of its outermost pixels, so that interpolation at its edges does not reach its neighbours.
     """
     framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
     width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)

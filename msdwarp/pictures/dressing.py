@@ -1,7 +1,6 @@
 """Dressing: which look each part of a body has, and which springs are drawn although there is a surface.
 
-Looks are numbered: 0 is the scene's, and those of groups follow in their order. Where several meet the later one
-counts.
+Looks are numbered: 0 is the scene's, then those of groups in their order. Of several the last one counts.
 """
 
 import numpy as np
@@ -47,9 +46,9 @@ def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
 
 
 def torn(system: System) -> Bare | None:
-    """Return what is seen of a system that tears; None where it does not, or a body inside carries its surface.
+    """Return the faces of a system that tears: of the cells of solids, and the triangles of sheets.
 
-    A solid is drawn as the cells that hang together; a sheet, as triangles that do.
+    None if it does not tear, or its surface is embedded in a lattice.
     """
     if not system.tears or system.surface is None or system.surface.weights is not None:
         return None
@@ -58,17 +57,16 @@ def torn(system: System) -> Bare | None:
 
 
 def inside_of(triangles: NDArray[np.int32]) -> Surface:
-    """Return triangles, shape [triangle_count, 3], whose corners are particles, as a surface."""
+    """Return triangles of particles, shape [triangle_count, 3], as a surface."""
     particle, corner = np.unique(triangles, return_inverse=True)
     return Surface(particle=particle, uv=np.zeros((len(particle), 2)), triangles=corner.reshape(-1, 3))
 
 
 def uncovered(system: System) -> NDArray[np.bool_]:
-    """Return which springs lie inside no body that has a surface, shape [connection_count].
+    """Return which springs lie inside no body with a surface, shape [connection_count]: ropes, and ties of bodies.
 
-    These are the springs of bodies without a triangle, such as ropes, and those between bodies. A body is what
-    the lattice directions of one entry of `System.directions` join; particles that are in none are one body with
-    those that their springs lead to. So what ties a rope to a ball, in no direction of either, is in neither.
+    The springs of one entry of `System.directions` form a body; so do particles in no entry that springs in no
+    entry connect. A spring from a rope to a ball, in the directions of neither, belongs to neither.
     """
     connections, count, surface = system.connections, len(system.directions), system.surface
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
@@ -101,8 +99,8 @@ def uncovered(system: System) -> NDArray[np.bool_]:
 def outermost_connections(system: System) -> NDArray[np.bool_]:
     """Return which springs lie on the outside of a body, shape [connection_count].
 
-    They are between particles at its surface. Where a lattice inside carries the surface, and where there is
-    none, these are the particles that have fewer neighbours than others.
+    They join particles of its surface; if that is embedded in a lattice or missing, particles with fewer
+    neighbours than others.
     """
     connections, surface = system.connections, system.surface
     if surface is not None and surface.weights is None:

@@ -50,10 +50,10 @@ def write_film(
     frames: str = "png",
     video: str = "webp",
 ) -> Path | None:
-    """Write pictures as they come, `frame_0000.png` and so on, and a film; return that, if one is requested.
+    """Write `count` pictures as they come, `frame_0000.png` and so on, and a film; return its path, if any.
 
-    There are `count` pictures, uint8 of shape [height, width, 3], all of one size; never more than a few are kept.
-    The film has its name only once it is whole. Formats: FRAME_FORMATS and FILM_FORMATS.
+    Pictures are uint8 of shape [height, width, 3], all of one size; only a few are kept in memory. The film gets
+    its name once it is complete. Formats: FRAME_FORMATS and FILM_FORMATS.
     """
     check_formats(frames, video)
     with closing(_written(images, folder if frames == "png" else None)) as pictures:
@@ -69,26 +69,23 @@ def write_film(
 def _written(images: Iterable[Picture], folder: Path | None) -> Generator[Picture]:
     """Pass pictures on, and write them as PNG in threads, as many at a time as there are processors."""
     workers = max(1, min(MOST_WRITERS, processors()))
-    pending: deque[Future[None]] = deque()
-    with ThreadPoolExecutor(workers) as pool:  # which ends what was drawn, also where drawing fails
+    pending: deque[Future[int]] = deque()
+    with ThreadPoolExecutor(workers) as pool:  # which writes what was drawn, also if drawing fails
         for k, image in enumerate(images):
             if folder is not None:
                 while len(pending) > workers:
                     pending.popleft().result()
-                pending.append(pool.submit(_write_png, folder / f"frame_{k:04d}.png", image))
+                path = folder / f"frame_{k:04d}.png"
+                pending.append(pool.submit(lambda path, image: path.write_bytes(png(image)), path, image))
             yield image
         for each in pending:
             each.result()
 
 
-def _write_png(path: Path, image: Picture) -> None:
-    path.write_bytes(png(image))
-
-
 def _in_thread(images: Iterable[Picture], take: Callable[[Iterator[Picture]], None]) -> None:
-    """Have a thread take pictures one after another while the next are made; a few wait at most.
+    """Have a thread take pictures one by one while the next are made; a few wait at most.
 
-    What goes wrong in the thread is raised when the next picture is there, or at the end.
+    An error of the thread is raised at the next picture, or at the end.
     """
     waiting: Queue[Picture | None] = Queue(WAITING)
 
@@ -137,12 +134,12 @@ def png(image: Picture) -> bytes:
 
 
 def processors() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _Reel(Image.Image):
-    """The pictures as one image of many frames, in Pillow's sense: each is fetched when it is sought.
+    """The pictures as a Pillow image of many frames, each made when it is sought.
 
     As `append_images` they would all be in memory at once: Pillow makes a list of those for WebP.
     """
@@ -159,8 +156,8 @@ class _Reel(Image.Image):
             raise EOFError
         while self._at < frame:
             picture = Image.fromarray(next(self._images))
-            # A class of images has to set `_mode` and `_size` itself: `mode` and `size` can only be read (Pillow
-            # Handbook, "Writing your own image plugin").
+            # Subclasses set `_mode` and `_size`, as `mode` and `size` are read-only (Pillow Handbook, "Writing
+            # your own image plugin").
             self.im, self._mode, self._size = picture.im, picture.mode, picture.size
             self._at += 1
 

@@ -1,4 +1,4 @@
-"""What is written over a picture: what its colours and its arrows show."""
+"""Legends of pictures: colour bars and force arrows."""
 
 import functools
 import math
@@ -12,21 +12,21 @@ from .arrows import COLOUR
 from .drawing import ColourScale
 
 ROOM = 0.125
-"""What a legend needs of the upper edge, by the height of the picture."""
+"""Height of a legend at the upper edge, by that of the picture."""
 INK, VEIL = (60, 66, 72, 255), (255, 255, 255, 150)
-"""Colours of letters, and of what they stand on, through which the picture is seen faintly."""
+"""Colours of letters and of the translucent background."""
 Stops = tuple[tuple[float, float, float], ...]
 
 
 def ramp(stops: Stops, count: int) -> NDArray[np.float64]:
     """Return colours in 0 … 1, evenly spaced on a scale from end to end, shape [count, 3]."""
-    at = np.linspace(0, 1, count)
-    return np.stack([np.interp(at, np.linspace(0, 1, len(stops)), c) for c in np.transpose(stops)], axis=1)
+    at, places = np.linspace(0, 1, count), np.linspace(0, 1, len(stops))
+    return np.stack([np.interp(at, places, channel) for channel in np.transpose(stops)], axis=1)
 
 
 @functools.lru_cache(maxsize=4)
 def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
-    """Return the legend for a picture of this height, on a veil."""
+    """Return the colour bar for a picture of this height."""
     unit = height / 720
     length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
     font = ImageFont.load_default(size)
@@ -46,7 +46,7 @@ def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
 
 @functools.lru_cache(maxsize=4)
 def arrow(height: int, label: str, share: float) -> Image.Image:
-    """Return the legend of an arrow as long as this share of the picture's height, and what it stands for."""
+    """Return an arrow as long as this share of the picture's height, with its label."""
     size, length = max(9, round(19 * height / 720)), share * height
     font = ImageFont.load_default(size)
     legend = Image.new("RGBA", (math.ceil(length + font.getlength(label) + 3 * size), 2 * size), VEIL)

@@ -33,8 +33,8 @@ SOFTNESS = 0.05
 """Radius of the key light, a disc, over its distance: at a distance d behind an edge a shadow fades in over 2 d of
 this."""
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
-"""The corners of the square around the key light, looked at first: behind a straight edge that hides none of them,
-or all, it hides none of the light, or all."""
+"""Corners of the square around the key light, sampled first: a straight edge that hides none or all of them hides
+none or all of the light."""
 SHININESS = 30.0
 """Phong's exponent of highlights."""
 GOLDEN = np.pi * (3 - np.sqrt(5))
@@ -42,21 +42,18 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 
 
 def towards(light: tuple[float, float, float], right: NDArray, forward: NDArray) -> NDArray[np.float64]:
-    """Return the direction towards a light, such as KEY_FROM, of unit length.
-
-    `right` and `forward` are unit vectors of the camera's view, shape [3].
-    """
+    """Return the unit vector towards a light, such as KEY_FROM, for a camera with these unit vectors."""
     aside, ahead, up = light
     direction = aside * right + ahead * forward * (1, 1, 0) + np.array([0, 0, up])
     return direction / np.linalg.norm(direction)
 
 
 def spread(count: int) -> NDArray[np.float64]:
-    """Return points spread evenly over the unit disc, shape [count, 2]: those of the key light that are looked at.
+    """Return sampling points of the key light, spread evenly over the unit disc, shape [count, 2].
 
-    Any some of them that follow each other are spread over the disc too: a spiral by the golden angle (H. Vogel,
-    "A better way to construct the sunflower head", Mathematical Biosciences 44, 1979), with the radii in the order
-    of the van der Corput sequence 0, 1/2, 1/4, 3/4, 1/8 ...
+    Any consecutive ones are spread over the disc too: a spiral by the golden angle (H. Vogel, "A better way to
+    construct the sunflower head", Mathematical Biosciences 44, 1979), with the radii in the order of the van der
+    Corput sequence 0, 1/2, 1/4, 3/4, 1/8 ...
     """
     angle = GOLDEN * np.arange(count)
     in_order = np.array([int(f"{k:032b}"[::-1], 2) / 2**32 for k in range(count)])
@@ -65,7 +62,7 @@ def spread(count: int) -> NDArray[np.float64]:
 
 
 def across(direction: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two unit vectors across a direction of unit length, shape [3], and across each other."""
+    """Return two unit vectors normal to a unit vector and to each other."""
     aside = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     first = np.cross(aside, direction)
     first /= np.linalg.norm(first)

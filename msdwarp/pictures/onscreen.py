@@ -1,4 +1,4 @@
-"""A drawing in a window, through PyVista, which acts on no key and no mouse by itself."""
+"""A drawing in a window, through PyVista; keys and the mouse are only reported."""
 
 import math
 import os
@@ -22,9 +22,9 @@ GROUND, SHADOWS, SCENE, PANELS = 0, 1, 2, 3
 X11 = "vtkXOpenGLRenderWindow"
 """VTK's window on a display of Linux."""
 BY_PROCESSOR = ("llvmpipe", "softpipe", "swrast", "GDI Generic")
-"""What OpenGL says of itself where there is no graphics card."""
+"""Names of OpenGL without a graphics card."""
 SAMPLES = 4
-"""Samples of a pixel where there is one."""
+"""Samples per pixel with one."""
 EVENTS = {
     "KeyPressEvent": "key",
     "LeftButtonPressEvent": "left",
@@ -37,25 +37,25 @@ EVENTS = {
     "MouseWheelForwardEvent": "wheel in",
     "MouseWheelBackwardEvent": "wheel out",
 }
-"""What VTK says happened, and what it is called here."""
+"""VTK's names of events, and those used here."""
 STEEPEST = math.radians(89.0)
-"""How far above or below the horizon the camera may be, short of where up is no direction."""
+"""Largest elevation of the camera [rad], short of where up is undefined."""
 
 
 class OnScreen:
-    """A window in which a drawing is seen from a camera that can be moved, `orbit`.
+    """A window that shows a drawing from a movable camera, `orbit`.
 
-    `size` are its width and height at first, in pixels. `happened` is called with each event: one of the values of
-    `EVENTS`, x and y in pixels from the lower left, the name of the key as X has it, and whether shift is held.
-    `is_open` until somebody closes the window. Where there is no display, RuntimeError is raised.
+    `size` is the initial width and height in pixels. `on_event` is called with each event: one of the values of
+    `EVENTS`, x and y in pixels from the lower left, the key's name in X, and whether shift is held. `is_open` is
+    False once somebody has closed the window. RuntimeError is raised if there is no display.
     """
 
     def __init__(
-        self, title: str, size: tuple[int, int], happened: Callable[[str, int, int, str, bool], None]
+        self, title: str, size: tuple[int, int], on_event: Callable[[str, int, int, str, bool], None]
     ) -> None:
         if (why := no_display()) is not None:
             raise RuntimeError(why)
-        self._pv, self._happened = import_pyvista(), happened
+        self._pv, self._on_event = import_pyvista(), on_event
         with _on_a_display():
             self._plotter = self._pv.Plotter(
                 off_screen=False, notebook=False, window_size=list(size), lighting="none", title=title
@@ -68,9 +68,9 @@ class OnScreen:
         self.is_open = True
         self._actors: Actors | None = None
         self._panels: dict[str, Any] = {}
-        self._stacked: Any = self._layers()
+        self._renderers: Any = self._layers()
         self._plotter.show(interactive_update=True, auto_close=False)
-        # Smooth edges cost a graphics card little, and a processor in its place much.
+        # Smooth edges cost a graphics card little, a CPU much.
         if not any(name in self._plotter.render_window.ReportCapabilities() for name in BY_PROCESSOR):
             self._plotter.render_window.SetMultiSamples(SAMPLES)
         self._listen()
@@ -91,19 +91,19 @@ class OnScreen:
         return ground, shadows, panels
 
     def _listen(self) -> None:
-        """Report events here, and have neither VTK nor PyVista act on them."""
+        """Report events, and keep VTK and PyVista from acting on them."""
         listener: Any = self._plotter.iren
         listener.remove_observers()
         self._interactor = listener.interactor
         self._interactor.SetInteractorStyle(None)
-        self._tags = [self._interactor.AddObserver(event, self._heard) for event in (*EVENTS, "ExitEvent")]
+        self._tags = [self._interactor.AddObserver(event, self._report) for event in (*EVENTS, "ExitEvent")]
 
-    def _heard(self, interactor: Any, event: str) -> None:
+    def _report(self, interactor: Any, event: str) -> None:
         if event == "ExitEvent":
             self.is_open = False
             return
         x, y = interactor.GetEventPosition()
-        self._happened(EVENTS[event], x, y, interactor.GetKeySym() or "", bool(interactor.GetShiftKey()))
+        self._on_event(EVENTS[event], x, y, interactor.GetKeySym() or "", bool(interactor.GetShiftKey()))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -111,25 +111,25 @@ class OnScreen:
         width, height = self._plotter.render_window.GetSize()
         return max(width, 1), max(height, 1)
 
-    def entitle(self, title: str) -> None:
-        """Write another title over the window."""
+    def set_title(self, title: str) -> None:
+        """Set the window's title."""
         self._plotter.render_window.SetWindowName(title)
 
     def poll(self) -> bool:
-        """Report what has happened; return whether the window is still open."""
+        """Process events; return whether the window is still open."""
         if self.is_open:
             self._interactor.ProcessEvents()
         return self.is_open
 
     def stage(self, drawing: Drawing, stage: Stage, *, keep_camera: bool = False) -> None:
-        """Show another drawing, from the stage's camera or the one that there is."""
+        """Show another drawing, from the stage's camera or the present one."""
         pv, plotter = self._pv, self._plotter
         if not keep_camera:
             self.orbit = Orbit(stage.camera)
         if self._actors is not None:
             self._actors.remove()
         if not keep_camera or self._actors is None:
-            self._stage, self._ground, back = stage, None, self._stacked[0]
+            self._stage, self._ground, back = stage, None, self._renderers[0]
             plotter.renderer.remove_all_lights()
             add_lights(pv, plotter, stage.camera)
             back.RemoveAllViewProps()
@@ -138,27 +138,26 @@ class OnScreen:
                 self._ground = ground_actor(pv, stage.ground)
                 self._ground.prop.culling = "back"  # from below it hides nothing
                 back.AddActor(self._ground)
-        now, shadows = self._stage, self._stacked[1]
+        now, shadows = self._stage, self._renderers[1]
         self._actors = Actors(pv, plotter, drawing, now.ground, self._ground, now.camera.light)
         shadows.RemoveAllViewProps()
         if now.ground is not None:
             shadows.AddActor(self._actors.on_ground)
 
     def draw(self) -> None:
-        """Draw all as it is now."""
-        if self._actors is None or not self.is_open:
-            return
-        self._actors.follow()
-        self.redraw()
+        """Update to the drawing, and render."""
+        if self._actors is not None and self.is_open:
+            self._actors.follow()
+            self.redraw()
 
     def redraw(self) -> None:
-        """Draw all as it was, from where the camera is now."""
+        """Render from the present camera."""
         if not self.is_open:
             return
-        plotter, (back, shadows, front) = self._plotter, self._stacked
+        plotter, (back, shadows, front) = self._plotter, self._renderers
         for renderer in (plotter.renderer, back, shadows):
             camera = renderer.camera
-            camera.position, camera.focal_point = self.orbit.eye, self.orbit.target
+            camera.position, camera.focal_point = self.orbit.camera.eye, self.orbit.target
             camera.up, camera.view_angle = (0.0, 0.0, 1.0), VIEW_ANGLE
             renderer.ResetCameraClippingRange()
         width, height = self.size
@@ -168,46 +167,46 @@ class OnScreen:
         plotter.render()
 
     def panel(self, name: str, image: Image.Image | None, x: float = 0.0, y: float = 0.0) -> None:
-        """Lay an image over the drawing, in place of the one of the same name; None takes it away.
+        """Replace the RGBA image of this name over the drawing; None removes it.
 
-        It has red, green, blue and alpha; its lower left corner is at (x, y), in pixels from that of the window.
+        Its lower left corner is at (x, y), in pixels from that of the window.
         """
         self._remove(name)
         if image is not None:
             corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-            square, actor = self._lay(name, np.round([x, y]) + corners * image.size, 4)
+            square, actor = self._add_overlay(name, np.round([x, y]) + corners * image.size, 4)
             square.active_texture_coordinates = corners
             actor.texture, actor.prop.color = self._pv.Texture(np.asarray(image)), "white"
             actor.ForceTranslucentOn()
 
     def shape(self, name: str, points: NDArray | None, colour: tuple[float, float, float] = (0, 0, 0)) -> None:
-        """Lay triangles over the drawing, in place of those of the same name; None takes them away.
+        """Replace the triangles of this name over the drawing; None removes them.
 
         Their corners are in pixels from the lower left of the window, shape [any, 3, 2].
         """
         self._remove(name)
         if points is not None:
-            _, actor = self._lay(name, points.reshape(-1, 2), 3)
+            _, actor = self._add_overlay(name, points.reshape(-1, 2), 3)
             actor.prop.color = colour
 
-    def _lay(self, name: str, points: NDArray, corners: int) -> tuple[Any, Any]:
-        """Add faces of so many points each before the drawing, shape [any, 2]; return the mesh and its actor."""
+    def _add_overlay(self, name: str, points: NDArray, corners: int) -> tuple[Any, Any]:
+        """Add faces of this many corners before the drawing, points of shape [any, 2]; return mesh and actor."""
         flat = np.zeros((len(points), 3), np.float32)
         flat[:, :2] = points
         mesh = self._pv.PolyData.from_regular_faces(flat, np.arange(len(flat)).reshape(-1, corners))
         actor = self._panels[name] = self._pv.Actor(mapper=self._pv.DataSetMapper(mesh))
         actor.prop.lighting = False
-        self._stacked[2].AddActor(actor)
+        self._renderers[2].AddActor(actor)
         return mesh, actor
 
     def _remove(self, name: str) -> None:
-        """Take away what lies before the drawing by this name, if anything does."""
+        """Remove the image or triangles of this name, if there are any."""
         if (before := self._panels.pop(name, None)) is not None:
-            self._stacked[2].RemoveActor(before)
+            self._renderers[2].RemoveActor(before)
             before.ReleaseGraphicsResources(self._plotter.render_window)
 
     def image(self) -> NDArray[np.uint8]:
-        """Return what the window shows, shape [height, width, 3]."""
+        """Return the window's content, shape [height, width, 3]."""
         return np.array(self._plotter.screenshot(return_img=True)[..., :3])
 
     def close(self) -> None:
@@ -219,21 +218,18 @@ class OnScreen:
         del self._interactor
         self._panels.clear()
         window = self._plotter.render_window
-        for renderer in self._stacked:
+        for renderer in self._renderers:
             renderer.close()
             window.RemoveRenderer(renderer)
             renderer.deep_clean()
-        self._stacked = ()
+        self._renderers = ()
         self._actors = self._ground = None
         self._plotter.close()
         self._plotter.deep_clean()
 
 
 class Orbit:
-    """A camera that a mouse moves around what it looks at; z stays up. It begins as another camera.
-
-    All shares are of the window's height.
-    """
+    """A camera that the mouse moves around its target; z stays up. Mouse movements are by the window's height."""
 
     def __init__(self, camera: Camera) -> None:
         away = camera.eye - camera.target
@@ -245,40 +241,32 @@ class Orbit:
 
     @property
     def camera(self) -> Camera:
-        """Where it is now."""
+        """The present camera."""
         right, up, back = view_axes(self.azimuth, self.elevation)
         return Camera(self.target + self.distance * back, self.target, -back, right, up)
 
-    @property
-    def eye(self) -> NDArray:
-        """Where the camera is [m], shape [3]."""
-        return self.camera.eye
-
     def turn(self, right: float, up: float) -> None:
-        """Move around the target as a mouse that moves by these shares turns it: the height is half a turn."""
+        """Turn around the target: the window's height is half a turn."""
         self.azimuth -= math.pi * right
         self.elevation = min(max(self.elevation - math.pi * up, -STEEPEST), STEEPEST)
 
     def shift(self, right: float, up: float) -> None:
-        """Move the target so that what it was follows the mouse, by these shares."""
+        """Shift the target so that the scene follows the mouse."""
         unit, camera = 2.0 * self.distance * math.tan(math.radians(VIEW_ANGLE) / 2), self.camera
         self.target = self.target - unit * (right * camera.right + up * camera.up)
 
     def zoom(self, by: float) -> None:
-        """Come so many times nearer to the target."""
+        """Divide the distance to the target."""
         self.distance = min(max(self.distance / by, 1e-3 * self._start), 20.0 * self._start)
 
     def ray(self, right: float, up: float) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the ray through a point, by shares from the middle: origin [m], direction, direction of view."""
+        """Return the ray through a point, given from the middle: origin [m], direction, direction of view."""
         unit, camera = 2.0 * math.tan(math.radians(VIEW_ANGLE) / 2), self.camera
         way = camera.forward + unit * (right * camera.right + up * camera.up)
         return camera.eye, way / np.linalg.norm(way), camera.forward
 
     def pixels(self, points: NDArray, height: int, width: int) -> NDArray[np.float64] | None:
-        """Return where points [m], shape [any, 3], are in the window: pixels from its lower left, shape [any, 2].
-
-        None where one of them is behind the camera.
-        """
+        """Return points [m], shape [any, 3], in pixels from the lower left; None if one is behind the camera."""
         camera = self.camera
         if ((points - camera.eye) @ camera.forward).min() <= 0:
             return None
@@ -288,7 +276,7 @@ class Orbit:
 
 @contextmanager
 def _on_a_display() -> Iterator[None]:
-    """Have VTK choose a window that is seen, though pictures drawn before may have chosen one that is not."""
+    """Have VTK choose a visible window, though pictures drawn before may have chosen an invisible one."""
     name = "VTK_DEFAULT_OPENGL_WINDOW"
     before = os.environ.get(name)
     if sys.platform.startswith("linux"):

@@ -22,8 +22,8 @@ BEHIND, SCENE, FRONT = 0, 1, 2
 class OpenGL:
     """Draws with PyVista: one plotter for all pictures, whose points are updated in place.
 
-    Pictures are drawn twice as fine in either direction and averaged: smooth edges on any OpenGL. The camera
-    stands still, so the ground is drawn once, and every picture laid over it.
+    Pictures are drawn at twice the resolution and averaged: smooth edges on any OpenGL. The camera stands still,
+    so the ground is drawn once, and every picture laid over it.
     """
 
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
@@ -54,19 +54,19 @@ class OpenGL:
             behind.AddActor(self._actors.on_ground)
         self._arrows = arrows
         if arrows is not None:
-            what = arrows.triangles, arrows.points.numpy(), arrows.normals.numpy()
-            self._arrow_mesh, actor = mesh_actor(pv, *what)
+            points, normals = arrows.points.numpy(), arrows.normals.numpy()
+            self._arrow_mesh, actor = mesh_actor(pv, arrows.triangles, points, normals)
             actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
-            # VTK lights them, which knows no light from below: half of it is what an upright face has.
+            # VTK has no light from below: they get half of it, as an upright face does.
             actor.prop.ambient, actor.prop.diffuse = drawing.ambient + 0.5 * drawing.bounce, drawing.diffuse
             self._layer(FRONT).AddActor(actor)
 
     def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
-        # In a notebook PyVista would show a still beside what is asked for.
+        # In a notebook PyVista would show a still besides.
         plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none", notebook=False)
         plotter.render_window.SetMultiSamples(0)
-        plotter.render_window.SwapBuffersOff()  # nobody looks, and a copy costs a processor a tenth
+        plotter.render_window.SwapBuffersOff()  # not visible, and a copy costs a CPU a tenth of the time
         plotter.render_window.SetNumberOfLayers(FRONT + 1)
         plotter.renderer.SetLayer(SCENE)
         plotter.render_window.SetAlphaBitPlanes(1)
@@ -79,7 +79,7 @@ class OpenGL:
         return plotter
 
     def _layer(self, layer: int) -> Any:
-        """Return a renderer of one layer, with the same camera and lights; it hides nothing by being nearer."""
+        """Return a renderer of one layer, with the same camera and lights."""
         scene = self._plotter.renderer
         renderer = scene.NewInstance()
         for light in scene.lights:
@@ -101,10 +101,7 @@ class OpenGL:
         return self._picture(self._camera.frame(drawn, *self._pixels.shape))
 
     def _picture(self, part: tuple[int, int, int, int]) -> NDArray[np.uint8]:
-        """Render, read back, and average the fine picture down over what does not move.
-
-        All that is drawn lies in `part`: first row and column, rows and columns.
-        """
+        """Render, and average onto the ground, in `part`: first row and column, rows and columns."""
         plotter, (height, width) = self._plotter, self._fine.shape
         plotter.renderer.ResetCameraClippingRange()
         plotter.render()

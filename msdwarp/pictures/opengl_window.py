@@ -1,4 +1,4 @@
-"""Finds out whether, and by which window class, VTK can draw on this machine; imports PyVista."""
+"""Which of VTK's windows can be used on this machine; the import of PyVista."""
 
 import ctypes
 import functools
@@ -12,18 +12,18 @@ ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
 
 
 def import_pyvista() -> Any:
-    """Return PyVista, untyped: a type checker would read all of VTK, which takes it half a minute."""
+    """Return PyVista, untyped: a type checker would take half a minute to read all of VTK."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of VTK's and PyVista's own making
+        warnings.simplefilter("ignore")  # those of VTK and PyVista themselves
         return importlib.import_module("pyvista")
 
 
 @functools.cache
 def opengl_window() -> str | None:
-    """Return the VTK window class that can draw off-screen here, or None where no OpenGL library is found.
+    """Return the VTK window class that can draw off-screen here, or None if no OpenGL library is found.
 
-    VTK's own search ends in a crash where there is none, so it is not asked. A window class that the user
-    chose (VTK_DEFAULT_OPENGL_WINDOW) is respected; on systems other than Linux OpenGL is always there.
+    VTK's own search crashes then. A window class that the user chose (VTK_DEFAULT_OPENGL_WINDOW) is respected;
+    systems other than Linux always have OpenGL.
     """
     chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW")
     if chosen or not sys.platform.startswith("linux"):
@@ -40,7 +40,7 @@ def opengl_window() -> str | None:
 
 
 def _egl_works() -> bool:
-    """Tell whether libEGL is here and one of its devices can be initialised, as VTK will do."""
+    """Return whether libEGL is installed and one of its devices can be initialised, as VTK does."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
         ctypes.CDLL("libGL.so.1")
@@ -65,10 +65,10 @@ def _egl_works() -> bool:
 
 
 def no_display() -> str | None:
-    """Return why no window can be opened here, or None where one can.
+    """Return why no window can be opened here, or None if one can.
 
-    VTK ends the process where the X server does not answer, so that is tried first, as is its OpenGL (GLX); on
-    systems other than Linux there is a display.
+    VTK ends the process if the X server does not answer, so this tries it and its OpenGL (GLX) first; systems
+    other than Linux always have a display.
     """
     if not sys.platform.startswith("linux"):
         return None

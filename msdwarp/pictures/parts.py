@@ -1,6 +1,5 @@
-"""The parts of a drawing, each a set of triangles that moves, and what gives some of them colours that move."""
+"""The parts of a drawing: sets of triangles that follow particles or colliders."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,13 +12,9 @@ from ..shapes import icosphere
 from ..world import Collider
 from .collider_meshes import Mesh, pose_in_space
 
-NO_CONNECTIONS = np.zeros((0, 2), np.int32)
-Paint = Callable[[wp.array, wp.array], None]
-"""Writes a part's colours where the particles are at x and have such shares of the full value."""
-
 
 class Finish(NamedTuple):
-    """What a part looks like, as long as its colours show no values.
+    """The look of a part whose colours show no values.
 
     `colour` is of shape [3], or [vertex_count, 3], in 0 … 1; the image `texture` replaces it.
     """
@@ -36,41 +31,67 @@ class Part:
     points: wp.array
     normals: wp.array
     colours: wp.array
-    uv: NDArray[np.float64]
-    """Where its vertices are in its texture, shape [vertex_count, 2]."""
-    triangles: NDArray[np.int32]
-    """Shape [triangle_count, 3], of its own vertices; of the drawing's once it is in one."""
+    uv: NDArray[np.float64]  # texture coordinates, shape [vertex_count, 2]
+    triangles: NDArray[
+        np.int32
+    ]  # shape [triangle_count, 3], of its own vertices; of the drawing's once it is in one
     finish: Finish
-    radius = 0.0
-    """How far it reaches around the particles [m]."""
+    radius = 0.0  # how far it reaches around the particles [m]
     moves = True
-    """Whether it is not always in the same place."""
-    closed = True
-    """Whether its backs are hidden by its fronts."""
-    mixture: tuple[wp.array, wp.array]
-    """Of what follows the particles: those that each vertex mixes, and their shares, shape [vertex_count, k]."""
-    paint: Paint | None = None
-    """What gives it colours that move."""
+    closed = True  # whether its fronts always hide its backs
+    mixture: tuple[wp.array, wp.array]  # particles that each vertex follows, and weights, shape [vertex_count, k]
+    corners = 3  # vertices of each piece: of a tube, of a ball, or of a triangle that may part
+    _times: list[wp.array] | None = None  # when each piece appears and disappears [s]; None if none does
+    _strain_of: tuple[wp.array, wp.array] | None = None  # springs whose strain the pieces show, and rest lengths
 
     def join(self, vertices: slice, points: Any, normals: Any, colours: Any) -> None:
-        """Become part of a drawing, with some of its vertices, from whose arrays of vec3 this takes its own."""
+        """Become part of a drawing: take some of its vertices, slices of its arrays of vec3."""
         self.vertices, self.triangles = vertices, self.triangles + np.int32(vertices.start)
         self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
 
-    def place_vertices(self, x: wp.array) -> None:
-        """Put each vertex where its particles are, or its radius from there along its normal."""
+    def follow(self, x: wp.array, time: float) -> None:
+        """Move to particles at x, an array of vec3, and to `time` [s]."""
+
+    def _place_vertices(self, x: wp.array) -> None:
+        """Put each vertex at its particles, or its radius from there along its normal."""
         inputs = [x, *self.mixture, self.radius, self.normals]
         _launch(drawing.place_vertices, len(self.points), inputs, [self.points])
 
-    def follow(self, x: wp.array, time: float) -> None:
-        """Move to where it is when the particles are at x, an array of vec3, and it is `time` [s]."""
+    def _follow_particles(self, particle: NDArray, weights: NDArray | None, device: str) -> None:
+        """Set the particles and weights of each vertex, shape [vertex_count, k]."""
+        shares = np.ones(particle.shape) if weights is None else weights
+        self.mixture = wp.array(particle, dtype=int, device=device), wp.array(shares, dtype=float, device=device)
+
+    def _appear(self, since: NDArray, until: NDArray, device: str) -> None:
+        """Set when each piece appears and disappears [s]."""
+        self._times = [wp.array(each, dtype=float, device=device) for each in (since, until)]
+
+    def _collapse(self, time: float) -> None:
+        """Hide the pieces that are not to be seen at this time [s]."""
+        if self._times is not None:
+            _launch(drawing.collapse, len(self._times[0]), [*self._times, time, self.corners], [self.points])
+
+    def show_value(self, shares: wp.array, stops: wp.array) -> None:
+        """Colour the vertices by the values of their particles, given as shares of the full value."""
+        _launch(drawing.colour_by_value, len(self.colours), [shares, *self.mixture, stops], [self.colours])
+
+    def take_strain_of(self, connections: NDArray, rest_length: NDArray, device: str) -> None:
+        """Have each piece show the strain of a spring."""
+        springs = wp.array(connections, dtype=wp.vec2i, device=device)
+        self._strain_of = springs, wp.array(rest_length, dtype=float, device=device)
+
+    def show_strain(self, x: wp.array, full_strain: float, stops: wp.array) -> None:
+        """Colour the pieces by the strain of their springs, if they show any."""
+        if self._strain_of is not None:
+            inputs = [x, *self._strain_of, full_strain, self.corners, stops]
+            _launch(drawing.colour_by_strain, len(self._strain_of[0]), inputs, [self.colours])
 
 
 class SurfacePart(Part):
-    """The surface of a system. Flat shading gives every triangle vertices of its own, and so does tearing.
+    """The surface of a system. With flat shading, or if it tears, every triangle has vertices of its own.
 
-    A triangle is not drawn once it has parted: when is in `parted_at` [s], shape [triangle_count]; None where none
-    can. One that tearing lays bare is drawn only `since` then [s], of the same shape.
+    A triangle is drawn from the time `since` until `parted_at` [s], each of shape [triangle_count]: None for
+    always.
     """
 
     def __init__(
@@ -83,7 +104,8 @@ class SurfacePart(Part):
         since: NDArray | None = None,
     ) -> None:
         own = not smooth or parted_at is not None
-        self._times = _times(since, parted_at, device)
+        if parted_at is not None:
+            self._appear(np.zeros(len(parted_at)) if since is None else since, parted_at, device)
         use = surface.triangles.ravel() if own else np.arange(len(surface.particle))
         self.uv, self.finish, self.triangles = surface.uv[use], finish, surface.triangles
         self.closed = parted_at is None and is_closed(surface)
@@ -91,20 +113,17 @@ class SurfacePart(Part):
         if own:
             self.triangles = np.arange(len(use), dtype=np.int32).reshape(-1, 3)
             normal_of = _normals_shared(use, normal_of) if smooth else None
-        if surface.weights is None:
-            self.mixture = _alone(surface.particle[use], device)
-        else:
-            weights = wp.array(surface.weights[use], dtype=float, device=device)
-            self.mixture = wp.array(surface.particle[use], dtype=int, device=device), weights
+        particle = surface.particle[use].reshape(len(use), -1)
+        self._follow_particles(particle, None if surface.weights is None else surface.weights[use], device)
         self._triangles = wp.array(self.triangles, dtype=wp.vec3i, device=device)
         normal_of = np.arange(len(use)) if normal_of is None else normal_of
         self._normal_of = wp.array(normal_of, dtype=int, device=device)
         self._sums = wp.zeros(len(use), dtype=wp.vec3, device=device)
 
     def follow(self, x: wp.array, time: float) -> None:
-        """Move the vertices with their particles, and find the normals anew."""
-        self.place_vertices(x)
-        _collapse(self._times, time, 3, self.points)
+        """Move the vertices with their particles, and update the normals."""
+        self._place_vertices(x)
+        self._collapse(time)
         self._sums.zero_()
         inputs = [self.points, self._triangles, self._normal_of]
         _launch(drawing.add_face_normals, len(self._triangles), inputs, [self._sums])
@@ -112,7 +131,7 @@ class SurfacePart(Part):
 
 
 class Tubes(Part):
-    """A tube of some sides along each of some springs, shape [any, 2], while these are whole."""
+    """A tube along each of some springs, shape [any, 2], until it breaks."""
 
     def __init__(
         self,
@@ -120,9 +139,8 @@ class Tubes(Part):
         radius: float,
         finish: Finish,
         device: str,
-        *,
-        sides: int = 3,
-        broken_at: NDArray | None = None,
+        sides: int,
+        broken_at: NDArray | None,
     ) -> None:
         self.corners = 2 * sides
         along = np.arange(0, self.corners, 2)[:, None]
@@ -131,35 +149,23 @@ class Tubes(Part):
         first = self.corners * np.arange(len(connections))[:, None, None]
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((self.corners * len(connections), 2)), finish
-        self.radius = radius
-        self.closed = sides == 3  # so thin that no end is seen from inside
+        self.radius, self.closed = radius, sides == 3  # so thin that no end is seen from inside
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
-        self.mixture = _alone(np.tile(connections, (1, sides)).ravel(), device)  # start and end in turn
-        self._times = _times(None, broken_at, device)
+        self._follow_particles(np.tile(connections, (1, sides)).reshape(-1, 1), None, device)  # start, end in turn
+        if broken_at is not None:
+            self._appear(np.zeros(len(broken_at)), broken_at, device)
 
     def follow(self, x: wp.array, time: float) -> None:
         """Lay the tubes between their particles."""
         inputs = [x, self.connections, self.radius, self.corners // 2]
         _launch(drawing.place_tubes, len(self.connections), inputs, [self.points, self.normals])
-        _collapse(self._times, time, self.corners, self.points)
+        self._collapse(time)
 
 
 class Balls(Part):
-    """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3].
+    """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3]."""
 
-    Those that have the colours of springs have one each, `along`, shape [any, 2].
-    """
-
-    def __init__(
-        self,
-        particles: NDArray,
-        radius: float,
-        finish: Finish,
-        device: str,
-        *,
-        halvings: int = 1,
-        along: NDArray = NO_CONNECTIONS,
-    ) -> None:
+    def __init__(self, particles: NDArray, radius: float, finish: Finish, device: str, halvings: int) -> None:
         directions, triangles = icosphere(1.0, halvings)
         n, count = len(directions), len(particles)
         self.triangles = (n * np.arange(count)[:, None, None] + triangles).reshape(-1, 3).astype(np.int32)
@@ -167,14 +173,13 @@ class Balls(Part):
         if finish.colour.ndim > 1:
             self.finish = finish._replace(colour=np.repeat(finish.colour, n, axis=0))
         self.radius, self.corners = radius, n
-        self.connections = wp.array(along, dtype=wp.vec2i, device=device)
-        self.mixture = _alone(np.repeat(particles, n), device)
+        self._follow_particles(np.repeat(particles, n)[:, None], None, device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
 
     def follow(self, x: wp.array, time: float) -> None:
         """Put the balls where their particles are."""
         wp.copy(self.normals, self._normals)
-        self.place_vertices(x)
+        self._place_vertices(x)
 
 
 class Obstacle(Part):
@@ -194,30 +199,8 @@ class Obstacle(Part):
         _launch(drawing.place_rigid, len(self.points), inputs, [self.points, self.normals])
 
 
-def strain_paint(part: Tubes | Balls, rest_length: NDArray, full_strain: float, device: str) -> Paint:
-    """Return what colours tubes or balls by the strain of springs, from blue (shorter than at rest) to red."""
-    lengths = wp.array(rest_length, dtype=float, device=device)
-    stops = wp.array(drawing.STRAIN_STOPS, dtype=wp.vec3, device=device)
-
-    def paint(x: wp.array, shares: wp.array) -> None:
-        inputs = [x, part.connections, lengths, full_strain, part.corners, stops]
-        _launch(drawing.colour_by_strain, len(part.connections), inputs, [part.colours])
-
-    return paint
-
-
-def value_paint(part: Part, device: str) -> Paint:
-    """Return what colours a part of the body by values of its particles."""
-    stops = wp.array(drawing.VALUE_STOPS, dtype=wp.vec3, device=device)
-
-    def paint(x: wp.array, shares: wp.array) -> None:
-        _launch(drawing.colour_by_value, len(part.colours), [shares, *part.mixture, stops], [part.colours])
-
-    return paint
-
-
 def is_closed(surface: Surface) -> bool:
-    """Tell whether a surface has no edge: each side of a triangle is that of another, the other way round."""
+    """Tell whether a surface has no boundary: each edge of a triangle is another's, in the opposite direction."""
     if surface.weights is None:
         place = surface.particle
     else:
@@ -230,34 +213,10 @@ def is_closed(surface: Surface) -> bool:
 
 
 def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
-    """Return the corner whose normal each corner of triangles takes, whose vertices are `use`.
-
-    Corners at vertices that take the same normal take that of the first of them.
-    """
+    """Return for each corner of triangles, at the vertices `use`, the first corner that has the same normal."""
     vertex = use if normal_of is None else normal_of[use]
     _, first, which = np.unique(vertex, return_index=True, return_inverse=True)
     return first[which.ravel()]
-
-
-def _alone(particle: NDArray, device: Any) -> tuple[wp.array, wp.array]:
-    """Return the mixtures of vertices that are each of one particle, shape [vertex_count]."""
-    return wp.array(particle[:, None], dtype=int, device=device), wp.full((len(particle), 1), 1.0, device=device)
-
-
-def _times(since: NDArray | None, until: NDArray | None, device: str) -> list[wp.array] | None:
-    """Return when pieces are seen first, by default at once, and last [s]; None where that is never."""
-    if until is None:
-        return None
-    return [
-        wp.array(each, dtype=float, device=device)
-        for each in (np.zeros(len(until)) if since is None else since, until)
-    ]
-
-
-def _collapse(times: list[wp.array] | None, time: float, corners: int, points: wp.array) -> None:
-    """Hide the pieces of so many corners each that are not seen at this time [s]."""
-    if times is not None:
-        _launch(drawing.collapse, len(times[0]), [*times, time, corners], [points])
 
 
 def _launch(kernel: Any, dim: int, inputs: list, outputs: list[wp.array]) -> None:

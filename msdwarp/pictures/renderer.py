@@ -16,9 +16,8 @@ from .drawing import ColourScale, Drawing
 from .legend import ROOM, arrow, bar, with_corner
 from .opengl import OpenGL
 from .opengl_window import ADVICE, opengl_window
-from .raster import Rasteriser
-from .raycast import RayCaster
 from .stage import Stage
+from .warp_renderers import Rasteriser, RayCaster
 
 BACKENDS = ("auto", "raster", "raycast", "opengl")
 """What can draw; "auto" is one of the others."""
@@ -90,10 +89,10 @@ class Renderer:
         self.stage = Stage(scene, positions, (width, height), zoom, ROOM if has_legend else 0.0)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
-        what = self.drawing, self.stage, self.arrows
         if self.backend == "opengl" and (window := opengl_window()):
             os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
-        self._backend = {"opengl": OpenGL, "raycast": RayCaster, "raster": Rasteriser}[self.backend](*what)
+        kind = {"opengl": OpenGL, "raycast": RayCaster, "raster": Rasteriser}[self.backend]
+        self._backend = kind(self.drawing, self.stage, self.arrows)
 
     def image(
         self,
@@ -135,13 +134,7 @@ class Renderer:
         values: ArrayLike | None = None,
         forces: ArrayLike | None = None,
     ) -> NDArray[np.uint8]:
-        """Return the picture of a frame without a legend, and without the body if `position` is None.
-
-        Raises
-        ------
-        ValueError
-            As for `image`.
-        """
+        """Return the picture of a frame without a legend, and without the body if `position` is None."""
         if forces is not None and self.arrows is None:
             raise ValueError("forces is given; it must be None unless the renderer was made with arrows")
         if position is None:
@@ -153,18 +146,20 @@ class Renderer:
         checks.non_negative("time", time)
         shape, by_value = self._shape, self.drawing.by_value
         if not self._is_here(position):
-            position = _checked("position", _on_host(position), shape)
+            position = finite_array("position", _on_host(position), shape)
         if self.arrows is not None:
-            given = None if forces is None else _checked("forces", forces, shape)
-            self.arrows.follow(_on_host(position), given)
+            self.arrows.follow(
+                _on_host(position), None if forces is None else finite_array("forces", forces, shape)
+            )
         if values is None and by_value:
             raise ValueError(
                 f"values is None; it must have the shape {shape[:1]} where the colouring is a ColourScale"
             )
         if values is not None and not by_value:
             raise ValueError("values is given; it must be None unless the colouring is a ColourScale")
-        own = None if values is None else _checked("values", values, shape[:1]).astype(np.float64)
-        self.drawing.follow(position, time, own)
+        if values is not None:
+            values = finite_array("values", values, shape[:1]).astype(np.float64)
+        self.drawing.follow(position, time, values)
         return self._backend.draw(shadows=shadows)
 
     def _is_here(self, position: NDArray | wp.array) -> bool:
@@ -224,7 +219,7 @@ def _numbers(name: str, value: ArrayLike) -> NDArray:
     return given if given.dtype.kind in "iuf" else checks.array(name, value)
 
 
-def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
+def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray:
     """Return an array; raise ValueError unless it has this shape and is finite."""
     given = _numbers(name, value)
     if given.shape != shape:

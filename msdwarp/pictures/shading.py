@@ -12,12 +12,12 @@ from .light import GOLDEN, SHADED, SHADOW, SOFTNESS, spread
 from .shadow_map import SIZE, ShadowMap
 
 TAPS = 4
-"""Texels of the shadow map that are looked at for a fragment; the four of 2 x 2 look at different ones."""
+"""Texels of the shadow map sampled for a fragment; four neighbouring fragments sample different ones."""
 
 
 def _of_fragments(numbers: np.ndarray) -> str:
-    """Return the code that takes one of four vectors, shape [4, n], by where a fragment lies in its 2 x 2."""
-    # A choice between constants: to look them up in an array costs processors more than all the rest.
+    """Return four vectors, shape [4, n], as arguments of `oneOf`, which chooses one by the place in 2 x 2."""
+    # A choice between constants: on CPUs an array look-up costs more than all the rest.
     return ", ".join(f"vec{numbers.shape[1]}({', '.join(f'{x:.6f}' for x in row)})" for row in numbers)
 
 
@@ -100,7 +100,7 @@ _ON_GROUND = f"""
 
 
 class Shading:
-    """The key light and its shadows, and light from below so strong, for what is to be drawn by OpenGL."""
+    """The key light with its shadows, and light from below of strength `bounce`, for OpenGL's actors."""
 
     def __init__(self, pv: Any, shadow_map: ShadowMap, bounce: float) -> None:
         self._map, self._bounce = shadow_map, bounce
@@ -112,7 +112,7 @@ class Shading:
         self._programs: list[tuple[Any, bool]] = []
 
     def light(self, actor: Any, *, ground: bool = False, shadows: bool = True) -> None:
-        """Light an actor, which takes shadows; one of the ground is painted, and takes nothing else."""
+        """Light an actor, which takes shadows; the ground's own colour is unlit, and takes only shadows."""
         program = actor.GetShaderProperty()
         for name, (_, texture) in self._textures.items():
             actor.prop.SetTexture(name, texture)
@@ -137,7 +137,7 @@ class Shading:
         self._programs.append((program, shadows))
 
     def follow(self, *, shadows: bool = True) -> None:
-        """Light by what the shadow map sees now, or as if nothing hid the light."""
+        """Update to the shadow map, or light everything."""
         self._matrix.DeepCopy(self._map.to_lamp().T.ravel().tolist())  # OpenGL reads column by column
         for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
@@ -150,9 +150,9 @@ class Shading:
 
 
 def _of_numbers(pv: Any, numbers: np.ndarray, *, between: bool) -> tuple[Any, Any]:
-    """Return an image of numbers, shape [rows, columns, 4], whose memory it shares, and a texture of it.
+    """Return an image that shares the memory of numbers, shape [rows, columns, 4], and a texture of it.
 
-    Of textures with fewer numbers in a texel VTK rounds the numbers. They may be interpolated `between` texels.
+    VTK rounds textures with fewer than four channels. `between` texels may be interpolated.
     """
     rows, columns, _ = numbers.shape
     image = pv.ImageData(dimensions=(columns, rows, 1))

@@ -1,4 +1,4 @@
-"""What the key light sees of a drawing: all that it sees is lit, and what lies behind that is in shadow."""
+"""A shadow map: the surfaces of a drawing that the key light reaches first; those behind are in shadow."""
 
 import math
 
@@ -14,40 +14,38 @@ from .stage import Ground
 SIZE = 768
 """Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width the bodies seldom fill."""
 BLOCKS, REACH = SIZE // shadow.BLOCK, 2
-"""Blocks of texels along an edge, and how many around each are looked at with it."""
-LOOKS = 16
-"""Texels that kernels look at where a shadow fades."""
+"""Blocks of texels along an edge, and how many around each count for its largest value."""
+SAMPLES = 16
+"""Texels that kernels sample where a shadow fades."""
 MARGIN = 14
-"""Empty texels around what is drawn, so that soft edges of shadows end inside the map."""
+"""Empty texels around the drawing, so that soft edges of shadows end inside the map."""
 EDGE = 13.0
 """How far soft edges of shadows reach, in texels."""
 STEPS = 4
-"""Sizes of the square that the map covers, to each doubling: few, so that it seldom changes between frames."""
+"""Sizes of the map to each doubling: few, so that it seldom changes between frames."""
 
 
 class ShadowMap:
-    """A square across the key light, of texels that hold how far towards it the nearest surface is.
+    """A square across the key light, whose texels hold how far towards the light the nearest surface is.
 
     After L. Williams, "Casting curved shadows on curved surfaces", SIGGRAPH 1978. The drawing is on the CPU;
-    `light` is the unit vector towards it. `depth` are distances towards it [m], float32 of shape [SIZE, SIZE], and
-    `around` the largest of each block and those beside it, four times, of shape [SIZE / BLOCK, SIZE / BLOCK, 4].
+    `light` is the unit vector towards the light. `depth` are distances towards it [m], float32 of shape
+    [SIZE, SIZE], and `around` the largest of each block and those around it, four times, of shape
+    [SIZE / BLOCK, SIZE / BLOCK, 4].
     """
 
     def __init__(self, drawing: Drawing, light: NDArray) -> None:
         self._drawing = drawing
-        self.axes = np.stack([*across(light), light])
-        """Unit vectors across and towards the light, shape [3, 3]."""
-        self.corner, self.width = np.zeros(3), 1.0
-        """The square's first corner in these directions, and its edge [m]."""
+        self.axes = np.stack([*across(light), light])  # unit vectors across and towards the light
+        self.corner, self.width = np.zeros(3), 1.0  # the square's first corner along these, and its edge [m]
         self._triangles = wp.array(drawing.triangles, dtype=wp.vec3i, device="cpu")
         self._closed = wp.array(drawing.closed, dtype=wp.bool, device="cpu")
-        self.seen = shadow.Seen()
-        """The map as kernels read it."""
-        self.seen.u, self.seen.v, self.seen.towards = (wp.vec3(*axis) for axis in self.axes)
-        self.seen.depth = wp.zeros((SIZE, SIZE), dtype=float, device="cpu")
-        self.seen.around = wp.zeros((BLOCKS, BLOCKS), dtype=wp.vec4, device="cpu")
-        self.seen.softness, self.seen.spots = SOFTNESS, wp.array(spread(LOOKS), dtype=wp.vec2, device="cpu")
-        self.depth, self.around = self.seen.depth.numpy(), self.seen.around.numpy()  # the same memory
+        self.data = shadow.DepthMap()  # the map as kernels read it
+        self.data.u, self.data.v, self.data.towards = (wp.vec3(*axis) for axis in self.axes)
+        self.data.depth = wp.zeros((SIZE, SIZE), dtype=float, device="cpu")
+        self.data.around = wp.zeros((BLOCKS, BLOCKS), dtype=wp.vec4, device="cpu")
+        self.data.softness, self.data.spots = SOFTNESS, wp.array(spread(SAMPLES), dtype=wp.vec2, device="cpu")
+        self.depth, self.around = self.data.depth.numpy(), self.data.around.numpy()  # the same memory
 
     @property
     def texel(self) -> float:
@@ -61,9 +59,9 @@ class ShadowMap:
         return matrix
 
     def on_ground(self, points: NDArray, ground: Ground, count: int) -> NDArray[np.float64]:
-        """Return corners on the ground [m], shape [count, 3], around the shadows of points and their soft edges.
+        """Return the corners on the ground [m], shape [count, 3], of a polygon around the shadows of points.
 
-        Seen from the light they are where the lines meet that touch the points from evenly spaced directions.
+        Seen from the light it is the polygon with evenly spaced edge normals around the points and soft edges.
         """
         across = points @ self.axes[:2].T.astype(np.float32)
         angle = 2 * np.pi * np.arange(count) / count
@@ -80,7 +78,7 @@ class ShadowMap:
         return corners - height[:, None] * (self.axes[2] / (self.axes[2] @ ground.normal))
 
     def follow(self, points: NDArray) -> None:
-        """Look at the drawing as it stands, so that some points are in view [m], shape [any, 3]."""
+        """Draw the map of the drawing, with some points in view [m], shape [any, 3]."""
         along = points @ self.axes.T.astype(np.float32)
         low, high = along.min(axis=0).astype(float), along.max(axis=0).astype(float)
         extent = max(*(high - low)[:2], 1e-6 * float(np.abs(along).max()), 1e-30) * SIZE / (SIZE - 2 * MARGIN)
@@ -88,12 +86,12 @@ class ShadowMap:
         # Whole texels, so that edges of shadows do not shimmer while the square follows what moves.
         middle = np.round((low + high) / 2 / self.texel) * self.texel
         self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
-        seen = self.seen
-        seen.corner, seen.scale = wp.vec3(*self.corner), 1 / self.texel
-        # Where nothing is it is as if something were far below all else.
-        seen.depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
+        data = self.data
+        data.corner, data.scale = wp.vec3(*self.corner), 1 / self.texel
+        # Empty texels count as a surface far below everything.
+        data.depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
         inputs = [self._drawing.points, self._triangles, self._closed]
-        wp.launch(shadow.draw_depth, len(self._triangles), inputs, [seen], device="cpu")
+        wp.launch(shadow.draw_depth, len(self._triangles), inputs, [data], device="cpu")
         rows = self.depth.reshape(BLOCKS, shadow.BLOCK, SIZE).max(axis=1)
         nearest = np.pad(rows.reshape(BLOCKS, BLOCKS, shadow.BLOCK).max(axis=2), REACH, mode="edge")
         nearest = np.maximum.reduce([nearest[k : k + BLOCKS] for k in range(2 * REACH + 1)])

@@ -22,10 +22,10 @@ Contact lets what lies on the ground sink in by as little, and it would vanish i
 
 
 def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
-    """Return those particles of a frame that decide where the camera and the ground are, shape [any, d].
+    """Return the outermost particles of a frame, shape [any, d], which alone determine the camera and the ground.
 
-    `position` is of shape [particle_count, d]; `aspect` is the picture's width over its height. A camera that sees
-    those of all frames sees all particles in all frames.
+    A camera that sees those of all frames sees all particles in all frames. `aspect` is the picture's width over
+    its height.
     """
     right, up, back = axes_of(look)
     sides = [axis / tan for axis, tan in zip((right, up), _tangents(aspect), strict=True)]
@@ -35,12 +35,12 @@ def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
 
 
 def axes_of(look: Look) -> tuple[NDArray, NDArray, NDArray]:
-    """Return what is right, up and back for the camera of a look, as unit vectors."""
+    """Return the unit vectors right, up and back of the camera of a look."""
     return view_axes(math.radians(look.azimuth), math.radians(look.elevation))
 
 
 def view_axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Return what is right, up and back for a camera in a direction [rad], as unit vectors."""
+    """Return the unit vectors right, up and back of a camera in a direction [rad]."""
     flat = math.cos(elevation)
     back = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
     right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
@@ -48,7 +48,7 @@ def view_axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArr
 
 
 def _tangents(aspect: float, margin: float = MARGIN) -> tuple[float, float]:
-    """Return the tangents of half the openings of the view, across and upright, less the margin."""
+    """Return the tangents of half the horizontal and vertical view angles, less the margin."""
     tan = math.tan(math.radians(VIEW_ANGLE) / 2) / margin
     return tan * aspect, tan
 
@@ -75,8 +75,8 @@ class Camera:
     ) -> "Camera":
         """Return the nearest camera in the direction of the look that sees all points, shape [any, 3].
 
-        `aspect` is the picture's width over its height. A `zoom` brings it so many times nearer to its target.
-        The share `above` of the height, from the upper edge, is kept free.
+        `aspect` is the picture's width over its height. A `zoom` divides the distance to the target. The share
+        `above` of the height, at the upper edge, is kept free.
         """
         # In view coordinates a point (a, b, c) right of, above and behind the target is seen by a camera
         # at distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound
@@ -98,7 +98,7 @@ class Camera:
         return cls(eye, target, -back, right, up)
 
     def pixels(self, points: NDArray, height: int, width: int) -> tuple[NDArray, NDArray]:
-        """Return rows and columns at which points appear in a picture of this size, from its upper left."""
+        """Return the rows and columns of points in a picture of this size, counted from its upper left."""
         offset = points - self.eye
         unit = 2 * (offset @ self.forward) * math.tan(math.radians(VIEW_ANGLE) / 2) / height
         return height / 2 - offset @ self.up / unit, width / 2 + offset @ self.right / unit
@@ -109,21 +109,19 @@ class Camera:
             return 0, 0, 1, 1
         if ((points - self.eye) @ self.forward).min() <= 0:
             return 0, 0, height, width  # a point behind the camera appears nowhere
-        bounds = []
-        for at, size in zip(self.pixels(points, height, width), (height, width), strict=True):
-            low = int(np.clip(at.min() - 1, 0, size - 1))
-            bounds.append((low, int(np.clip(at.max() + 2, low + 1, size)) - low))
-        (row, rows), (column, columns) = bounds
-        return row, column, rows, columns
+        row, column = self.pixels(points, height, width)
+        top, left = int(np.clip(row.min() - 1, 0, height - 1)), int(np.clip(column.min() - 1, 0, width - 1))
+        bottom, right = np.clip(row.max() + 2, top + 1, height), np.clip(column.max() + 2, left + 1, width)
+        return top, left, int(bottom) - top, int(right) - left
 
     @property
     def light(self) -> NDArray:
-        """Direction towards the key light, of unit length."""
+        """Unit vector towards the key light."""
         return towards(KEY_FROM, self.right, self.forward)
 
     @property
     def fill(self) -> NDArray:
-        """Direction towards the fill light, of unit length."""
+        """Unit vector towards the fill light."""
         return towards(FILL_FROM, self.right, self.forward)
 
 
@@ -165,7 +163,7 @@ class Stage:
     """What stands still in all pictures of a scene: the camera, the ground, and the colours around.
 
     The camera keeps `positions` in view [m], shape [..., d]; `size` is the width and height of pictures in pixels.
-    A `zoom` brings it so many times nearer. The share `above` of the height, from the upper edge, is kept free.
+    For `zoom` and `above` see `Camera.that_sees`.
     """
 
     def __init__(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .renderer import Renderer
+from .renderer import Renderer, finite_array
 
 FAINTEST = 0.22
 """Opacity of the first of several poses."""
@@ -20,9 +20,9 @@ def timelapse(
 ) -> NDArray[np.uint8]:
     """Return one picture of several poses, laid over each other in order, each more opaque than the one before.
 
-    A pose's pixels are those that differ from a picture without the body; what it covers of earlier poses shows
-    through. Shadows are as dark as their bodies are opaque, and fall on what stands still, not on poses.
-    Colliders are where they are at the last pose.
+    A pose's pixels are those that differ from a picture without the body; earlier poses show through it. Shadows
+    are as dark as their bodies are opaque, and fall on the ground and obstacles, not on poses. Colliders have the
+    pose of the last time.
 
     The camera of the `renderer` should see all poses. `positions` are those of their particles [m], shape
     [pose_count, particle_count, d], `times` when they are [s], and `values` as for `Renderer.image`, shape
@@ -36,10 +36,7 @@ def timelapse(
     checks.every("times", moments, np.isfinite(moments), "finite")
     values_of: Iterable[NDArray | None] = [None] * count
     if values is not None:
-        values_of, shape = checks.array("values", values), (count, len(positions[0]))
-        if values_of.shape != shape:
-            raise ValueError(f"values has shape {values_of.shape}; it must be {shape}")
-        checks.every("values", values_of, np.isfinite(values_of), "finite")
+        values_of = finite_array("values", values, (count, len(positions[0])))
     opacities = np.linspace(FAINTEST, 1.0, count) if count > 1 else [1.0]
     shape = (renderer.stage.height, renderer.stage.width)
     bodies, clear, light = np.zeros((*shape, 3)), np.ones((*shape, 1)), np.ones((*shape, 1))
@@ -50,7 +47,7 @@ def timelapse(
         colour, cover = _body(shadowless, renderer.bare(None, time, shadows=False))
         bodies += opacity * cover * (colour - bodies)
         clear *= 1 - opacity * cover
-        # What is left of the light on the ground. Where two shadows fall it is no darker than in one.
+        # The light left on the ground; two shadows are no darker than one.
         after, before = (each.sum(axis=2, keepdims=True, dtype=np.int32) for each in (image, stage))
         left = np.where(cover > 0, 1.0, np.minimum(after / np.maximum(before, 1), 1.0))
         light = np.minimum(light, 1 - opacity * (1 - left))
@@ -58,9 +55,9 @@ def timelapse(
 
 
 def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, NDArray]:
-    """Return the colour of the body in a picture, and how much of each pixel it covers, given what is behind it.
+    """Return the body's colour in a picture, and how much of each pixel it covers, given the picture without it.
 
-    A pixel on its outline is a blend of both; there the body is taken to have the colour that it has beside it.
+    A pixel on its outline is a blend of both; the body is taken to have the colour of its neighbours there.
     """
     body = (image != stage).any(axis=2, keepdims=True)
     inside = _sum_around(body) == 9
@@ -73,7 +70,7 @@ def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, 
 
 
 def _sum_around(values: NDArray) -> NDArray[np.int64]:
-    """Return the sums over each pixel and its eight neighbours; beyond the picture are its outermost pixels."""
+    """Return the sums over each pixel and its eight neighbours; the outermost pixels repeat beyond the edges."""
     rows, columns = values.shape[:2]
     framed = np.pad(values.astype(np.int32), ((1, 1), (1, 1), (0, 0)), mode="edge")
     return np.sum([framed[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], axis=0)

@@ -82,11 +82,11 @@ def recorded(folder, *, deeds):
             view.post("drag", holder=1, point=[-1.0, 0.4, 3.0])
         if k == 16 and deeds:
             view.post("let_go", holder=1)
-        view._obey()
-        view._lead_hand()
+        view._execute_commands()
+        view._move_hand()
         source.advance()
     view.post("record")
-    view._obey()
+    view._execute_commands()
     return folder
 
 
@@ -160,7 +160,7 @@ def test_what_does_not_fit_is_refused_by_the_view_that_is_asked_for_it():
     before = view.source
     for size, word in ((1500, "GB of memory"), (-1, "size is -1"), (10**9, "GB of memory")):
         view.post("parameters", size=size)
-        view._obey()
+        view._execute_commands()
         assert word in view.notice
         assert view.source is before
     view._step()

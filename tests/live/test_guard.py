@@ -270,7 +270,7 @@ def test_what_is_asked_for_faster_than_it_is_done_waits_outside(monkeypatch):
         for _ in range(1000):
             send(hostile, {"type": "CommandTriggerMessage", "uuid": restart})
         until(lambda: view.waiting >= MOST_WAITING)
-        until(lambda: view._obey() or len(done) == 1000)
+        until(lambda: view._execute_commands() or len(done) == 1000)
     # A connection has sixteen messages that are read already, and a few may be on the way to the view.
     assert max(done) < 10 * MOST_WAITING
     view.close()
@@ -299,7 +299,7 @@ def test_a_scene_that_cannot_be_built_leaves_the_other_one():
     first = view.source
     for word in ("odd", "out of it", "zero", "left"):
         view.post("parameters", size=3)
-        view._obey()
+        view._execute_commands()
         assert word in view.notice
         assert view.source is first
         view._advance()
@@ -317,7 +317,7 @@ def test_a_scene_that_cannot_be_drawn_leaves_the_other_one(monkeypatch):
 
     monkeypatch.setattr(View, "_draw", fails)
     view.post("parameters", size=3)
-    view._obey()
+    view._execute_commands()
     assert "no room for a picture" in view.notice
     assert view.source is first
     assert len(view.shown.drawing.points) == len(shown.drawing.points)

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from test_view import CUBE, Listener, played, running
+from test_view import CUBE, Listener, held, played, running
 
 from msdwarp import Contact, Scene, Simulation, Trajectory
 from msdwarp.files import TrajectoryWriter
@@ -140,7 +140,7 @@ def test_a_hand_beyond_all_numbers_is_refused_and_the_next_one_holds(name):
     beyond = [[1e39, 0.0, 0.0]] if name == "to" else [1e39]
     with pytest.raises(ValueError, match=f"{name}.*at most"):
         source.handling.do("hold", **hold | {name: beyond})
-    assert source.handling.holds.tolist() == [3]
+    assert held(source) == [3]
     again.handling.do("hold", **hold)
     for one in (source, again):
         for k in range(20):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_view import held
 
 from msdwarp import Plane, Scene, Simulation, box
 from msdwarp.live import Running, View, Window, within_reach
@@ -217,17 +218,17 @@ def test_a_drag_that_begins_on_the_body_lifts_it(person):
         person("mousemove", 320, 240, "click", 5, "click", 5, "click", 5, "click", 5)  # the wheel: room above
         yield from until(lambda: orbit.distance > 1.7 * near)
         x, y = at(window, middle(view))
-        eye = window._screen.orbit.eye.copy()
+        eye = window._screen.orbit.camera.eye.copy()
         person("mousemove", x, y, "mousedown", 1)
         yield from until(lambda: view.hand.grip is not None)
         for k in range(1, 6):
             person("mousemove", x, y + (40 - y) * k // 5)
             yield from turns(3)
         yield from until(lambda: middle(view)[2] > 0.7)  # it began at 0.6: without a hand it never gets there
-        assert len(view.source.handling.holds)
-        np.testing.assert_array_equal(window._screen.orbit.eye, eye)
+        assert held(view.source)
+        np.testing.assert_array_equal(window._screen.orbit.camera.eye, eye)
         person("mouseup", 1)
-        yield from until(lambda: not len(view.source.handling.holds))
+        yield from until(lambda: not held(view.source))
         height = middle(view)[2]
         yield from until(lambda: middle(view)[2] < height - 0.1)
 
@@ -239,11 +240,11 @@ def test_beside_the_body_the_mouse_moves_the_camera(person):
     def script(view, window):
         orbit = window._screen.orbit
         yield from turns(5)
-        before = orbit.eye, orbit.target, orbit.distance
+        before = orbit.camera.eye, orbit.target, orbit.distance
         person("mousemove", 600, 300, "mousedown", 1)
         yield from turns(5)
         person("mousemove", 560, 320)
-        yield from until(lambda: not np.array_equal(orbit.eye, before[0]))
+        yield from until(lambda: not np.array_equal(orbit.camera.eye, before[0]))
         person("mouseup", 1)
         np.testing.assert_array_equal(orbit.target, before[1])
         assert view.hand.grip is None

@@ -132,7 +132,7 @@ def test_tubes_have_their_radius_all_around_and_face_outwards(sides):
     scene = msd.Scene(system=ROPE)
     drawing = Drawing(scene, "texture")
     drawing.follow(ROPE.position)
-    tubes = Tubes(ROPE.connections, 0.02, Finish(np.ones(3)), "cpu", sides=sides)
+    tubes = Tubes(ROPE.connections, 0.02, Finish(np.ones(3)), "cpu", sides, None)
     points, normals, colours = (wp.zeros(len(tubes.uv), dtype=wp.vec3, device="cpu") for _ in range(3))
     tubes.join(slice(0, len(points)), points, normals, colours)
     tubes.follow(drawing._x, 0.0)

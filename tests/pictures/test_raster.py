@@ -43,8 +43,8 @@ def test_threads_change_nothing(monkeypatch):
     scene = msd.Scene(system=body, colliders=[msd.Plane(), msd.Sphere((1.2, 0, 0.4), 0.4)])
     images = []
     for threads in (1, 3):
-        monkeypatch.setattr("msdwarp.pictures.raster.MOST_THREADS", threads)
-        monkeypatch.setattr("msdwarp.pictures.raster.processors", lambda: 8)
+        monkeypatch.setattr("msdwarp.pictures.warp_renderers.MOST_THREADS", threads)
+        monkeypatch.setattr("msdwarp.pictures.warp_renderers.processors", lambda: 8)
         renderer = msd.Renderer(scene, body.position, resolution=SIZE, backend="raster")
         images.append(renderer.image(body.position))
     np.testing.assert_array_equal(*images)

@@ -10,8 +10,8 @@ import warp as wp
 import msdwarp as msd
 from msdwarp.pictures import renderer as renderer_module
 from msdwarp.pictures.light import AMBIENT, FILL, HEAD, KEY, SHADED, SHADOW, SOFTNESS, across, spread
-from msdwarp.pictures.raycast import RayCaster
 from msdwarp.pictures.stage import Stage
+from msdwarp.pictures.warp_renderers import RayCaster
 
 SIZE = (64, 48)
 RADIUS, CENTRE = 0.3, np.array([0.0, 0.0, 1.0])
@@ -192,7 +192,7 @@ def test_positions_on_the_device_are_lifted_into_space(dim):
 
 
 def test_a_search_tree_made_anew_draws_the_same(monkeypatch):
-    monkeypatch.setattr("msdwarp.pictures.raycast.REFITS", 2)
+    monkeypatch.setattr("msdwarp.pictures.warp_renderers.REFITS", 2)
     body = msd.ball(0.6, 0.15).translate((0.0, 0.0, 0.7))
     scene = msd.Scene(system=body, colliders=[msd.Plane()], look=LOOK)
     renderer = msd.Renderer(scene, ROOM, resolution=SIZE, backend="raycast")

@@ -1,0 +1,224 @@
+"""Renderers on Warp, with OpenGL's camera and look: a rasteriser on the CPU, and a ray caster on any device."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .. import checks
+from ..kernels.pictures import raster, raycast, shading
+from ..runtime import in_turn
+from .arrows import Arrows
+from .drawing import Drawing
+from .film import processors
+from .light import CORNERS, FILL, HEAD, KEY, SHADED, SHADOW, SHININESS, SOFTNESS, across, spread
+from .shadow_map import ShadowMap
+from .stage import UNSEEN, VIEW_ANGLE, Camera, Stage
+
+BAND, MOST_THREADS = 32, 8
+"""Rows of the picture that a thread shades at a time, and the most threads."""
+AROUND = 8
+"""Corners around the shadow on the ground, which bound the part of the picture that changes."""
+POINTS = {"cpu": 4, "cuda": 16}
+"""Points of the light that each of a pixel's four rays samples where a shadow fades, on a CPU and on a GPU."""
+THREADS = 1 << 17
+"""Threads on a GPU that refine pixels: enough to fill it; each takes several pixels if need be."""
+LANES = 16
+"""Of these threads this many share a pixel: one alone would cast 68 rays in sequence."""
+REFITS = 32
+"""Pictures for which a search tree is refitted before it is rebuilt: its boxes overlap more as bodies move."""
+_BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
+
+
+class Rasteriser:
+    """Draws a drawing that is on the CPU, triangle by triangle, with shadows from a shadow map.
+
+    The camera stands still, so the ground is drawn once, and bodies and their shadows are laid over it.
+    """
+
+    def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
+        self._drawing, self._stage, self._arrows = drawing, stage, arrows
+        shape = (stage.height, stage.width)
+        self._map, self._view = ShadowMap(drawing, stage.camera.light), _surroundings_of(drawing, stage)
+        self._pool = ThreadPoolExecutor(min(MOST_THREADS, processors()))
+        self._body = _body_of(drawing)
+        self._over = None if arrows is None else _body_of(arrows)
+        self._nearest = wp.zeros((4 * shape[0], shape[1]), dtype=wp.uint64, device="cpu")
+        self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
+        self._pixels = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
+        wp.launch(raster.draw_backdrop, shape, [self._view], [self._backdrop], device="cpu")
+        self._shade(self._body, (0, 0, 1, 0))  # nothing, but it compiles the kernel before threads launch it
+
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        points = self._drawing.points.numpy()[self._drawing.visible]
+        wp.copy(self._pixels, self._backdrop)
+        if len(points):  # a stage may be bare
+            changed = points
+            if shadows:
+                self._map.follow(points)
+                if self._stage.ground is not None:
+                    changed = np.concatenate([points, self._map.on_ground(points, self._stage.ground, AROUND)])
+            self._lay_over(self._body, changed, shadows=shadows)
+        if self._arrows is not None:
+            self._lay_over(self._over, self._arrows.points.numpy(), shadows=False)
+        return self._pixels.numpy().astype(np.uint8)  # a copy
+
+    def _lay_over(self, body: Any, points: NDArray, *, shadows: bool) -> None:
+        """Draw triangles over the picture, in the part that holds some points."""
+        self._view.shadows = int(shadows)
+        inputs = [body, self._view]
+        wp.launch(raster.draw_triangles, len(body.triangles), inputs, [self._nearest], device="cpu")
+        row, column, rows, columns = self._stage.camera.frame(points, *self._pixels.shape)
+        # Squares of 2 x 2 pixels are the same in all pictures, whatever part of them changes.
+        rows, columns = rows + row % 2, columns + column % 2
+        row, column = row - row % 2, column - column % 2
+        bands = [(row + k, column, min(BAND, rows - k), columns) for k in range(0, rows, BAND)]
+        # Python's lock is free while Warp's native code is at work.
+        for _ in self._pool.map(lambda band: self._shade(body, band), bands):
+            pass
+
+    def _shade(self, body: Any, part: tuple[int, int, int, int]) -> None:
+        """Shade a part of the picture: first row, first column, rows, columns."""
+        row, column, rows, columns = part
+        inputs = [body, self._view, self._map.data, row, column, columns]
+        wp.launch(raster.shade, (rows + 1) // 2, inputs, [self._nearest, self._pixels], device="cpu")
+
+
+class RayCaster:
+    """Draws a drawing by casting rays at it, on the device of the drawing."""
+
+    @in_turn
+    def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
+        self.drawing, device = drawing, drawing.device
+        self._searched = _Searched(drawing)
+        self._over = None if arrows is None else _Searched(arrows)
+        self._on_gpu, self._size = wp.get_device(device).is_cuda, (0, 0)
+        self._points = POINTS["cuda" if self._on_gpu else "cpu"]
+        self._view = _surroundings_of(drawing, stage)
+        spots = np.concatenate([CORNERS, spread(16 * self._points)])
+        self._view.spots = wp.array(spots, dtype=wp.vec2, device=device)
+        self._threads, self._lanes = (THREADS, LANES) if self._on_gpu else (1, 1)
+        self.look_from(stage.camera, (stage.width, stage.height))
+
+    @in_turn
+    def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Set the camera and the width and height of the next pictures; the lights stay."""
+        _look_from(self._view, camera, size)
+        if size == self._size:
+            return
+        self._size, device, (width, height) = size, self.drawing.device, size
+        self._rays = wp.zeros((height, width), dtype=wp.vec4, device=device)
+        self._chosen = wp.zeros((2, height * width), dtype=int, device=device)
+        self._count = wp.zeros(2, dtype=int, device=device)
+        self._pixels = self._host = wp.zeros((height, width), dtype=wp.vec3ub, device=device)
+        if self._on_gpu:  # from there bytes go fastest into memory that is pinned
+            self._host = wp.zeros((height, width), dtype=wp.vec3ub, device="cpu", pinned=True)
+
+    @in_turn
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        self.refit()
+        return self.shoot(shadows=shadows)
+
+    @in_turn
+    def shoot(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture of the drawing as it was at the last `refit`."""
+        self._view.shadows = int(shadows)
+        width, height = self._size
+        device = self.drawing.device
+        inputs = [self._searched.body, self._view]
+        tiles = -(-width // raycast.TILE) * -(-height // raycast.TILE)
+        every = tiles * raycast.TILE**2
+        wp.launch(raycast.cast, every, inputs, [self._rays], device=device)
+        self._count.zero_()
+        wp.launch(raycast.choose, every, [self._rays], [self._pixels, self._chosen, self._count], device=device)
+        chosen = [self._points, self._threads, self._chosen, self._count]
+        wp.launch(raycast.refine(self._lanes), self._threads, [*inputs, *chosen], [self._pixels], device=device)
+        if self._over is not None:
+            self._over.refit()
+            inputs = [self._over.body, self._view]
+            wp.launch(raycast.lay_over, (height, width), inputs, [self._pixels], device=device)
+        if self._on_gpu:
+            wp.copy(self._host, self._pixels)
+            wp.synchronize_stream(device)
+        return self._host.numpy().astype(np.uint8)  # a copy
+
+    @in_turn
+    def refit(self) -> None:
+        """Update the search tree to the drawing."""
+        self._searched.refit()
+
+
+class _Searched:
+    """Triangles with a search tree for rays."""
+
+    def __init__(self, drawn: Drawing | Arrows) -> None:
+        self.body, self._points, self._refits = _body_of(drawn), drawn.points, REFITS
+        self._indices = wp.array(drawn.triangles.ravel(), dtype=int, device=drawn.device)
+
+    def refit(self) -> None:
+        """Refit the search tree to the triangles, or rebuild it: first at the first picture, for its points."""
+        if self._refits == REFITS:
+            self._mesh = wp.Mesh(points=self._points, indices=self._indices)
+            self.body.mesh, self._refits = self._mesh.id, 0
+        else:
+            self._mesh.refit()
+            self._refits += 1
+
+
+def _body_of(drawn: Drawing | Arrows) -> Any:
+    """Return a drawing or arrows as kernels read them, in the same memory, without a search tree."""
+    body, device = shading.Body(), drawn.device
+    body.points, body.normals, body.colours = drawn.points, drawn.normals, drawn.colours
+    body.uv = wp.array(drawn.uv, dtype=wp.vec2, device=device)
+    body.triangles = wp.array(drawn.triangles, dtype=wp.vec3i, device=device)
+    body.closed = wp.array(drawn.closed, dtype=wp.bool, device=device)
+    body.gloss = wp.array(drawn.gloss, dtype=float, device=device)
+    body.texture = _image(_BLANK if drawn.texture is None else drawn.texture, device)
+    body.textured = int(drawn.texture is not None)
+    # A lattice of tubes casts fine shadows all over itself, which would hide its colours.
+    if isinstance(drawn, Drawing) and drawn.shows_strain:
+        body.first_shaded = sum(len(one.triangles) for one in drawn.body)
+    return body
+
+
+def _surroundings_of(drawing: Drawing, stage: Stage) -> Any:
+    """Return the camera, the lights and the ground."""
+    view, device, ground, light = shading.Surroundings(), drawing.device, stage.ground, stage.camera.light
+    view.background = wp.vec3(*checks.colour("background", stage.look.background))
+    view.ambient, view.bounce = drawing.ambient, drawing.bounce
+    view.key, view.head, view.fill = (drawing.diffuse * strength for strength in (KEY, HEAD, FILL))
+    view.fill_from = wp.vec3(*stage.camera.fill)
+    view.light = wp.vec3(*light)
+    view.light_u, view.light_v = (wp.vec3(*(SOFTNESS * axis)) for axis in across(light))
+    view.shininess, view.shaded, view.shadow = SHININESS, SHADED, SHADOW
+    view.gleam = 1e-4 ** (1 / SHININESS)
+    view.has_ground = int(ground is not None)
+    view.ground = _image(_BLANK, device)
+    if ground is not None:
+        view.below = drawing.below + UNSEEN * ground.reach
+        view.ground = _image(ground.texture[::-1], device)
+        view.ground_centre, view.ground_normal = wp.vec3(*ground.centre), wp.vec3(*ground.normal)
+        span = 2 * ground.half
+        view.ground_u, view.ground_v = wp.vec3(*(ground.u / span)), wp.vec3(*(ground.v / span))
+    _look_from(view, stage.camera, (stage.width, stage.height))
+    return view
+
+
+def _look_from(view: Any, camera: Camera, size: tuple[int, int]) -> None:
+    """Set the camera and the width and height of pictures; the lights stay."""
+    width, height = size
+    view.eye = wp.vec3(*camera.eye)
+    pixel = 2 * math.tan(math.radians(VIEW_ANGLE) / 2) / height
+    view.across, view.down = wp.vec3(*(pixel * camera.right)), wp.vec3(*(-pixel * camera.up))
+    view.corner = wp.vec3(*(camera.forward + pixel * (height * camera.up - width * camera.right) / 2))
+    view.far = 100 * float(np.linalg.norm(camera.eye - camera.target))
+    view.towards_viewer = wp.vec3(*-camera.forward)
+
+
+def _image(pixels: NDArray[np.uint8], device: str) -> wp.array:
+    return wp.array(np.ascontiguousarray(pixels), dtype=wp.vec3ub, device=device)
