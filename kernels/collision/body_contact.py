@@ -18,7 +18,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from .contact_surfaces import DEEPEST, HISTORY, Surfaces, first_flag
+from .contact_data import DEEPEST, HISTORY, BodyContactData, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
 from .force_sums import exert_force
 from .friction import TANGENTIAL
@@ -49,7 +49,7 @@ def contact_energy(scalar: type, overlapping_at_start: bool, sided: bool, lanes:
 
 
 def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bool, lanes: int, worlds: bool):
-    V, Data = vector(3, scalar), Surfaces(scalar, worlds)
+    V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
     mobility_of, slip_before = points(scalar)
@@ -76,12 +76,12 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
     ):
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
-        n = data.candidate_count[p]
+        n = data.neighbors.candidate_count[p]
         if n > 0:
-            ends = data.ends[p]
-            s = data.share[p]
-            x = place_of(data.x, ends, s)
-            mine = data.body[p]
+            ends = data.surfaces.ends[p]
+            s = data.surfaces.share[p]
+            x = place_of(data.surfaces.x, ends, s)
+            mine = data.surfaces.body[p]
             new_partner_0 = int(-1)
             new_partner_1 = int(-1)
             new_slip_0 = V()
@@ -94,15 +94,15 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
             turn = int(0)
             first = int(0)
             if wp.static(measuring):  # no whole numbers are summed: their order counts
-                first = next_in_order(data.candidate_body, p, n, -1)
+                first = next_in_order(data.neighbors.candidate_body, p, n, -1)
             while first < n:
                 # The facets of one body, which are side by side in the row: the nearest counts.
-                other = data.candidate_body[p, first]
+                other = data.neighbors.candidate_body[p, first]
                 held = int(0)
                 if wp.static(sided):
                     if turn < wp.static(HISTORY):
-                        if data.contact_body[turn, p] == other:
-                            held = data.contact_side[turn, p]
+                        if data.history.contact_body[turn, p] == other:
+                            held = data.history.contact_side[turn, p]
                         if held == 0:
                             turn += 1
                             continue
@@ -110,9 +110,9 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
                 reach = reach_of(data, rule, mine, other)
                 two_sided = bool(False)
                 if wp.static(sided):
-                    two_sided = data.sided[other] != 0 and mine != other
+                    two_sided = data.surfaces.sided[other] != 0 and mine != other
                     if held != 0:
-                        reach = wp.max(reach, data.depth[other])
+                        reach = wp.max(reach, data.surfaces.depth[other])
                 best = far
                 near = far
                 facet = int(wp.static(NONE))
@@ -120,19 +120,21 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
                 w = V()
                 until = int(n)
                 for e in range(first + lane, n, wp.static(lanes)):
-                    f = data.candidates[p, e]  # before anything is known of it: these three are read at once
-                    listed = data.candidate_distance[p, e]
-                    if data.candidate_body[p, e] != other:
+                    f = data.neighbors.candidates[
+                        p, e
+                    ]  # before anything is known of it: these three are read at once
+                    listed = data.neighbors.candidate_distance[p, e]
+                    if data.neighbors.candidate_body[p, e] != other:
                         until = e
                         break
                     if almost * listed <= near:
-                        w_f = nearest_to(data.x, data.corner[f], x)
-                        away = x - place_on(data.x, data.corner[f], w_f)
+                        w_f = nearest_to(data.surfaces.x, data.surfaces.corner[f], x)
+                        away = x - place_on(data.surfaces.x, data.surfaces.corner[f], w_f)
                         if wp.static(sided):
                             if wp.dot(away, away_0) > zero or wp.dot(away, away_1) > zero:
                                 continue
                             if held != 0:
-                                if not have_common(data.corner, wp.abs(held) - 1, f):
+                                if not have_common(data.surfaces.corner, wp.abs(held) - 1, f):
                                     continue
                         if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
                             best = wp.dot(away, away)
@@ -151,34 +153,34 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
                     facet = least_number(facet)
                     for k in range(3):
                         w[k] = pick(own == facet, w_own[k])
-                corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
+                corner = data.surfaces.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
                 if best < reach * reach:
                     # What is far in memory is read at once, also where it turns out that they do not touch.
-                    u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
-                    mobility = mobility_of(data.mobility, ends, s)
+                    u = place_of(data.surfaces.v, ends, s) - place_on(data.surfaces.v, corner, w)
+                    mobility = mobility_of(data.surfaces.mobility, ends, s)
                     for k in range(3):
-                        mobility += w[k] * w[k] * data.mobility[corner[k]]
+                        mobility += w[k] * w[k] * data.surfaces.mobility[corner[k]]
                     thickness = thickness_of(data, rule, mine, other)
-                    normal = normal_of(data.x, corner)
-                    q = place_on(data.x, corner, w)
+                    normal = normal_of(data.surfaces.x, corner)
+                    q = place_on(data.surfaces.x, corner, w)
                     side = wp.dot(x - q, normal)
-                    closed = data.closed[other] != 0 and mine != other
+                    closed = data.surfaces.closed[other] != 0 and mine != other
                     within = w[0] > zero and w[1] > zero and w[2] > zero
                     if (closed or two_sided) and not within:
                         # Of triangles around an edge or a corner the one that is seen most steeply tells the side.
                         tie = best * scalar(1.001) + scalar(1.0e-12) * wp.length_sq(
-                            load(data.x, corner[1]) - load(data.x, corner[0])
+                            load(data.surfaces.x, corner[1]) - load(data.surfaces.x, corner[0])
                         )
                         near = wp.sqrt(tie) + buffer[0]
                         for e in range(first + lane, until, wp.static(lanes)):
-                            f = data.candidates[p, e]
-                            if almost * data.candidate_distance[p, e] <= near:
+                            f = data.neighbors.candidates[p, e]
+                            if almost * data.neighbors.candidate_distance[p, e] <= near:
                                 w_f = w_own
                                 if e != entry:
-                                    w_f = nearest_to(data.x, data.corner[f], x)
-                                away = x - place_on(data.x, data.corner[f], w_f)
+                                    w_f = nearest_to(data.surfaces.x, data.surfaces.corner[f], x)
+                                away = x - place_on(data.surfaces.x, data.surfaces.corner[f], w_f)
                                 if wp.dot(away, away) <= tie and (closed or wp.dot(away, x - q) >= almost * best):
-                                    seen = wp.dot(away, normal_of(data.x, data.corner[f]))
+                                    seen = wp.dot(away, normal_of(data.surfaces.x, data.surfaces.corner[f]))
                                     steeper = wp.abs(seen) - wp.abs(side)
                                     if steeper > zero or (steeper == zero and seen > side):
                                         side = seen
@@ -208,25 +210,30 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
                                 normal = -normal
                     overlap = thickness - gap
                     if wp.static(overlapping_at_start):
-                        overlap = overlap - data.initial_overlap[p]
+                        overlap = overlap - data.history.initial_overlap[p]
                     if overlap > zero and mobility > zero:
                         k_n = stiffness_of(data, rule, mine, other)
                         # A point that was touching this body before may stick to it.
                         if wp.static(sided):
                             tangential_displacement = slip_on(
-                                data.contact_body, data.contact_side, data.tangential_displacement, p, other, held
+                                data.history.contact_body,
+                                data.history.contact_side,
+                                data.history.tangential_displacement,
+                                p,
+                                other,
+                                held,
                             )
                         else:
                             tangential_displacement = slip_before(
-                                data.contact_body, data.tangential_displacement, p, other
+                                data.history.contact_body, data.history.tangential_displacement, p, other
                             )
-                        zeta = data.damping[rule]
-                        mu = data.friction[rule]
+                        zeta = data.rules.damping[rule]
+                        mu = data.rules.friction[rule]
                         f_n, f_t, tangential_displacement, u_n, slides = press(
                             k_n,
                             zeta,
                             mu,
-                            data.density[mine],
+                            data.surfaces.density[mine],
                             mobility,
                             overlap,
                             normal,
@@ -251,28 +258,42 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
                             power += wp.float64(compensation)
                         else:
                             if wp.static(worlds):
-                                by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, by, lane, parts)
+                                by = wp.float64(1.0) / data.surfaces.unit[mine / data.surfaces.bodies_each]
+                                exert(data.surfaces.force, ends, s, corner, w, f_n * normal + f_t, by, lane, parts)
                             else:
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, per_unit, lane, parts)
+                                exert(
+                                    data.surfaces.force,
+                                    ends,
+                                    s,
+                                    corner,
+                                    w,
+                                    f_n * normal + f_t,
+                                    per_unit,
+                                    lane,
+                                    parts,
+                                )
                             if lane == 0:
                                 if wp.static(overlapping_at_start):
-                                    led = wp.min(data.initial_overlap[p], h * data.overlap_release_speed)
-                                    data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
+                                    led = wp.min(
+                                        data.history.initial_overlap[p], h * data.history.overlap_release_speed
+                                    )
+                                    data.history.done[p] = data.history.done[p] + wp.float64(
+                                        k_n * overlap
+                                    ) * wp.float64(led)
                                 at = first_of(data, mine) + wp.static(DEEPEST)
                                 if float(overlap) > flags[at]:
                                     raise_to(flags, at, float(overlap))
                                 if h > zero:
                                     # The vertex of a point bears as much for each of its other points.
-                                    u_n += h * f_n * mobility / data.density[mine]
+                                    u_n += h * f_n * mobility / data.surfaces.density[mine]
                                     least = zero
                                     if closed:
                                         least = -reach
                                     elif now != 0:  # from now on it is known where it came from
-                                        least = -wp.max(reach, data.depth[other])
+                                        least = -wp.max(reach, data.surfaces.depth[other])
                                     if wp.static(overlapping_at_start):
-                                        least = least - data.initial_overlap[p]
-                                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
+                                        least = least - data.history.initial_overlap[p]
+                                    note(data.tunnelling, p, facet, x, gap + h * u_n, least, -u_n)
                         # Of more than two bodies those two are remembered whose numbers are least.
                         if new_partner_0 < 0 or other < new_partner_0:
                             new_partner_1 = new_partner_0
@@ -291,36 +312,38 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
                             away_1 = x - q
                 elif h > zero and lane == 0 and best < far and held == 0:
                     # What comes so fast that a substep takes it through has never been in touch.
-                    q = place_on(data.x, corner, w)
+                    q = place_on(data.surfaces.x, corner, w)
                     gap = wp.sqrt(best)
-                    u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
+                    u = place_of(data.surfaces.v, ends, s) - place_on(data.surfaces.v, corner, w)
                     u_n = wp.dot(u, x - q) / gap
                     least = zero
-                    if data.closed[other] != 0 and mine != other:
+                    if data.surfaces.closed[other] != 0 and mine != other:
                         least = -reach
-                        if wp.dot(x - q, normal_of(data.x, corner)) < zero:
+                        if wp.dot(x - q, normal_of(data.surfaces.x, corner)) < zero:
                             u_n = zero  # it is within, and lost already
-                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
+                    note(data.tunnelling, p, facet, x, gap + h * u_n, least, -u_n)
                 turn += 1
                 if wp.static(not sided) or turn > wp.static(HISTORY):
                     first = until
                     if wp.static(measuring):
-                        first = next_in_order(data.candidate_body, p, n, other)
+                        first = next_in_order(data.neighbors.candidate_body, p, n, other)
                     turn = int(0)
                     away_0 = V()
                     away_1 = V()
             if wp.static(not measuring):
                 if h > zero and lane == 0:
-                    data.contact_body[0, p] = new_partner_0
-                    data.contact_body[1, p] = new_partner_1
-                    data.tangential_displacement[0, p] = new_slip_0
-                    data.tangential_displacement[1, p] = new_slip_1
+                    data.history.contact_body[0, p] = new_partner_0
+                    data.history.contact_body[1, p] = new_partner_1
+                    data.history.tangential_displacement[0, p] = new_slip_0
+                    data.history.tangential_displacement[1, p] = new_slip_1
                     if wp.static(sided):
-                        data.contact_side[0, p] = new_seen_0
-                        data.contact_side[1, p] = new_seen_1
+                        data.history.contact_side[0, p] = new_seen_0
+                        data.history.contact_side[1, p] = new_seen_1
         if wp.static(overlapping_at_start and not measuring):
             if lane == 0:
-                data.initial_overlap[p] = wp.max(zero, data.initial_overlap[p] - h * data.overlap_release_speed)
+                data.history.initial_overlap[p] = wp.max(
+                    zero, data.history.initial_overlap[p] - h * data.history.overlap_release_speed
+                )
         if wp.static(measuring):
             if lane == 0:
                 stored[p] = energy
@@ -341,9 +364,19 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
     ):
         k = first_of_part(wp.tid(), part) / wp.static(lanes)
         lane = wp.tid() % wp.static(lanes)
-        while k < data.active_count[0]:
+        while k < data.neighbors.active_count[0]:
             evaluate_point(
-                data, data.active_points[k], lane, h, behind, per_unit, buffer, parts, flags, stored, heated
+                data,
+                data.neighbors.active_points[k],
+                lane,
+                h,
+                behind,
+                per_unit,
+                buffer,
+                parts,
+                flags,
+                stored,
+                heated,
             )
             k = next_of_part(k, threads / wp.static(lanes), parts)
 

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .contact_surfaces import body_contact_term
+from .contact_data import body_contact_term
 
 
 @functools.cache
@@ -14,12 +14,12 @@ def add_impulses(dim: int, scalar: type, compensated: bool):
 
     A force counts for the time that the method gives it in its sum over the substep.
     """
-    Touched = body_contact_term(dim, scalar, compensated).Data
+    VertexForces = body_contact_term(dim, scalar, compensated).Data
     Wide = vector(dim, wp.float64)
 
     @kernel
     def add_impulse(
-        body_contact: Touched,
+        body_contact: VertexForces,
         seconds: wp.float64,  # how long the forces count [s]
         # In and out:
         impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import vector
 from ..records import records
-from .contact_surfaces import Surfaces
+from .contact_data import BodyContactData
 from .nearest_point import nearest_on_triangle
 
 NONE = 2**31 - 1
@@ -62,42 +62,42 @@ def pairs(scalar: type, worlds: bool = False):
 
     Each is for a point of body `mine` and a facet of body `other`.
     """
-    Data = Surfaces(scalar, worlds)
+    Data = BodyContactData(scalar, worlds)
 
     @wp.func
     def find_rule(data: Data, mine: int, other: int) -> int:
         """Return the rule by which they touch; −1 if they do not."""
-        rule = data.rule[data.kind[mine], data.kind[other]]
+        rule = data.rules.table[data.rules.kind[mine], data.rules.kind[other]]
         if mine == other and rule >= 0:
-            if data.among[rule] == 0:
+            if data.rules.self_contact[rule] == 0:
                 rule = -1
         return rule
 
     @wp.func
     def thickness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
         """Return at which distance they touch [m]."""
-        given = data.thickness[rule]
+        given = data.rules.thickness[rule]
         if given >= scalar(0.0):
             return given
-        return data.radius[mine] + data.radius[other]
+        return data.surfaces.radius[mine] + data.surfaces.radius[other]
 
     @wp.func
     def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
         """Return how far off a facet can push a point [m]: out of what is closed, from so deep."""
         reach = thickness_of(data, rule, mine, other)
-        if data.closed[other] != 0 and mine != other:
-            reach = wp.max(reach, data.depth[other])
+        if data.surfaces.closed[other] != 0 and mine != other:
+            reach = wp.max(reach, data.surfaces.depth[other])
         return reach
 
     @wp.func
     def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
         """Return the stiffness of a contact of one point [N/m]: the harmonic mean of both, by its share."""
-        k = data.given[rule]
+        k = data.rules.stiffness[rule]
         if k < scalar(0.0):
-            a = data.stiffness[mine]
-            b = data.stiffness[other]
+            a = data.surfaces.stiffness[mine]
+            b = data.surfaces.stiffness[other]
             k = scalar(2.0) * a * b / (a + b)
-        return data.density[mine] * k
+        return data.surfaces.density[mine] * k
 
     return find_rule, thickness_of, reach_of, stiffness_of
 

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .contact_surfaces import DEEPEST, Surfaces, first_flag
+from .contact_data import DEEPEST, BodyContactData, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
 from .force_sums import Units, exert_on_segments
 from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
@@ -21,7 +21,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
     Such bodies have no inside and no sides, and are many: so the threads that share a point (`lanes`) take bodies
     near it, each its own. `overlapping_at_start` is as for `evaluate_contact`.
     """
-    V, Data = vector(3, scalar), Surfaces(scalar, worlds)
+    V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
     (place_of, place_on, _), (mobility_of, slip_before) = places(scalar), points(scalar)
     find_rule, thickness_of, _, stiffness_of = pairs(scalar, worlds)
     note, first_of, press = note_overrun(scalar), first_flag(scalar, worlds), contact_law(scalar)
@@ -52,11 +52,11 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
         parts: int,
         flags: wp.array(dtype=float),
     ):
-        n = data.candidate_count[p]
-        ends = data.ends[p]
-        s = data.share[p]
-        x = place_of(data.x, ends, s)
-        mine = data.body[p]
+        n = data.neighbors.candidate_count[p]
+        ends = data.surfaces.ends[p]
+        s = data.surfaces.share[p]
+        x = place_of(data.surfaces.x, ends, s)
+        mine = data.surfaces.body[p]
         # Of the bodies that this thread finds in touch, the two with the least numbers.
         partner_0 = int(wp.static(NONE))
         partner_1 = int(wp.static(NONE))
@@ -64,59 +64,61 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
         slip_1 = V()
         total = Units()  # of the forces on the point
         for first in range(lane, n, wp.static(lanes)):
-            other = data.candidate_body[p, first]
+            other = data.neighbors.candidate_body[p, first]
             begins = bool(True)  # here those of a body begin, which are side by side
             if first > 0:
-                begins = data.candidate_body[p, first - 1] != other
+                begins = data.neighbors.candidate_body[p, first - 1] != other
             if begins:
                 best = far
                 near = far
                 facet = int(wp.static(NONE))
                 t = scalar(0.0)
                 for e in range(first, n):
-                    if data.candidate_body[p, e] != other:
+                    if data.neighbors.candidate_body[p, e] != other:
                         break
-                    if almost * data.candidate_distance[p, e] <= near:
-                        f = data.candidates[p, e]
-                        corner = data.corner[f]
-                        t_f = share_of(data.x, corner, x)
-                        squared = wp.length_sq(x - place_on(data.x, corner, V(one - t_f, t_f, zero)))
+                    if almost * data.neighbors.candidate_distance[p, e] <= near:
+                        f = data.neighbors.candidates[p, e]
+                        corner = data.surfaces.corner[f]
+                        t_f = share_of(data.surfaces.x, corner, x)
+                        squared = wp.length_sq(x - place_on(data.surfaces.x, corner, V(one - t_f, t_f, zero)))
                         if squared < best or (squared == best and f < facet):
                             best = squared
                             near = wp.sqrt(best) + buffer[0]
                             facet = f
                             t = t_f
-                corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
+                corner = data.surfaces.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
                 w = V(one - t, t, zero)
                 rule = find_rule(data, mine, other)
-                away = x - place_on(data.x, corner, w)
-                u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
+                away = x - place_on(data.surfaces.x, corner, w)
+                u = place_of(data.surfaces.v, ends, s) - place_on(data.surfaces.v, corner, w)
                 gap = wp.sqrt(best)
                 normal = V()
                 if gap > zero:
                     normal = away / gap
                 overlap = thickness_of(data, rule, mine, other) - gap
                 if wp.static(overlapping_at_start):
-                    overlap = overlap - data.initial_overlap[p]
+                    overlap = overlap - data.history.initial_overlap[p]
                 mobility = zero
                 if overlap > zero:  # most that is listed does not touch: reading from memory is what takes time
-                    mobility = mobility_of(data.mobility, ends, s)
-                    mobility += w[0] * w[0] * data.mobility[corner[0]] + t * t * data.mobility[corner[1]]
+                    mobility = mobility_of(data.surfaces.mobility, ends, s)
+                    mobility += (
+                        w[0] * w[0] * data.surfaces.mobility[corner[0]] + t * t * data.surfaces.mobility[corner[1]]
+                    )
                 u_n = wp.dot(u, normal)
                 least = zero
                 if mobility > zero:
                     k_n = stiffness_of(data, rule, mine, other)
                     # A point that was touching this body before may stick to it.
                     tangential_displacement = slip_before(
-                        data.contact_body, data.tangential_displacement, p, other
+                        data.history.contact_body, data.history.tangential_displacement, p, other
                     )
-                    zeta = data.damping[rule]
-                    mu = data.friction[rule]
+                    zeta = data.rules.damping[rule]
+                    mu = data.rules.friction[rule]
                     f_n, f_t, tangential_displacement, u_n, _slides = press(
                         k_n,
                         zeta,
                         mu,
-                        data.density[mine],
+                        data.surfaces.density[mine],
                         mobility,
                         overlap,
                         normal,
@@ -127,19 +129,19 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                     )
                     by = per_unit
                     if wp.static(worlds):
-                        by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
+                        by = wp.float64(1.0) / data.surfaces.unit[mine / data.surfaces.bodies_each]
                     units = in_units(f_n * normal + f_t, by)
-                    take_from(data.force, corner[0], corner[1], t, units, parts)
+                    take_from(data.surfaces.force, corner[0], corner[1], t, units, parts)
                     total += units
                     if wp.static(overlapping_at_start):
-                        led = wp.min(data.initial_overlap[p], h * data.overlap_release_speed)
-                        wp.atomic_add(data.done, p, wp.float64(k_n * overlap) * wp.float64(led))
-                        least = least - data.initial_overlap[p]
+                        led = wp.min(data.history.initial_overlap[p], h * data.history.overlap_release_speed)
+                        wp.atomic_add(data.history.done, p, wp.float64(k_n * overlap) * wp.float64(led))
+                        least = least - data.history.initial_overlap[p]
                     at = first_of(data, mine) + wp.static(DEEPEST)
                     if float(overlap) > flags[at]:
                         raise_to(flags, at, float(overlap))
                     # The vertex of a point bears as much for each of its other points.
-                    u_n += h * f_n * mobility / data.density[mine]
+                    u_n += h * f_n * mobility / data.surfaces.density[mine]
                     if other < partner_0:
                         partner_1 = partner_0
                         slip_1 = slip_0
@@ -150,8 +152,8 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                         slip_1 = tangential_displacement
                 if h > zero:
                     # Also what comes so fast that a substep takes it through has never been in touch.
-                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-        add_to(data.force, ends, s, total, parts)
+                    note(data.tunnelling, p, facet, x, gap + h * u_n, least, -u_n)
+        add_to(data.surfaces.force, ends, s, total, parts)
         for k in range(2):  # of those that all threads have found
             contact_body = least_number(partner_0)
             own = partner_0 == contact_body
@@ -161,14 +163,16 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                 slip_0 = slip_1
                 partner_1 = int(wp.static(NONE))
             if h > zero and lane == 0:
-                data.tangential_displacement[k, p] = tangential_displacement
-                data.contact_body[k, p] = contact_body
+                data.history.tangential_displacement[k, p] = tangential_displacement
+                data.history.contact_body[k, p] = contact_body
                 if contact_body == wp.static(NONE):
-                    data.tangential_displacement[k, p] = V()
-                    data.contact_body[k, p] = -1
+                    data.history.tangential_displacement[k, p] = V()
+                    data.history.contact_body[k, p] = -1
         if wp.static(overlapping_at_start):
             if lane == 0:
-                data.initial_overlap[p] = wp.max(zero, data.initial_overlap[p] - h * data.overlap_release_speed)
+                data.history.initial_overlap[p] = wp.max(
+                    zero, data.history.initial_overlap[p] - h * data.history.overlap_release_speed
+                )
 
     def touch_points(
         data: Data,
@@ -183,8 +187,8 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
     ):
         k = first_of_part(wp.tid(), part) / wp.static(lanes)
         lane = wp.tid() % wp.static(lanes)
-        while k < data.active_count[0]:
-            evaluate_point(data, data.active_points[k], lane, h, behind, per_unit, buffer, parts, flags)
+        while k < data.neighbors.active_count[0]:
+            evaluate_point(data, data.neighbors.active_points[k], lane, h, behind, per_unit, buffer, parts, flags)
             k = next_of_part(k, threads / wp.static(lanes), parts)
 
     return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)

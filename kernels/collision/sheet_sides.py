@@ -14,7 +14,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from .contact_surfaces import HISTORY
+from .contact_data import HISTORY
 
 STEEP = 0.25
 """The square of the cosine of the angle to the normal within which a place is above a facet, not beside it."""

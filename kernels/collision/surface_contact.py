@@ -25,7 +25,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..colliders import signed_distance
-from .contact_surfaces import HISTORY
+from .contact_data import HISTORY
 from .friction import TANGENTIAL, friction
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 

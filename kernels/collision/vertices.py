@@ -7,7 +7,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensated_sum
 from ..records import records
-from .contact_surfaces import Surfaces, first_flag
+from .contact_data import BodyContactData, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
 
 
@@ -19,7 +19,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     in contact. What was far from all others may move further. Its threads share the vertices. On the CPU there is
     one: each would have a copy of what `data` points to.
     """
-    V, Data = vector(dim, scalar), Surfaces(scalar, worlds)
+    V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
     (load, store, _), first_of = records(dim, scalar), first_flag(scalar, worlds)
 
@@ -42,29 +42,29 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         way: wp.array(dtype=float),  # the furthest that any has moved [m], where the flags of its world begin
     ):
         i = first_of_part(wp.tid(), part)
-        drift = (0.5 * since) * (data.speeds[0] - data.speeds[1])
+        drift = (0.5 * since) * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
         far = float(buffer[0]) / (float(buffer[0]) + more)
-        while i < data.x.shape[0]:
+        while i < data.surfaces.x.shape[0]:
             place = V()
             speed = V()
-            for s in range(data.first[i], data.first[i + 1]):
-                j = data.particle[s]
+            for s in range(data.surfaces.first[i], data.surfaces.first[i + 1]):
+                j = data.surfaces.particle[s]
                 x_j = load(x, j)
                 if wp.static(compensated):
                     x_j = x_j - load(compensation.x, j)
-                place += data.weight[s] * x_j
-                speed += data.weight[s] * load(v, j)
-            store(data.x, i, place)
-            store(data.v, i, speed)
+                place += data.surfaces.weight[s] * x_j
+                speed += data.surfaces.weight[s] * load(v, j)
+            store(data.surfaces.x, i, place)
+            store(data.surfaces.v, i, speed)
             for k in range(wp.static(dim)):
-                data.force[i, k] = wp.int64(0)
-            x_found = load(data.x_found, i)
+                data.surfaces.force[i, k] = wp.int64(0)
+            x_found = load(data.neighbors.x_found, i)
             before = wp.vec3(x_found)
             moved = wp.length(wp.vec3(place - x_found) - drift)
             if anew:
-                store(data.x_found, i, place)
+                store(data.neighbors.x_found, i, place)
             # Of a facet that is near, no corner counts as far.
-            body = data.body_of[i]
+            body = data.surfaces.body_of[i]
             further = wp.vec3(1.0, 1.0, 1.0) * (more + widest[body])
             low = least[body] - further
             high = most[body] + further
