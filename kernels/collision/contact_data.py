@@ -115,6 +115,21 @@ def BodyContactData(scalar: type, worlds: bool = False):
 
 
 @functools.cache
+def Substep(scalar: type):
+    """Compose the struct of what a launch over points is told of the substep, and of its threads."""
+
+    @wp.struct
+    class Substep:
+        h: scalar  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
+        behind: scalar  # twice the time by which velocities lag behind positions [s]
+        per_unit: wp.float64  # of forces [1/N]; of worlds each has its own
+        buffer: scalar  # by how much distances may have become less since rows were found [m]
+        parts: int  # that threads of the CPU take
+
+    return Substep
+
+
+@functools.cache
 def first_flag(scalar: type, worlds: bool):
     """Compose (data, body) -> where the flags of a body's world begin: each world has its own."""
     Data = BodyContactData(scalar, worlds)

@@ -1,4 +1,4 @@
-"""What holds between a point and a facet: where both are, by which rule they touch, from how far, how stiffly."""
+"""A point and a facet: where they are, by which rule they touch, from how far, and how stiffly."""
 
 import functools
 
@@ -103,13 +103,43 @@ def pairs(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def points(scalar: type):
-    """Compose (mobility_of, slip_before).
+def Pair(scalar: type):
+    """Compose the struct of a point and a body that may touch."""
 
-    The mobility of a point between two vertices [1/kg], and how far the point had been moved along a body that it
-    was touching before [m]: 0 if it was not.
-    """
-    V, one = vector(3, scalar), scalar(1.0)
+    @wp.struct
+    class Pair:
+        mine: int  # the body of the point
+        other: int  # that of the facets
+        rule: int
+        held: int  # the side of a sheet that the point is held on, as in `contact_side`, or 0
+        reach: scalar  # from how far a facet can push the point [m]
+
+    return Pair
+
+
+@functools.cache
+def points(scalar: type, worlds: bool = False):
+    """Compose (Point, point_of, mobility_of): a point, and the mobility of one between two vertices [1/kg]."""
+    V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
+    place_of = places(scalar)[0]
+
+    @wp.struct
+    class Point:
+        number: int
+        body: int
+        ends: wp.vec2i  # the vertices that it lies between
+        share: scalar  # that of the second one
+        x: V  # [m]
+
+    @wp.func
+    def point_of(data: Data, p: int) -> Point:
+        point = Point()
+        point.number = p
+        point.body = data.surfaces.body[p]
+        point.ends = data.surfaces.ends[p]
+        point.share = data.surfaces.share[p]
+        point.x = place_of(data.surfaces.x, point.ends, point.share)
+        return point
 
     @wp.func
     def mobility_of(mobility: wp.array(dtype=scalar), ends: wp.vec2i, s: scalar) -> scalar:
@@ -118,18 +148,7 @@ def points(scalar: type):
             found = (one - s) * (one - s) * found + s * s * mobility[ends[1]]
         return found
 
-    @wp.func
-    def slip_before(
-        contact_body: wp.array2d(dtype=int), tangential_displacement: wp.array2d(dtype=V), p: int, other: int
-    ) -> V:
-        found = V()
-        if contact_body[0, p] == other:
-            found = tangential_displacement[0, p]
-        elif contact_body[1, p] == other:
-            found = tangential_displacement[1, p]
-        return found
-
-    return mobility_of, slip_before
+    return Point, point_of, mobility_of
 
 
 @wp.func

@@ -26,7 +26,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..colliders import signed_distance
 from .contact_data import HISTORY
-from .friction import TANGENTIAL, friction
+from .law import TANGENTIAL, friction
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 
 CAP = 2.0

@@ -1,4 +1,4 @@
-"""Contacts that are overrun: what comes so fast, or is pressed so hard, that it may come out on the other side."""
+"""Tunnelling: points that come so fast, or are pressed so hard, that they may come out on the other side."""
 
 import functools
 
@@ -14,7 +14,7 @@ NOTED = 8
 
 
 @functools.cache
-def note_overrun(scalar: type):
+def note_tunnelling(scalar: type):
     """Compose (noted, p, facet, x, onward, least, speed): note a contact unless it stays above the least gap.
 
     `onward` is the gap with which the substep will end [m]. Of sheets, ropes and particles the least gap is 0:

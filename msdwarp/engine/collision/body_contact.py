@@ -218,7 +218,7 @@ class BodyContact(Effect):
             kernel = contact_energy if measuring else evaluate_contact
             composed = kernel(model.scalar, overlapping, surfaces.sided, lanes, model.in_worlds)
         else:
-            composed, sums = evaluate_segments_and_spheres(model.scalar, overlapping, lanes, model.in_worlds), []
+            composed = evaluate_segments_and_spheres(model.scalar, overlapping, lanes, model.in_worlds)
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
         self.neighbors.share(composed, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
