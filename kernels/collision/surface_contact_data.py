@@ -60,7 +60,7 @@ def SurfaceContactData(scalar: type, moving: bool):
         friction: wp.array(dtype=scalar)  # of each
         damping: wp.array(dtype=scalar)  # damping ratio, from its restitution
         thin: wp.array(dtype=scalar)  # how deep in it the nearest side may be another one [m]
-        if moving:  # where each is at the ends of substeps, see `contact.moving_contact`
+        if moving:  # where each is at the ends of substeps, see `collider_contact`
             turn: wp.array2d(dtype=Turn)
             shift: wp.array2d(dtype=V)
             turning: wp.array2d(dtype=Turn)

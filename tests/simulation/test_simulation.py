@@ -11,7 +11,7 @@ from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, Symple
 from msdwarp.engine.model.state import State
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.launcher import Dynamics
-from msdwarp.kernels.colliders.collide import fixed_contact
+from msdwarp.kernels.colliders.collide import collider_contact
 from msdwarp.kernels.integrators.persistent import persistent as stay
 from msdwarp.kernels.integrators.stages import particle_acceleration
 from msdwarp.kernels.reductions.measure import sum_up
@@ -235,7 +235,7 @@ def test_change_composes_no_new_kernels(device):
         stencil,
         particle_acceleration,
         stay,
-        fixed_contact,
+        collider_contact,
         sum_up,
     )
     simulation = Simulation(block(), colliders=[Plane()], device=device)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ... import checks
 from ...kernels.basis import vector
-from ...kernels.colliders import KINDS, ColliderTerm, Needed, fixed_contact, moving_contact
+from ...kernels.colliders import KINDS, ColliderTerm, Needed, collider_contact
 from ...world import Capsule, Collider, Cone, Motion, Plane, poses
 from ..device.frame_tables import InFrames, Tables
 from ..model.effect import Effect
@@ -64,11 +64,11 @@ class Colliders(Effect):
         inside, self.leads_out = _deepest(model, colliders), rule == "coulomb"
         self._deepest = inside if self.leads_out else 0.0
         self._put_out = _put_out(model, colliders) if inside > self._deepest else None
-        compose = moving_contact if self._moves else fixed_contact
         self.piece = ColliderTerm(
-            *compose(
+            *collider_contact(
                 *(model.dim, model.scalar, rule, kinds, contact_forces),
                 Needed(self._bounces, several=len(colliders) > 1, overlapping_at_start=self._deepest > 0.0),
+                self._moves,
             ),
             moving=self._moves,
             contact_forces=contact_forces,
