@@ -1,6 +1,6 @@
 """BodyContact: contact between the bodies of a system on a device."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,8 @@ from ...kernels.collision import (
 )
 from ...world import Contact
 from ..device.launcher import Launcher
-from ..model.effect import Effect
 from ..model.model import Model
-from .contact_history import SEPARATION_TIME, ContactHistory
+from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
 from .contact_rules import ContactRules
 from .contact_surfaces import ContactSurfaces
 from .initial_overlap import initial_containment
@@ -44,7 +43,7 @@ UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 
 
-class BodyContact(Effect):
+class BodyContact(WithHistory):
     """Keeps bodies out of each other: points of their surfaces against facets, in one world or many.
 
     Facets near a point are listed; a frame whose lists did not hold is repeated, see `NeighborList`. Forces on the
@@ -168,11 +167,6 @@ class BodyContact(Effect):
         """Return words about the bodies that overlap most at the start; None where none do but by touching."""
         return initial_containment(self._model.system, self.surfaces.on_host, self.rules) or self._overlapping
 
-    def go_on_from(self, other: Effect) -> None:
-        """Let points stick to what they stuck to in another model of the same bodies."""
-        assert isinstance(other, BodyContact)
-        self.history.go_on_from(other.history)
-
     def use_partition(self, partition: Launcher | None) -> None:
         """Have threads of the CPU share the search and the contacts, where there are several."""
         self.neighbors.partition = partition
@@ -267,15 +261,6 @@ class BodyContact(Effect):
         self.history.forget()
         self.frozen[:] = False
 
-    @property
-    def changing(self) -> list[wp.array]:
-        """How points stick, and on which sides of sheets they are."""
-        return self.history.changing
-
-    def checkpoint(self) -> dict[str, NDArray]:
-        """Return how points stick, and on which sides of sheets they are."""
-        return self.history.checkpoint()
-
     def checkpoints(self) -> list[dict[str, NDArray]]:
         """Return of each world what `restore` takes, by the numbers of its own bodies and facets."""
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
@@ -291,20 +276,13 @@ class BodyContact(Effect):
             found.append(own)
         return found
 
-    def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
-        self.history.restore(arrays)
-
     @property
     def units(self) -> wp.array:
         """The unit in which the forces of each world of an ensemble are summed [N], shape [worlds]."""
         return self._data.surfaces.unit
 
     def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what contacts add to the blocks of K [N/m] and B [N s/m] in so many worlds.
-
-        They are of shape [worlds, particle_count], as `ContactRules.blocks` says.
-        """
+        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [worlds, particle_count]."""
         stiffness, damping = self.blocks
         each = np.arange(worlds) % len(stiffness)
         return stiffness[each], damping[each]

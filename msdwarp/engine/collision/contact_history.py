@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.collision import HISTORY
+from ..model.effect import Effect
 from ..model.model import Model
 
 SEPARATION_TIME = 0.5
@@ -96,3 +97,27 @@ class ContactHistory:
                 getattr(self.data, name).assign(arrays[stored])
         if self.overlapping_at_start:
             self.data.overlap_release_speed = float(arrays[f"{self._prefix}.outwards"][0])
+
+
+class WithHistory(Effect):
+    """An effect that changes nothing but its history."""
+
+    history: ContactHistory
+
+    def go_on_from(self, other: Effect) -> None:
+        """Let bodies stick to what they stuck to in another model of them."""
+        assert isinstance(other, WithHistory)
+        self.history.go_on_from(other.history)
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """The arrays of the history."""
+        return self.history.changing
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return the history by the names that it has in checkpoints."""
+        return self.history.checkpoint()
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave."""
+        self.history.restore(arrays)

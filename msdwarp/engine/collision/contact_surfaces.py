@@ -104,15 +104,7 @@ def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
 def neighbourhoods(
     surfaces: TouchingSurfaces, hops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where the neighbours of each vertex begin, and these: itself, and who is few enough edges away.
-
-    Parameters
-    ----------
-    surfaces
-        What can touch.
-    hops
-        How many edges count of each body, shape [body_count].
-    """
+    """Return where the neighbours of each vertex begin, and these: itself, and those within `hops` of its body."""
     count, corner = len(surfaces.particle), surfaces.corner
     edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
     edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)

@@ -58,14 +58,10 @@ def _continued(collider: Collider, geometry: dict[str, Any], up: NDArray, offset
 
 
 def _missing(height: float, level: float, size: float, deep: float) -> float:
-    """Return by how much to move a face down to have it `deep` below a plane [m]; 0 where it is above that.
+    """Return by how much to move a face down to have it `deep` below a plane [m]; 0 where it is not on that.
 
-    height
-        Of the face above the plane [m].
-    level
-        The cosine of the angle between its way out and that down into the plane.
-    size
-        Of what the face belongs to [m].
+    The face is so high above the plane, on a solid of a size [m]; `level` is the cosine of the angle between its
+    normal and that down into the plane.
     """
     if level < 1.0 - LEVEL or height > ON * size:
         return 0.0

@@ -1,6 +1,6 @@
 """SurfaceContact: what keeps obstacles from coming in between the particles of bodies that touch."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,10 @@ from ...kernels.collision import (
     surface_contact_term,
 )
 from ...world import Box, Collider, Contact, Load, Plane
-from ..model.effect import Effect
 from ..model.model import Model
 from .body_contact import OVERLAP, UNITS, BodyContact
 from .colliders import LARGEST, Colliders
-from .contact_history import SEPARATION_TIME, ContactHistory
+from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
 from .contact_rules import spread_to_particles
 from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
@@ -57,7 +56,7 @@ def surface_contact_of(
     return SurfaceContact(model, contact, touching, colliders, corner) if len(corner) else None
 
 
-class SurfaceContact(Effect):
+class SurfaceContact(WithHistory):
     """Keeps the facets of bodies off obstacles, as `Colliders` keeps their particles off.
 
     See `kernels.collision.surface_contact`.
@@ -108,7 +107,7 @@ class SurfaceContact(Effect):
         stiffness = (whole / points)[body]
         data.stiffness, data.whole = array(stiffness, scalar), array(whole[body], scalar)
         data.slack = array(SLACK * surfaces.spacing[body], scalar)
-        self._history = ContactHistory(model, data, count, "straddle", {"way": model.vector, "level": scalar})
+        self.history = ContactHistory(model, data, count, "straddle", {"way": model.vector, "level": scalar})
         data.solid = array([k for k, one in enumerate(colliders) if not isinstance(one, Plane)], int)
         data.solids, data.friction = contact.data.solids, contact.data.surface.friction
         boxes = np.array([_box_around(one) for one in colliders])
@@ -128,20 +127,15 @@ class SurfaceContact(Effect):
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
         self._blocks = _blocks(model, surfaces, corner, stiffness, whole[body], max(damping))
 
-        depth = _start_depths(surfaces.weight, model.system.position[surfaces.particle], corner, colliders)
+        depth = _start_depths(surfaces, model.system.position, corner, colliders)
         if (depth > OVERLAP * surfaces.spacing[body]).any():
-            self._history.allow(depth)
+            self.history.allow(depth)
         self._deepest = (int(np.argmax(depth)), float(depth.max(initial=0.0)))
-        if self._history.overlapping_at_start or contact.moves:
+        if self.history.overlapping_at_start or contact.moves:
             data.power = wp.zeros(count, dtype=wp.float64, device=device)
             self.done = wp.zeros(count, dtype=wp.float64, device=device)
         self._stage = 0
         self._substep = 0
-
-    def go_on_from(self, other: Effect) -> None:
-        """Let facets stick to what they stuck to in another model of the same bodies."""
-        assert isinstance(other, SurfaceContact)
-        self._history.go_on_from(other._history)
 
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps, and where obstacles will be."""
@@ -176,7 +170,7 @@ class SurfaceContact(Effect):
         """Launch the kernel over all facets: on a GPU a thread for each, on the CPU one for all."""
         device = self._model.device
         kernel = evaluate_surface(
-            self._model.scalar, self._kinds, self._contact.moves, self._history.overlapping_at_start, measuring
+            self._model.scalar, self._kinds, self._contact.moves, self.history.overlapping_at_start, measuring
         )
         threads = len(self._data.corner) if device.is_cuda else 1
         wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
@@ -194,7 +188,7 @@ class SurfaceContact(Effect):
 
     def overlapping(self) -> str | None:
         """Return words about the facet that an obstacle is in deepest at the start; None where none is."""
-        if not self._history.overlapping_at_start:
+        if not self.history.overlapping_at_start:
             return None
         facet, deep = self._deepest
         vertex = int(self._data.corner.numpy()[facet][0])
@@ -203,19 +197,6 @@ class SurfaceContact(Effect):
             f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is led "
             f"out within {SEPARATION_TIME} s; move the body or the obstacle apart"
         )
-
-    @property
-    def changing(self) -> list[wp.array]:
-        """How facets stick."""
-        return self._history.changing
-
-    def checkpoint(self) -> dict[str, NDArray]:
-        """Return how facets stick."""
-        return self._history.checkpoint()
-
-    def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
-        self._history.restore(arrays)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add what obstacles hold facets with, by what that is more than other bodies do: nothing is in both."""
@@ -272,23 +253,13 @@ def _blocks(
 
 
 def _start_depths(
-    weight: NDArray[np.float64],
+    surfaces: TouchingSurfaces,
     position: NDArray[np.float64],
     corner: NDArray[np.int32],
     colliders: Sequence[Collider],
 ) -> NDArray[np.float64]:
-    """Return how deep an obstacle is in each facet at the start [m], 0 where none is, shape [facet_count].
-
-    Parameters
-    ----------
-    weight, position
-        Of the particles that each vertex is a mixture of, shapes [vertex_count, k] and [vertex_count, k, 3].
-    corner
-        The vertices of each facet.
-    colliders
-        The obstacles.
-    """
-    places = np.einsum("vk,vkd->vd", weight, position)[corner]
+    """Return how deep an obstacle is in each facet at the start [m], 0 where none is, shape [facet_count]."""
+    places = np.einsum("vk,vkd->vd", surfaces.weight, position[surfaces.particle])[corner]
     depth, solids = np.zeros(len(corner)), [one for one in colliders if not isinstance(one, Plane)]
     middle = places.mean(axis=1)
     far = np.linalg.norm(places - middle[:, None], axis=2).max(axis=1)
