@@ -1,8 +1,8 @@
 """Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn.
 
 In turn, and where a substep ends, unless a particle has gone so far in it that it may have passed one of them:
-then its whole way is swept. A plane cannot be passed, all below it being inside: among planes alone nothing of
-that is compiled.
+then its whole way is swept. A plane cannot be passed, as all below it is inside: for planes alone no sweep is
+compiled.
 """
 
 import functools
@@ -25,7 +25,7 @@ class NoColliders:
 
 
 class ColliderTerm(NamedTuple):
-    """What keeps particles out of obstacles; hashable, so that equal scenes share kernels."""
+    """The term that keeps particles out of obstacles; hashable, so that equal scenes share kernels."""
 
     Colliders: Any
     """Struct type of the obstacles."""
@@ -34,9 +34,9 @@ class ColliderTerm(NamedTuple):
     moving: bool
     """Whether any obstacle moves."""
     contact_forces: bool = False
-    """Whether what obstacles push particles with is summed."""
+    """Whether the forces of obstacles on particles are summed."""
     overlapping_at_start: bool = False
-    """Whether anything starts inside an obstacle, and is led out."""
+    """Whether any particle starts inside an obstacle, and is moved out."""
 
 
 NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
@@ -210,7 +210,7 @@ def collider_contact(
                 twice += wp.float64(wp.dot(v - seen, u + u_old))
                 v = v + u
         else:
-            count = int(1)  # known when it is compiled, so that what is read of a single one is asked for early
+            count = int(1)  # known at compile time: the data of a single one are then read early
             if wp.static(several):
                 count = obstacles.count
             for p in range(count):
@@ -239,7 +239,7 @@ def collider_contact(
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
         if wp.static(moving):
             add_work(obstacles, twice)
-        if wp.static(several):  # nothing is put further than it was from what it had not entered
+        if wp.static(several):  # a particle is put no further than the obstacles that it had not entered were
             if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
                 x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v

@@ -104,7 +104,7 @@ def find_roots():
 def box_neighbours(scalar: type, worlds: bool = False):
     """Compose the kernel, over bodies, that lists which others each may touch, and boxes where.
 
-    The box holds those of all bodies near by: most points of large bodies are outside, and done with at a glance.
+    The box holds those of all bodies near by: most points of large bodies are outside, and need no more tests.
     """
     Data, margin = BodyContactData(scalar, worlds), margin_of_boxes(scalar)
     find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)

@@ -11,7 +11,7 @@ from ..effect import ForceTerm
 
 MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST = range(5)
 """Flags: the furthest way of a vertex since rows were found [m], and from one search to the next; the longest row;
-the most bodies beside one; the deepest overlap [m]."""
+the most bodies near one; the deepest overlap [m]."""
 FLAGS = 5
 HISTORY = 2
 """Bodies that a point may stick to at a time; along others it only slides."""
@@ -101,7 +101,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         contact_side: wp.array2d(dtype=int)  # 1 + the facet on whose side the point is, negative from behind; or 0
         initial_overlap: wp.array(dtype=scalar)  # how deep it may still be, since it was at the start [m]
         overlap_release_speed: scalar  # how fast that shrinks [m/s]
-        done: wp.array(dtype=wp.float64)  # the work of what shrinks it [J]
+        done: wp.array(dtype=wp.float64)  # work of depenetration [J]
 
     @wp.struct
     class BodyContactData:
@@ -116,7 +116,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
 
 @functools.cache
 def Substep(scalar: type):
-    """Compose the struct of what a launch over points is told of the substep, and of its threads."""
+    """Compose the struct of the arguments of a launch over points."""
 
     @wp.struct
     class Substep:
@@ -146,7 +146,7 @@ def first_flag(scalar: type, worlds: bool):
 
 @functools.cache
 def body_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what contact between bodies adds to kernels: the forces of the vertices on their particles."""
+    """Return the term of contact between bodies: the forces of the vertices on their particles."""
     V = vector(dim, scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
 

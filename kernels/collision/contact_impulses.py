@@ -1,4 +1,4 @@
-"""What contacts push particles with, summed over a frame: for sensors, pictures and files."""
+"""Impulses of contacts on particles, summed over a frame: for sensors, pictures and files."""
 
 import functools
 
@@ -10,7 +10,7 @@ from .contact_data import body_contact_term
 
 @functools.cache
 def add_impulses(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over particles, that adds up what other bodies push each with, in float64.
+    """Compose the kernel, over particles, that adds up the impulse of other bodies on each, in float64.
 
     A force counts for the time that the method gives it in its sum over the substep.
     """

@@ -6,7 +6,7 @@ farther facets are another layer of the sheet. A point that is suddenly on the o
 sign of its distance then stays, so that the law pushes it back, until it is deeper than half of the sheet's
 spacing. It is forgotten where the point lets go of the sheet, and where it may go around its border: there the
 sheet is seen from its edge.
-Reference: Baraff, Witkin, Kass, Untangling cloth, SIGGRAPH 2003, on what such a memory can do and what not.
+Reference: Baraff, Witkin, Kass, Untangling cloth, SIGGRAPH 2003: what such a memory can do, and its limits.
 """
 
 import functools
@@ -23,7 +23,7 @@ def memories(scalar: type, sided: bool, worlds: bool):
     """Compose (Memory, no_memory, remember, keep, shrink_overlap).
 
     A point remembers two bodies, NONE where there are fewer; of more those whose numbers are least. `keep` writes
-    them, and `shrink_overlap` what the point may still overlap since the start.
+    them, and `shrink_overlap` lessens the overlap that is left of the start.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
 

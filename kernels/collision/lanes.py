@@ -1,4 +1,4 @@
-"""Threads that share a point: each looks at some of the facets near it, and all of them learn what is found."""
+"""Threads that share a point: each looks at some of the facets near it, and all of them learn the result."""
 
 import functools
 
@@ -15,7 +15,7 @@ FEW_ON_GPU = 2
 BLOCK = 64
 """Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
 BLOCKS = 10
-"""Blocks that a multiprocessor has at a time: what waits for memory is faster the more there are."""
+"""Blocks of a multiprocessor at a time: more of them hide the latency of memory better."""
 FAST = {"fast_math": True}
 """Options of kernels in which divisions and roots on a GPU may be wrong by two units in the last place."""
 LEAST = """
@@ -28,7 +28,7 @@ LEAST = """
 #endif
     return value;
 """
-"""They are neighbours in a warp. What one of them has read before, the others may overwrite afterwards."""
+"""They are neighbours in a warp. Values that one of them has read, the others may overwrite afterwards."""
 CHOSEN = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -74,7 +74,7 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool):
 
 @functools.cache
 def least_of_lanes(kind: type, lanes: int):
-    """Compose the least of the values that the threads of a point have, of a type; all of them must ask for it."""
+    """Compose the least of the values that the threads of a point have, of a type; all of them must call it."""
     if lanes == 1:
 
         @wp.func
@@ -93,7 +93,7 @@ def least_of_lanes(kind: type, lanes: int):
 def chosen_of_lanes(kind: type, lanes: int):
     """Compose (chosen, value) -> the value of the first thread of a point for which `chosen` is true.
 
-    All of them must ask for it. Where it is true for none each keeps its own.
+    All of them must call it. Where it is true for none each keeps its own.
     """
     if lanes == 1:
 

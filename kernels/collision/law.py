@@ -15,7 +15,7 @@ TANGENTIAL = 2.0 / 7.0
 
 @functools.cache
 def friction(scalar: type):
-    """Compose what friction does, (moved, u_t, k_t, b_t, most) -> (held, f_t, slides).
+    """Compose the law of friction, (moved, u_t, k_t, b_t, most) -> (held, f_t, slides).
 
     `moved` is how far the contact was moved along the surface [m], `u_t` how fast it moves [m/s], k_t and b_t are
     its spring [N/m] and damper [N s/m], and `most` is Coulomb's limit μ f_n [N]. Returned are the displacement
@@ -42,7 +42,7 @@ def friction(scalar: type):
 
 @functools.cache
 def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
-    """Compose (press, record, per_unit_of): the law of one contact, and what is noted of a contact that bears.
+    """Compose (press, record, per_unit_of): the law of one contact, and the record of one that bears.
 
     `press` returns the stiffness [N/m], the force along the normal [N], that along the surface [N], how far the
     contact has been moved along it now [m], how fast the point comes out along the normal [m/s], and whether it

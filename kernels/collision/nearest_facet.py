@@ -60,7 +60,7 @@ def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
         lane: int,  # which of the threads that share the point this is
         pair: PointAndBody,
         first: int,
-        away_0: V,  # from the layers of the sheet that the point is held on: what lies that way does not count
+        away_0: V,  # from the layers of a sheet that the point is held on: facets that way do not count
         away_1: V,
         buffer: scalar,  # by how much distances may have become less since rows were found [m]
     ) -> Nearest:

@@ -51,13 +51,13 @@ def find_candidates(scalar: type, worlds: bool = False):
 
 @functools.cache
 def find_rows(scalar: type, sided: bool, worlds: bool = False):
-    """Compose the kernel that lists the facets which each point may touch before lists are made anew.
+    """Compose the kernel that lists the facets which each point may touch before lists are made again.
 
     Its threads share the candidates. Of each body those facets stay that may come to be the nearest meanwhile, the
-    nearest first; none, where the point is so far outside that it cannot come in; of a sheet whose sides are told
-    apart all that are near, as a point may hold to another one than the nearest. With each stands how far off it
-    is, so that later most need not be looked at. What is left in and never touched changes nothing: neither the
-    skin nor the order in which facets are found does.
+    nearest first; none, where the point is so far outside that it cannot come in; of a sheet with two sides all
+    that are near, as a point may hold to another one than the nearest. Each has its distance beside it, so that
+    later most need not be looked at. Facets that are listed and never touched change nothing; neither does the
+    skin, nor the order in which facets are found.
     """
     Data, margin, V = BodyContactData(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
@@ -76,7 +76,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
 
     @wp.func
     def is_outside(data: Data, p: int, x: V, begin: int, end: int, nearest: scalar) -> bool:
-        """Tell whether a point is outside of a closed body, whose facets these entries are: as in `evaluate`."""
+        """Tell whether a point is outside of the closed body of these entries: as in `nearest_facet`."""
         side = scalar(0.0)
         for e in range(begin, end):
             if data.neighbors.candidate_distance[p, e] <= doubt * nearest:
@@ -182,14 +182,14 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                     if layers:
                         if data.history.contact_body[0, p] == other or data.history.contact_body[1, p] == other:
                             limit = wp.max(limit, data.surfaces.depth[other] + buffer)
-                        else:  # it is no nearer than its thickness: what it comes near of was no further
+                        else:  # not in touch: no nearer than its thickness, nor were facets that it nears
                             limit = wp.max(limit, slack)
                 begin = int(count)
                 nearest = scalar(limit)
                 around = scalar(limit)
                 if known >= 0 and not layers:
                     if data.surfaces.owner[known] == other:
-                        # What was nearest tells how far off the nearest is now, at most.
+                        # The nearest facet before bounds the distance of the nearest now.
                         c = data.surfaces.corner[known]
                         away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
                         nearest = wp.min(limit, away)
@@ -203,7 +203,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                     if nearest > doubt * (thickness_of(data, rule, mine, other) + buffer):
                         if is_outside(data, p, x, begin, count, nearest):
                             count = begin
-                # Who is nearest now stays so, but for those that are no further by twice what skins allow.
+                # Another one may come to be the nearest only if it is further by no more than two skins.
                 if not layers:
                     limit = doubt * (nearest + slack)
                 count = keep_near(data, p, other, begin, count, nearest, limit)
@@ -243,7 +243,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
 def range_of_speeds(scalar: type, lanes: int):
     """Compose the kernel that finds between which velocities points are that are near anything.
 
-    Its threads share these points; so many of them (`lanes`) put together what they have found.
+    Its threads share these points; `lanes` of them combine their results.
     """
     Data, least_of = BodyContactData(scalar), least_of_lanes(wp.float32, lanes)
     place_of = places(scalar)[0]

@@ -21,9 +21,9 @@ FAR = 1.0e30
 def places(scalar: type):
     """Compose (place_of, place_on, nearest_to).
 
-    The place of a point; that on a facet by the weights of its corners, which of velocities is a velocity; and the
-    weights of the place on a facet that is nearest to p. They take vertices and corners, not the whole of what
-    touches: on the CPU a function has a copy of what it is given.
+    The place of a point; that on a facet by the weights of its corners (of velocities: the velocity there); and
+    the weights of the place on a facet that is nearest to p. They take arrays and not all data: on the CPU a
+    function has a copy of its arguments.
     """
     V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
@@ -83,7 +83,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return how far off a facet can push a point [m]: out of what is closed, from so deep."""
+        """Return how far off a facet can push a point [m]: out of a closed body, from this depth."""
         reach = thickness_of(data, rule, mine, other)
         if data.surfaces.closed[other] != 0 and mine != other:
             reach = wp.max(reach, data.surfaces.depth[other])

@@ -117,7 +117,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                 if wp.static(overlapping_at_start):
                     overlap = overlap - data.history.initial_overlap[p]
                 mobility = zero
-                if overlap > zero:  # most that is listed does not touch: reading from memory is what takes time
+                if overlap > zero:  # most listed facets are not in touch: reads from memory take the time
                     mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]
@@ -139,7 +139,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                     u_n += step.h * f_n * mobility / data.surfaces.density[pair.mine]
                     memory = remember(memory, pair.other, moved, 0)
                 if step.h > zero:
-                    # Also what comes so fast that a substep takes it through has never been in touch.
+                    # A point so fast that it passes within a substep has never been in touch.
                     note(data.tunnelling, p, facet, point.x, gap + step.h * u_n, least, -u_n)
         add_to(data.surfaces.force, point.ends, point.share, total, step.parts)
         memory = least_of_all(memory)

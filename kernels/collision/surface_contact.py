@@ -1,4 +1,4 @@
-"""Facets that straddle an obstacle: what comes in between particles, which contact with obstacles does not see.
+"""Facets on obstacles: edges and solids that come in between particles, which contact with obstacles does not see.
 
 An obstacle keeps particles out. Between them an edge or a corner of it may come in, or all of a solid smaller
 than they are apart. So each facet is looked at in many places, a grid that includes its corners. Each place that
@@ -30,17 +30,17 @@ from .law import TANGENTIAL, friction
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 
 CAP = 2.0
-"""How deep what came in by another side counts at most, by how far off the nearest side is."""
+"""The most depth that counts below the side that a place came in by, by the distance of the nearest side."""
 
 
 @functools.cache
 def evaluate_surface(
     scalar: type, kinds: tuple[str, ...], moving: bool, overlapping_at_start: bool, measuring: bool
 ):
-    """Compose the kernel of the forces of obstacles on facets, or of what these store [J] and turn to heat [W].
+    """Compose the kernel of the forces of obstacles on facets, or of the energy stored [J] and turned to heat [W].
 
-    Its threads share the facets. Where any facet starts on an obstacle (`overlapping_at_start`), it counts by what
-    it exceeds a depth that is allowed, which shrinks to nothing. Forces are summed as whole numbers, as between
+    Its threads share the facets. Where any facet starts on an obstacle (`overlapping_at_start`), it counts by its
+    excess over an allowed depth, which shrinks to nothing. Forces are summed as whole numbers, as between
     bodies.
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
@@ -49,7 +49,7 @@ def evaluate_surface(
 
     @wp.func
     def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
-        """Return a place as obstacle p was given, which is on its way by a share of the substep behind a row."""
+        """Return a place in the frame of obstacle p, at a share of the substep after a row of poses."""
         if wp.static(moving):
             begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
             if share > zero:
@@ -60,7 +60,7 @@ def evaluate_surface(
 
     @wp.func
     def turned(data: Data, p: int, row: int, share: scalar, normal: V) -> V:
-        """Return a direction that obstacle p was given with, as it is now."""
+        """Return a direction in the frame of obstacle p as it is now in the world."""
         if wp.static(moving):
             begun = data.turn[row, p] * normal
             if share > zero:
@@ -106,7 +106,7 @@ def evaluate_surface(
 
     @wp.func
     def recall(data: Data, t: int, p: int) -> Inside:
-        """Return what a facet remembers of an obstacle."""
+        """Return the history of a facet on an obstacle."""
         inside = Inside()
         inside.solid = p
         for e in range(wp.static(HISTORY)):
@@ -118,7 +118,7 @@ def evaluate_surface(
 
     @wp.func
     def add_places(data: Data, facet: Facet, before: Inside) -> Inside:
-        """Return what the places on a facet that an obstacle is in add up to."""
+        """Return the sums over the places on a facet that are inside an obstacle."""
         inside = before
         p = before.solid
         kept = wp.dot(before.side, before.side) > zero
@@ -166,7 +166,7 @@ def evaluate_surface(
 
     @wp.func
     def bear(data: Data, facet: Facet, before: Inside, h: scalar, behind: scalar, unit: wp.float64):
-        """Return what to remember of a contact, whether it bears, and its energy [J], heat [W] and power [W]."""
+        """Return the history of a contact, whether it bears, and its energy [J], heat [W] and power [W]."""
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
         done = wp.float64(0.0)
@@ -296,8 +296,8 @@ def evaluate_surface(
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
-        # Most facets are far from all: what is told here is told without handing on `data`, of which, on the CPU,
-        # each function has a copy.
+        # Most facets are far from all obstacles. They are found here, without a function: on the CPU each has a
+        # copy of `data`.
         t = wp.tid()
         while t < data.corner.shape[0]:
             corner = data.corner[t]

@@ -8,8 +8,8 @@ from ..basis import vector
 from .cpu_partition import claim
 
 COUNT, POINT, FACET, GAP, SPEED, PLACE = range(6)
-"""What is noted of the first one in a frame: how many there are, the point, the facet, how far off it they will be
-where the substep ends [m], how fast they approach [m/s], and from PLACE on where [m]."""
+"""The record of the first one in a frame: how many there are, the point, the facet, the distance where the substep
+ends [m], the speed of approach [m/s], and from PLACE on the place [m]."""
 NOTED = 8
 
 

@@ -15,9 +15,9 @@ from .cpu_partition import first_of_part, next_of_part, raise_to
 def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
     """Compose the kernel that puts each vertex where its particles are, and forgets the force on it.
 
-    It tells by how much lists have become wrong: how far vertices have moved beside what drifts with all of those
-    in contact. What was far from all others may move further. Its threads share the vertices. On the CPU there is
-    one: each would have a copy of what `data` points to.
+    It finds by how much lists have become wrong: how far vertices have moved, beyond the common drift of points in
+    contact. Vertices that were far from all others may move further. Its threads share the vertices. On the CPU
+    there is one: each would have a copy of `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -31,11 +31,11 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         v: wp.array(dtype=V),
         since: float,  # time since rows were found [s]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
-        more: float,  # by how much further than the others what is far off may have moved, both together [m]
+        more: float,  # by how much further distant vertices may have moved than others, both together [m]
         widest: wp.array(dtype=float),  # side of a box around a facet of each body, at most [m]
         least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
-        anew: bool,  # whether rows are found here
+        listing: bool,  # whether rows are found here
         threads: int,  # in each part
         part: int,
         parts: int,  # that threads of the CPU take
@@ -61,7 +61,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             x_found = load(data.neighbors.x_found, i)
             before = wp.vec3(x_found)
             moved = wp.length(wp.vec3(place - x_found) - drift)
-            if anew:
+            if listing:
                 store(data.neighbors.x_found, i, place)
             # Of a facet that is near, no corner counts as far.
             body = data.surfaces.body_of[i]

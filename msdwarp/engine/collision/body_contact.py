@@ -62,9 +62,9 @@ class BodyContact(WithHistory):
     Attributes
     ----------
     surfaces, rules, neighbors, history
-        The owners of what kernels read: constants, rules, lists that are made again, and what is remembered.
+        The owners of the arrays of contact: constants, rules, lists of neighbours, and the history.
     frozen
-        Whether each world was frozen before the last frame: what its bodies do since does not count.
+        Whether each world was frozen before the last frame: its lists need not hold.
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
@@ -93,7 +93,7 @@ class BodyContact(WithHistory):
             # A power of 2: quotients by it keep all of their digits.
             units.append(2.0 ** np.floor(np.log2(max(stiffest * reach * UNITS, 1e-99))))
         self.blocks = self.rules.blocks(model, surfaces)
-        """What it adds to the blocks of K [N/m] and B [N s/m] of each particle, as numbers, of each world."""
+        """Its part of the blocks of K [N/m] and B [N s/m] of each particle, as numbers, of each world."""
 
         self.piece = body_contact_term(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
@@ -104,7 +104,7 @@ class BodyContact(WithHistory):
             data.surfaces.bodies_each = len(on_host.closed)
             data.surfaces.unit = each.by_row(np.array(units)[:, None], wp.float64)
         self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if contact_forces else None
-        """What other bodies have pushed each particle with since it was zeroed [N s]; None where nobody asks."""
+        """Impulse of other bodies on each particle since it was zeroed [N s]; None where nobody asks."""
         self.neighbors = NeighborList(model, surfaces, data, each, thickest)
         self.neighbors.rebuild_interval = self.rebuild_interval
         self._flags, self._nowhere = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
@@ -176,11 +176,11 @@ class BodyContact(WithHistory):
         self._dt = dt
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """Make room for the facets near each point: what is searched between frames is not searched again."""
+        """Make room for the facets near each point: a search between frames is not repeated."""
         self.neighbors.make_room(x, v)
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch what lists the facets near each point."""
+        """Launch the search of the facets near each point."""
         self.neighbors.search(x, v, compensation, within)
 
     @property
@@ -189,11 +189,11 @@ class BodyContact(WithHistory):
         return self._data.surfaces.x, self._data.surfaces.v
 
     def place_vertices(self, x: wp.array, v: wp.array) -> None:
-        """Launch what puts vertices where particles at x are, which move at v, between frames."""
+        """Launch the placing of vertices between frames, where particles are at x and move at v."""
         self.neighbors.place(x, v, None, self.neighbors.unread)
 
     def begin_substep(self, substep: int) -> bool:
-        """Take the time of what is launched in a substep."""
+        """Take the time of the next launches."""
         self.neighbors.now = substep * self._dt
         return False
 
@@ -218,14 +218,14 @@ class BodyContact(WithHistory):
         self.neighbors.share(composed, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sum of what bodies push each other's particles with, where that is asked for."""
+        """Launch the sum of the forces of bodies on each other's particles, where one is requested."""
         model = self._model
         if self.impulse is not None:
             kernel = add_impulses(model.dim, model.scalar, model.compensated)
             wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
 
     def look(self) -> None:
-        """Launch what tells whether lists held."""
+        """Launch the copies from which `is_void` tells whether lists held."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
             wp.copy(self._noted, self._data.tunnelling)
@@ -257,12 +257,12 @@ class BodyContact(WithHistory):
         return f"in world {world} {words}" if in_worlds else words
 
     def forget(self) -> None:
-        """Forget what points stick to: all worlds start again."""
+        """Forget which bodies points stick to: all worlds start again."""
         self.history.forget()
         self.frozen[:] = False
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
-        """Return of each world what `restore` takes, by the numbers of its own bodies and facets."""
+        """Return the checkpoint of each world, by the numbers of its own bodies and facets."""
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
         if not self._model.in_worlds:
             return [arrays]
@@ -288,18 +288,18 @@ class BodyContact(WithHistory):
         return stiffness[each], damping[each]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add what contacts hold particles with: all points of a surface may be in contact at a time."""
+        """Add the stiffness and damping of contacts: all points of a surface may be in contact at a time."""
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what contacts store [J], and what they turn to heat [W], by world."""
+        """Return the energy that contacts store [J], and turn to heat [W], by world."""
         each = (one.numpy().reshape(self._model.worlds, -1) for one in self._stored_and_heated(x, v))
         energies, powers = (one.sum(axis=1) for one in each)
         return energies, powers
 
     def _stored_and_heated(self, x: wp.array, v: wp.array) -> list[wp.array]:
-        """Return what the contacts of each point store [J], and turn to heat [W]."""
+        """Return the energy that the contacts of each point store [J], and turn to heat [W]."""
         self.search(x, v, None, False)
         sums = [wp.zeros(self._points, dtype=wp.float64, device=self._model.device) for _ in range(2)]
         self._evaluate(True, [0.0, 0.0], sums)

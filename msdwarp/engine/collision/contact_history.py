@@ -1,4 +1,4 @@
-"""ContactHistory: what contact remembers from one substep to the next, and in checkpoints."""
+"""ContactHistory: which bodies touch and how far they have moved along each other, also in checkpoints."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,7 +25,7 @@ STORED = {
 
 
 class ContactHistory:
-    """What points or facets touch and how far they were moved along it, and how deep they may still overlap.
+    """Which bodies points or facets touch, how far they moved along them, and how deep they may still overlap.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class WithHistory(Effect):
     history: ContactHistory
 
     def go_on_from(self, other: Effect) -> None:
-        """Let bodies stick to what they stuck to in another model of them."""
+        """Take over the history of another model of the same bodies."""
         assert isinstance(other, WithHistory)
         self.history.go_on_from(other.history)
 

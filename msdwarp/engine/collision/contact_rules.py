@@ -1,4 +1,4 @@
-"""ContactRules: by which rule the bodies of a system touch, how stiffly, and what that adds to the rates."""
+"""ContactRules: by which rule the bodies of a system touch, how stiffly, and the bound of the rates."""
 
 from collections.abc import Sequence
 from math import lcm
@@ -25,7 +25,7 @@ CONTACTS_OF_A_ROPE = 4.0
 EDGE_FACTOR = 2.0
 """Mass that a point on an edge may stand for, by that of a vertex."""
 NOTHING = 1e-30
-"""Spacing of what has none, such as a single particle [m]."""
+"""Spacing of a body that has none, such as a single particle [m]."""
 
 
 class ContactRules:
@@ -99,7 +99,7 @@ class ContactRules:
         return np.append(self.stiffness, -1.0)[self.between(a, b)]
 
     def pair_stiffness(self, a: Any, b: Any, own_a: Any, own_b: Any) -> NDArray[np.float64]:
-        """Return the stiffness of contacts between bodies a and b, whose own is given too [N/m]."""
+        """Return the stiffness of contacts between bodies a and b [N/m], from their own where no rule gives it."""
         given = self.given_stiffness(a, b)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(given < 0, harmonic_mean(own_a, own_b), given)
@@ -198,7 +198,7 @@ def harmonic_mean(a: Any, b: Any) -> Any:
 def spread_to_particles(
     surfaces: TouchingSurfaces, values: NDArray[np.float64], particle_count: int
 ) -> NDArray[np.float64]:
-    """Return what each particle has of the values of vertices, by the size of its weights."""
+    """Return the sum of the values of vertices on each particle, by the sizes of its weights."""
     total = np.zeros(particle_count)
     np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
     return total

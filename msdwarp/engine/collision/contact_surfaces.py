@@ -49,7 +49,7 @@ class ContactSurfaces:
         # Of itself a sheet is on both sides.
         self._sided = surfaces.sided & (bodies > 1)
         self.sided, self.triangles = bool(self._sided.any()), bool((corner[:, 1] != corner[:, 2]).any())
-        # A lattice is one spacing thick at least: what is past its middle has come from the other side.
+        # A lattice is one spacing thick at least: a point past its middle has come from the other side.
         self.depth = [np.where(one.closed | self._sided, 0.5 * one.spacing, 0.0) for one in self.by_row]
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
         on_points = np.bincount(self.body_of_point, minlength=bodies)

@@ -56,7 +56,7 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
 
 
 def _sample(x: NDArray, particles: NDArray, low: NDArray, high: NDArray) -> NDArray[Any]:
-    """Return at most so many of the particles that are in a box, evenly chosen."""
+    """Return at most SAMPLES of the particles in a box, evenly chosen."""
     within = particles[((x[particles] > low) & (x[particles] < high)).all(axis=1)]
     return within[:: -(-len(within) // SAMPLES)] if len(within) else within
 

@@ -1,4 +1,4 @@
-"""NeighborList: which facets are near which points of bodies that touch, in lists that hold for some substeps."""
+"""NeighborList: the facets near each point of bodies that touch, in lists that hold for some substeps."""
 
 import math
 from typing import Any
@@ -36,7 +36,7 @@ PIECE = 32
 MORTON_BITS = 16
 """Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
-"""Facets that a row has room for at first, and bodies beside one."""
+"""Facets that a row has room for at first, and bodies near one."""
 ROOM_TO_SPARE = 0.8
 """Share of it that may be taken."""
 MOST_ROOM = 2**30
@@ -48,15 +48,15 @@ SKIN_BY_WAY = 3.0
 WIDEST_SKIN = (0.5, 0.4)
 """The skin at most, by how far off bodies touch and by the least spacing: with more, rows are long."""
 FARTHEST_WAY = 16.0
-"""What moves further in a substep, by how far off bodies touch, is flying apart."""
+"""A body that moves further in a substep, by how far off bodies touch, is flying apart."""
 PATIENCE = 4
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 32
-"""That doubles when it was too early, as what followed within as many frames tells, up to this."""
+"""That doubles, up to this, when it was too early: when searches were needed again within as many frames."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
 BETWEEN = (1, 2, 4, 8, 16, 32)
-"""Substeps from one search to the next: a frame is recorded anew for each. With more of them piles take longer."""
+"""Substeps from one search to the next: a frame is recorded for each. With more of them piles take longer."""
 
 
 class NeighborList:
@@ -103,11 +103,11 @@ class NeighborList:
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._since_rarer = MOST_PATIENCE
         self.partition: Launcher | None = None
-        """What has threads of the CPU share what a frame launches; None where one thread does it all."""
+        """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
         self.now = self._found_at = 0.0
-        """When in a frame what is launched next takes place [s]."""
+        """The time in the frame of the next launches [s]."""
         self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
-        """By how much more than it touches a point is looked around [m], shape [1]."""
+        """How much farther than it touches a point searches [m], shape [1]."""
         self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
         """What launches have found since they were read, in each world: see `kernels.collision.contact_data`."""
         self.unread = wp.zeros_like(self.flags)
@@ -121,7 +121,7 @@ class NeighborList:
         boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
         self._boxes, self._limits = boxes[:2], boxes[2:]
         self._widest_facet = wp.zeros(bodies, dtype=float, device=device)
-        # What comes from afar may come so much nearer than it is looked for, and does not touch yet.
+        # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
         self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
         self._box()
@@ -146,7 +146,7 @@ class NeighborList:
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
-        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for each part.
+        """Launch a kernel whose threads share `many` items: a thread for each, on the CPU one for each part.
 
         There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
         """
@@ -162,11 +162,11 @@ class NeighborList:
             launch(0, 1)
 
     def place(
-        self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, anew: bool = False
+        self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, listing: bool = False
     ) -> None:
-        """Launch what puts vertices where particles at x are; without `compensation` these have lost nothing.
+        """Launch the placing of vertices where particles are at x; without `compensation` x is all there is.
 
-        Where lists are made `anew`, it is from there on that ways are measured.
+        Where lists are made here (`listing`), motion is measured from there on.
         """
         model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
@@ -174,17 +174,17 @@ class NeighborList:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
         inputs = [contact, compensation, x, v, self.now - self._found_at, self.buffer, self._more]
-        inputs += [self._widest_facet, *self._limits, anew]
+        inputs += [self._widest_facet, *self._limits, listing]
         self.share(kernel, len(contact.surfaces.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch what lists the facets near each point.
+        """Launch the search of the facets near each point.
 
-        Within a frame, how far anything has moved since the last search tells how often it is to be made.
+        Within a frame, the furthest motion since the last search decides how often to search.
         """
-        self._place_anew(x, v, compensation, self.flags[WAY:] if within else self.unread)
+        self._place_and_box(x, v, compensation, self.flags[WAY:] if within else self.unread)
         self._find_rows()
-        if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
+        if not self._model.in_worlds:  # bodies of different worlds have no common drift
             device = self._model.device
             lanes, threads = (PIECE, min(self._points, MOST_THREADS)) if device.is_cuda else (1, 1)
             wp.launch(range_of_speeds(self._model.scalar, lanes), threads, [self._contact, threads], device=device)
@@ -192,12 +192,12 @@ class NeighborList:
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and make room for all."""
-        self._place_anew(x, v, None, self.unread)
+        self._place_and_box(x, v, None, self.unread)
         self._find_rows_with_room()
 
-    def _place_anew(self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array) -> None:
-        """Launch what puts vertices and the boxes around facets and bodies where particles at x are."""
-        self.place(x, v, compensation, moved, anew=True)
+    def _place_and_box(self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array) -> None:
+        """Launch the placing of vertices, and of the boxes around facets and bodies, where particles are at x."""
+        self.place(x, v, compensation, moved, listing=True)
         self._box()
         self._tree.refit()
         self._bodies.refit()
@@ -213,7 +213,7 @@ class NeighborList:
         self.flags.zero_()
 
     def _find_rows(self) -> None:
-        """Launch what lists the facets near each point, by the boxes that there are."""
+        """Launch the search of the facets near each point, by the present boxes."""
         contact, device, kinds = self._contact, self._model.device, (self._model.scalar, self._model.in_worlds)
         around = [self._around, self.buffer]
         inputs = [contact, self._bodies.id, *self._boxes, *around, self.flags, self.data.active_count]
@@ -223,7 +223,7 @@ class NeighborList:
         self.share(find_rows(kinds[0], self._sided, kinds[1]), self._points, inputs, [self.flags], block=BLOCK)
 
     def _box(self) -> None:
-        """Launch what finds the boxes around facets and bodies."""
+        """Launch the boxes around facets and bodies."""
         device, boxes = self._model.device, [*self._boxes, self._widest_facet]
         wp.launch(clear_boxes(), len(boxes[0]), outputs=boxes, device=device)
         lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
@@ -284,7 +284,7 @@ class NeighborList:
         return True
 
     def _give_room(self, room: int, body_pairs: int) -> None:
-        """Make lists that have room for so many facets, and bodies beside one."""
+        """Make lists with room for `room` facets near a point, and `body_pairs` bodies near one."""
         data, device = self.data, self._model.device
         points, bodies = len(data.candidate_count), len(data.body_pair_count)
         data.candidates, data.candidate_body = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
@@ -296,7 +296,7 @@ class NeighborList:
 
 
 def room_for(many: int) -> int:
-    """Return room for so many entries, with some to spare: a power of 2."""
+    """Return room for `many` entries, with some to spare: a power of 2."""
     return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()
 
 

@@ -1,4 +1,4 @@
-"""SurfaceContact: what keeps obstacles from coming in between the particles of bodies that touch."""
+"""SurfaceContact: keeps obstacles from coming in between the particles of bodies."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -32,9 +32,9 @@ HARDER = 8.0
 SLACK = 1e-4
 """How deep is none yet, by the spacing: particles on an obstacle lie on its surface but for roundings."""
 THIN = 0.25
-"""What is deeper in an obstacle than by this share of `inradius` is led out of the side that it came in by."""
+"""A place deeper in an obstacle than this share of `inradius` is pushed out of the side that it came in by."""
 LEAST_RESTITUTION = 0.3
-"""What bounces less is damped as this: particles bear most of a blow, and harder dampers need shorter steps."""
+"""Lower restitutions are damped as this: particles bear most of a blow, and harder dampers need shorter steps."""
 
 
 def surface_contact_of(
@@ -44,9 +44,9 @@ def surface_contact_of(
     colliders: Sequence[Collider],
     loads: Sequence[Load],
 ) -> "SurfaceContact | None":
-    """Return the effect of obstacles that come in between particles, where that is asked for and any could.
+    """Return the effect of obstacles that come in between particles, where that is requested and any could.
 
-    The half-space below a plane cannot: what has its corners above it lies above it.
+    The half-space below a plane cannot: a facet with its corners above it lies above it.
     """
     rules = [one for one in loads if isinstance(one, Contact)]
     if contact.planes_only or not any(one.surface_colliders for one in rules):
