@@ -83,8 +83,8 @@ def entry(dim: int, scalar: type, Obstacles, look, carried):
 def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
     """Compose `sweep_way(obstacles, x, v, x_old, v_old)` -> (x, v) after contact with all that lies on the way.
 
-    The first obstacle entered is met first, in whatever order they are listed; by the rule the way then ends on the
-    tangent plane there, and is looked at again. The functions of the obstacles:
+    The first obstacle entered is met first, in whatever order they are listed. By the rule the way then ends on
+    the tangent plane there, and is looked at again. The functions of the obstacles:
     `look(obstacles, p, x)`: (distance, normal) of a place from obstacle p where that is when the substep ends;
     `carried(obstacles, p, x_old)`: where x_old is then if it goes with the obstacle, from which that stands still;
     `answer(obstacles, p, distance, normal, x, v, start, x_old, v_old)`: (x, v) by the rule, friction taking its
