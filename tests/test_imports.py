@@ -274,6 +274,40 @@ def test_folders_stay_small():
     assert crowded == {}
 
 
+LARGE_FUNCTIONS = {
+    "integrators/shared_memory.take_steps_on_chip": "6 deep: choices at compile time, in loops over stages",
+    "pictures/raster_shading.shade_square": "6 deep: it returns early from its loop over points",
+    "reductions/measure.sum_up_state": "127 lines: all sums in one pass over the state",
+    "springs/stencil.forces_at": "8 deep: all its loops, and most choices in them, are unrolled at compile time",
+}
+"""Functions of kernels that are over 120 lines, or nested over 5 deep, and why."""
+
+
+def nesting(statements) -> int:
+    """Return how deep blocks are nested; an `elif` is as deep as its `if`."""
+    most = 0
+    for node in statements:
+        for block in (getattr(node, "body", []), getattr(node, "orelse", [])):
+            is_elif = isinstance(node, ast.If) and block is node.orelse and len(block) == 1
+            is_elif = is_elif and isinstance(block[0], ast.If)
+            most = max(most, nesting(block) + (0 if is_elif else 1) if block else 0)
+    return most
+
+
+def test_kernel_functions_stay_short_and_flat():
+    large = set()
+    for path in sorted((ROOT / "kernels").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and not any(
+                isinstance(inner, ast.FunctionDef) for statement in node.body for inner in ast.walk(statement)
+            ):
+                length = (node.end_lineno or 0) - node.lineno + 1
+                if length > 120 or nesting(node.body) > 5:
+                    name = path.relative_to(ROOT / "kernels").with_suffix("").as_posix()
+                    large.add(f"{name}.{node.name}")
+    assert large == LARGE_FUNCTIONS.keys()
+
+
 def test_files_stay_short():
     places = ("msdwarp", "kernels", "scenes", "tests", "benchmarks")
     paths = {path.relative_to(ROOT).as_posix(): path for place in places for path in (ROOT / place).rglob("*.py")}

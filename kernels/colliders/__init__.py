@@ -4,8 +4,7 @@ from .collide import (
     NO_COLLIDERS as NO_COLLIDERS,
     ColliderTerm as ColliderTerm,
     NoColliders as NoColliders,
-    fixed_contact as fixed_contact,
-    moving_contact as moving_contact,
+    collider_contact as collider_contact,
 )
 from .contact_forces import mean_forces as mean_forces, sum_impulses as sum_impulses
 from .contact_rule import Needed as Needed

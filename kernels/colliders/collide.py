@@ -1,8 +1,8 @@
 """Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn.
 
 In turn, and where a substep ends, unless a particle has gone so far in it that it may have passed one of them:
-then its whole way is swept. A plane cannot be passed, all below it being inside: among planes alone nothing of
-that is compiled.
+then its whole way is swept. A plane cannot be passed, as all below it is inside: for planes alone no sweep is
+compiled.
 """
 
 import functools
@@ -25,7 +25,7 @@ class NoColliders:
 
 
 class ColliderTerm(NamedTuple):
-    """What keeps particles out of obstacles; hashable, so that equal scenes share kernels."""
+    """The term that keeps particles out of obstacles; hashable, so that equal scenes share kernels."""
 
     Colliders: Any
     """Struct type of the obstacles."""
@@ -34,9 +34,9 @@ class ColliderTerm(NamedTuple):
     moving: bool
     """Whether any obstacle moves."""
     contact_forces: bool = False
-    """Whether what obstacles push particles with is summed."""
+    """Whether the forces of obstacles on particles are summed."""
     overlapping_at_start: bool = False
-    """Whether anything starts inside an obstacle, and is led out."""
+    """Whether any particle starts inside an obstacle, and is moved out."""
 
 
 NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
@@ -44,63 +44,137 @@ NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
 
 
 @functools.cache
-def fixed_contact(
+def collider_contact(
     dim: int,
     scalar: type,
     rule: str,
     kinds: tuple[str, ...],
     contact_forces: bool = False,
     needed: Needed = NEEDED,
+    moving: bool = False,
 ):
-    """Compose (Obstacles, collide): obstacles of these kinds that stand still, met one after the other.
+    """Compose (Obstacles, collide): obstacles of these kinds, which a particle meets one after the other.
 
-    Where they are to be felt, there is room for by how much they have changed each particle's velocity.
+    With `contact_forces` there is room for by how much they have changed each particle's velocity. Those that move
+    a particle meets as if they stood still.
+
+    When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
+    the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. v_old is relative to that:
+    to a particle that rides on it, an obstacle that gathers speed is then as gravity is.
+
+    To an observer who moves with the surface an obstacle does no work. To others it does m Δv·u on a particle, u
+    being the mean of the surface's velocities in this substep and in the one before: as the work of other forces,
+    half with the velocity before and half with that after.
     """
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
+    Turn, Wide = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64)
     distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
     put_on = touch(dim, scalar, rule, needed, False)
     bounces, several, overlapping_at_start = needed
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
-    @wp.struct
     class Obstacles:
         count: int
         solids: Solids  # their shapes
         surface: Surface  # their coefficients
+        if moving:
+            # Poses in a frame, each of shape [substeps + 1, count]:
+            turn: wp.array2d(dtype=Turn)  # orthogonal
+            shift: wp.array2d(dtype=V)  # [m]
+            turning: wp.array2d(dtype=Turn)  # [1/s]
+            speed: wp.array2d(dtype=V)  # [m/s]
+            substep: int  # n, from 0 on
+            inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
+            done: wp.array(dtype=wp.float64)  # work on each particle [J], shape [particle_count]
+            particle: int  # the one that is looked at
         if swept:
             inradius: scalar  # of the largest ball inside the thinnest [m]
         if contact_forces:
-            impulse: wp.array(dtype=vector(dim, wp.float64))  # by mass [m/s], shape [particle_count]
-        if overlapping_at_start:
-            inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
+            impulse: wp.array(dtype=Wide)  # by mass [m/s], shape [particle_count]
+        if overlapping_at_start and not moving:
+            inverse_mass: wp.array(dtype=scalar)
+
+    if moving:  # generated code has another name for it
+        Obstacles.__qualname__ = Obstacles.__qualname__.replace("Obstacles", "MovingObstacles")
+    Obstacles = wp.struct(Obstacles)
 
     @wp.func
-    def look(obstacles: Obstacles, p: int, x: V):
-        found = distance_from(obstacles.solids, p, x)
-        normal = V()
-        for k in range(wp.static(dim)):
-            normal[k] = found[k]
-        return found[wp.static(dim)], normal
+    def add_work(obstacles: Obstacles, twice: wp.float64):
+        i = obstacles.particle
+        if twice != wp.float64(0.0):
+            mass = wp.float64(1.0) / wp.float64(obstacles.inverse_mass[i])
+            obstacles.done[i] = obstacles.done[i] + wp.float64(0.5) * mass * twice
 
-    @wp.func
-    def carried(obstacles: Obstacles, p: int, x_old: V) -> V:
-        return x_old
+    # What `sweep` and `corner` ask of obstacles. Code generated for a function depends on where it returns.
+    if moving:
 
-    @wp.func
-    def answer(
-        obstacles: Obstacles, p: int, distance: scalar, normal: V, x: V, v: V, start: V, x_old: V, v_old: V
-    ):
-        return put_on(obstacles.surface, p, distance, normal, x, v, start, v_old)
+        @wp.func
+        def look(obstacles: Obstacles, p: int, x: V):
+            turn = obstacles.turn[obstacles.substep + 1, p]
+            y = wp.transpose(turn) * (x - obstacles.shift[obstacles.substep + 1, p])
+            found = distance_from(obstacles.solids, p, y)
+            normal = V()
+            for k in range(wp.static(dim)):
+                normal[k] = found[k]
+            return found[wp.static(dim)], turn * normal
 
-    @wp.func
-    def speed(obstacles: Obstacles, p: int, x_old: V) -> V:
-        return V()
+        @wp.func
+        def carried(obstacles: Obstacles, p: int, x_old: V) -> V:
+            n = obstacles.substep
+            y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+            return obstacles.turn[n + 1, p] * y_old + obstacles.shift[n + 1, p]
+
+        @wp.func
+        def speed(obstacles: Obstacles, p: int, x_old: V) -> V:
+            n = obstacles.substep
+            y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+            return obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
+
+        @wp.func
+        def answer(
+            obstacles: Obstacles, p: int, distance: scalar, normal: V, x: V, v: V, start: V, x_old: V, v_old: V
+        ):
+            n = obstacles.substep
+            y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+            u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
+            u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
+            v_free = v - u
+            x, v = put_on(obstacles.surface, p, distance, normal, x, v_free, start, v_old - u_old)
+            add_work(obstacles, wp.float64(wp.dot(v - v_free, u + u_old)))
+            return x, v + u
+
+    else:
+
+        @wp.func
+        def look(obstacles: Obstacles, p: int, x: V):
+            found = distance_from(obstacles.solids, p, x)
+            normal = V()
+            for k in range(wp.static(dim)):
+                normal[k] = found[k]
+            return found[wp.static(dim)], normal
+
+        @wp.func
+        def carried(obstacles: Obstacles, p: int, x_old: V) -> V:
+            return x_old
+
+        @wp.func
+        def speed(obstacles: Obstacles, p: int, x_old: V) -> V:
+            return V()
+
+        @wp.func
+        def answer(
+            obstacles: Obstacles, p: int, distance: scalar, normal: V, x: V, v: V, start: V, x_old: V, v_old: V
+        ):
+            return put_on(obstacles.surface, p, distance, normal, x, v, start, v_old)
 
     sweep_way = sweep(dim, scalar, Obstacles, look, carried, answer) if swept else None
     settle = corner(dim, scalar, Obstacles, look, carried, speed, overlapping_at_start) if several else None
 
     @wp.func
     def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
+        if wp.static(moving):
+            n = obstacles.substep
+            twice = wp.float64(0.0)  # the work by mass
         if wp.static(swept or several):
             x_free = x
         if wp.static(several):
@@ -109,22 +183,49 @@ def fixed_contact(
         if wp.static(swept):
             v_free = v
             passed = bool(False)
-        count = int(1)  # known when it is compiled, so that what is read of a single one is asked for early
-        if wp.static(several):
-            count = obstacles.count
-        for p in range(count):
-            found = distance_from(obstacles.solids, p, x)
-            normal = V()
-            for k in range(wp.static(dim)):
-                normal[k] = found[k]
-            if wp.static(swept):
-                passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - x_old)
+        if wp.static(moving):
+            for p in range(obstacles.count):
+                turn = obstacles.turn[n + 1, p]
+                shift = obstacles.shift[n + 1, p]
+                y = wp.transpose(turn) * (x - shift)
+                found = distance_from(obstacles.solids, p, y)
+                normal = V()
+                for k in range(wp.static(dim)):
+                    normal[k] = found[k]
+                normal = turn * normal
+                # Where it was, and the speeds of that place, as given by the obstacle.
+                y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
+                u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
+                u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
+                start = turn * y_old + shift
+                if wp.static(swept):
+                    passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - start)
+                if wp.static(several):
+                    if found[wp.static(dim)] < scalar(0.0):
+                        entered += 1
+                    else:
+                        clear = wp.min(clear, found[wp.static(dim)])
+                seen = v - u
+                x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, seen, start, v_old - u_old)
+                twice += wp.float64(wp.dot(v - seen, u + u_old))
+                v = v + u
+        else:
+            count = int(1)  # known at compile time: the data of a single one are then read early
             if wp.static(several):
-                if found[wp.static(dim)] < scalar(0.0):
-                    entered += 1
-                else:
-                    clear = wp.min(clear, found[wp.static(dim)])
-            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
+                count = obstacles.count
+            for p in range(count):
+                found = distance_from(obstacles.solids, p, x)
+                normal = V()
+                for k in range(wp.static(dim)):
+                    normal[k] = found[k]
+                if wp.static(swept):
+                    passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - x_old)
+                if wp.static(several):
+                    if found[wp.static(dim)] < scalar(0.0):
+                        entered += 1
+                    else:
+                        clear = wp.min(clear, found[wp.static(dim)])
+                x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
         if wp.static(swept and bounces):
             if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
                 for p in range(obstacles.count):
@@ -133,164 +234,14 @@ def fixed_contact(
                     passed = passed or passes(obstacles.inradius, distance, normal, way)
         if wp.static(swept):
             if passed:
+                if wp.static(moving):
+                    twice = wp.float64(0.0)
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
-        if wp.static(several):  # nothing is put further than it was from what it had not entered
+        if wp.static(moving):
+            add_work(obstacles, twice)
+        if wp.static(several):  # a particle is put no further than the obstacles that it had not entered were
             if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
                 x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v
 
     return Obstacles, collide
-
-
-@functools.cache
-def moving_contact(
-    dim: int,
-    scalar: type,
-    rule: str,
-    kinds: tuple[str, ...],
-    contact_forces: bool = False,
-    needed: Needed = NEEDED,
-):
-    """Compose the same for obstacles that move, which a particle meets as if they stood still.
-
-    When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
-    the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. What v_old is relative to
-    is the latter: with it an obstacle that gathers speed is to a particle that rides on it as gravity is.
-
-    To somebody who moves with the surface an obstacle does no work. To others it does m Δv·u on what it meets, u
-    being the mean of the surface's velocities in this substep and in the one before: as the work of other forces,
-    half with the velocity before and half with that after.
-    """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
-    Turn = wp.types.matrix((dim, dim), scalar)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
-    put_on = touch(dim, scalar, rule, needed, False)
-    bounces, several, overlapping_at_start = needed
-    swept, passes = kinds != ("Plane",), passing(dim, scalar)
-
-    @wp.struct
-    class MovingObstacles:
-        count: int
-        solids: Solids  # their shapes
-        surface: Surface  # their coefficients
-        # Poses in a frame, each of shape [substeps + 1, count]:
-        turn: wp.array2d(dtype=Turn)  # orthogonal
-        shift: wp.array2d(dtype=V)  # [m]
-        turning: wp.array2d(dtype=Turn)  # [1/s]
-        speed: wp.array2d(dtype=V)  # [m/s]
-        substep: int  # n, from 0 on
-        inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
-        done: wp.array(dtype=wp.float64)  # work on each particle [J], shape [particle_count]
-        particle: int  # the one that is looked at
-        if swept:
-            inradius: scalar  # of the largest ball inside the thinnest [m]
-        if contact_forces:
-            impulse: wp.array(dtype=vector(dim, wp.float64))  # by mass [m/s], shape [particle_count]
-
-    @wp.func
-    def look(obstacles: MovingObstacles, p: int, x: V):
-        turn = obstacles.turn[obstacles.substep + 1, p]
-        y = wp.transpose(turn) * (x - obstacles.shift[obstacles.substep + 1, p])
-        found = distance_from(obstacles.solids, p, y)
-        normal = V()
-        for k in range(wp.static(dim)):
-            normal[k] = found[k]
-        return found[wp.static(dim)], turn * normal
-
-    @wp.func
-    def carried(obstacles: MovingObstacles, p: int, x_old: V) -> V:
-        n = obstacles.substep
-        y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
-        return obstacles.turn[n + 1, p] * y_old + obstacles.shift[n + 1, p]
-
-    @wp.func
-    def add_work(obstacles: MovingObstacles, twice: wp.float64):
-        i = obstacles.particle
-        if twice != wp.float64(0.0):
-            mass = wp.float64(1.0) / wp.float64(obstacles.inverse_mass[i])
-            obstacles.done[i] = obstacles.done[i] + wp.float64(0.5) * mass * twice
-
-    @wp.func
-    def answer(
-        obstacles: MovingObstacles,
-        p: int,
-        distance: scalar,
-        normal: V,
-        x: V,
-        v: V,
-        start: V,
-        x_old: V,
-        v_old: V,
-    ):
-        n = obstacles.substep
-        y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
-        u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
-        u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
-        v_free = v - u
-        x, v = put_on(obstacles.surface, p, distance, normal, x, v_free, start, v_old - u_old)
-        add_work(obstacles, wp.float64(wp.dot(v - v_free, u + u_old)))
-        return x, v + u
-
-    @wp.func
-    def speed(obstacles: MovingObstacles, p: int, x_old: V) -> V:
-        n = obstacles.substep
-        y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
-        return obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
-
-    sweep_way = sweep(dim, scalar, MovingObstacles, look, carried, answer) if swept else None
-    settle = corner(dim, scalar, MovingObstacles, look, carried, speed, overlapping_at_start) if several else None
-
-    @wp.func
-    def collide(obstacles: MovingObstacles, x: V, v: V, x_old: V, v_old: V):
-        n = obstacles.substep
-        twice = wp.float64(0.0)  # the work by mass
-        if wp.static(swept or several):
-            x_free = x
-        if wp.static(several):
-            entered = int(0)
-            clear = scalar(1.0e30)
-        if wp.static(swept):
-            v_free = v
-            passed = bool(False)
-        for p in range(obstacles.count):
-            turn = obstacles.turn[n + 1, p]
-            shift = obstacles.shift[n + 1, p]
-            y = wp.transpose(turn) * (x - shift)
-            found = distance_from(obstacles.solids, p, y)
-            normal = V()
-            for k in range(wp.static(dim)):
-                normal[k] = found[k]
-            normal = turn * normal
-            # Where it was, and the speeds of that place, as given by the obstacle.
-            y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
-            u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
-            u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
-            start = turn * y_old + shift
-            if wp.static(swept):
-                passed = passed or passes(obstacles.inradius, found[wp.static(dim)], normal, x - start)
-            if wp.static(several):
-                if found[wp.static(dim)] < scalar(0.0):
-                    entered += 1
-                else:
-                    clear = wp.min(clear, found[wp.static(dim)])
-            seen = v - u
-            x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, seen, start, v_old - u_old)
-            twice += wp.float64(wp.dot(v - seen, u + u_old))
-            v = v + u
-        if wp.static(swept and bounces):
-            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
-                for p in range(obstacles.count):
-                    distance, normal = look(obstacles, p, x)
-                    way = x - carried(obstacles, p, x_old)
-                    passed = passed or passes(obstacles.inradius, distance, normal, way)
-        if wp.static(swept):
-            if passed:
-                twice = wp.float64(0.0)
-                x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
-        add_work(obstacles, twice)
-        if wp.static(several):  # nothing is put further than it was from what it had not entered
-            if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
-                x, v = settle(obstacles, x, v, x_free, x_old)
-        return x, v
-
-    return MovingObstacles, collide

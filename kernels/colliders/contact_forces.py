@@ -1,4 +1,4 @@
-"""What obstacles and other bodies together push particles with."""
+"""The forces of obstacles and other bodies together on particles."""
 
 import functools
 

@@ -9,7 +9,7 @@ from ..basis import vector
 
 
 class Needed(NamedTuple):
-    """What the obstacles of a scene need beside the rule; what they do not is not compiled."""
+    """Which parts the obstacles of a scene need beside the rule; the others are not compiled."""
 
     bounces: bool = True
     """Whether anything bounces, by rule "coulomb"."""
@@ -89,9 +89,8 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     whatever the force: nothing at e = 1, and never less. A change of x other than h v' has a share of the next
     force besides. With velocities at the instant of positions it stays there, and loses (1 − e²) ½ m v_old².
 
-    Where by rule "coulomb" anything has `overlapping_at_start` into an obstacle before the run, it is led out at a
-    steady pace and gets no speed from that: put onto the surface at once it would strain its connections by the
-    way.
+    Where by rule "coulomb" particles start inside an obstacle (`overlapping_at_start`), they are moved out at a
+    steady pace and gain no speed: put onto the surface at once they would strain their springs.
     """
     V, Surface = vector(dim, scalar), surface(scalar, needed)
     coulomb, overlapping_at_start = rule == "coulomb", needed.overlapping_at_start
@@ -134,7 +133,7 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
 
 @functools.cache
 def surface(scalar: type, needed: Needed):
-    """Compose the struct of what all obstacles have."""
+    """Compose the struct of the coefficients of all obstacles."""
 
     @wp.struct
     class Surface:
@@ -142,11 +141,11 @@ def surface(scalar: type, needed: Needed):
         restitution: wp.array(dtype=scalar)  # e
         friction: wp.array(dtype=scalar)  # μ
         tangential_factor: wp.array(dtype=scalar)  # f
-        rest_speed: wp.array(dtype=scalar)  # what approaches more slowly does not bounce [m/s]
+        rest_speed: wp.array(dtype=scalar)  # a particle that approaches more slowly does not bounce [m/s]
         if needed.bounces:
             onward: scalar  # the share of a substep that a particle flies on for after a bounce
         if needed.overlapping_at_start:
-            slack: scalar  # what began a substep no deeper than this is on the surface [m]
-            overlap_release_speed: scalar  # by how much what began it deeper is led out in a substep [m]
+            slack: scalar  # a particle that began a substep no deeper than this is on the surface [m]
+            overlap_release_speed: scalar  # by how much one that began it deeper is moved out in a substep [m]
 
     return Surface

@@ -1,4 +1,4 @@
-"""Corners: what one obstacle has put into another is moved along the first out of the second."""
+"""Corners: resolve a particle pushed from one obstacle into another by sliding it along the first."""
 
 import warp as wp
 
@@ -9,17 +9,17 @@ ROUNDS = 4
 PARALLEL = 1e-3
 """Where the sine squared between two normals is less, a particle is squeezed: along neither is a way out."""
 NOTHING = 1e-3
-"""What is less deep than this share of the way that contact has moved it is left to the next substep."""
+"""A particle less deep than this share of the way that contact moved it is left to the next substep."""
 
 
 def corner(dim: int, scalar: type, Obstacles, look, carried, speed, overlapping_at_start: bool):
-    """Compose `settle(obstacles, x, v, x_free, x_old)` -> (x, v) for what contact has moved from x_free to x.
+    """Compose `settle(obstacles, x, v, x_free, x_old)` -> (x, v), for a particle that contact moved from x_free.
 
     Going from obstacle to obstacle, each putting the particle out by the shortest way, ends in a narrow corner
     only after many turns. Here the way out of one is taken along the face that was met before: two flat faces are
-    both left at once, whatever their angle. The velocity loses what leads into each in the same way.
+    both left at once, whatever their angle. The velocity loses its component into each in the same way.
     `look(obstacles, p, x)`: (distance, normal) of a place from obstacle p; `speed(obstacles, p, x_old)`: of
-    the obstacle at the place [m/s]; `carried`: see `sweep`. What has sunk in before the run is led out elsewhere.
+    the obstacle at the place [m/s]; `carried`: see `sweep`. `contact_rule` moves out what started inside.
     """
     V = vector(dim, scalar)
     zero = wp.constant(scalar(0.0))

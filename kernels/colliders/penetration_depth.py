@@ -1,4 +1,4 @@
-"""How far places are from a solid, for whoever asks before anything moves."""
+"""How far places are from a solid, for the checks before a run."""
 
 import functools
 
@@ -12,7 +12,7 @@ from .signed_distance import KINDS, signed_distance, solids
 def distances(dim: int, kinds: tuple[str, ...] = KINDS):
     """Compose the kernel that writes the signed distances of places from a solid, in float64.
 
-    It knows all kinds of solids unless told which, so that it is compiled once.
+    By default it knows all kinds of solids, so that it is compiled once.
     """
     V, Solids, Distance = vector(dim, wp.float64), solids(dim, wp.float64), wp.float64
     distance_from = signed_distance(dim, wp.float64, kinds)

@@ -14,7 +14,7 @@ PLANE, SPHERE, BOX, CAPSULE, CONE = range(len(KINDS))
 
 @functools.cache
 def solids(dim: int, scalar: type):
-    """Compose the struct of what describes solids, by their numbers.
+    """Compose the struct of the shapes of solids.
 
     Plane: normal a, and its offset as `radius`. Sphere: centre a, `radius`. Box: centre a, half edges b along the
     columns of `axes`. Capsule: from a to b, `radius`. Cone: apex a, middle of the base b, `radius` of the base.
@@ -128,7 +128,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
             return result(axis, end)
         t = wp.clamp((off * r + along * height) / (slope * slope), zero, one)
         to_side = (off - t * r) * outward + (along - t * height) * axis
-        if t > zero and t < one:  # the same, whose direction no rounding turns however near it is
+        if t > zero and t < one:  # the same, with a direction that rounding does not turn
             to_side = side / slope * (height * outward - r * axis)
         to_end = (off - wp.min(off, r)) * outward + end * axis
         if wp.length_sq(to_end) < wp.length_sq(to_side):

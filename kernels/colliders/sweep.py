@@ -1,4 +1,4 @@
-"""What a particle meets on its way in a substep, for solids so thin that it may have passed them at the end of it.
+"""The solids that a particle meets within a substep, some so thin that it may have passed them at the end of it.
 
 All solids are convex. Over a straight way their signed distance is then a convex function, and the tangent plane
 at the point of a solid nearest to any place outside has the whole solid behind it: it is a supporting plane.
@@ -13,21 +13,21 @@ from ..basis import vector
 SLACK = 0.01
 """How deep inside a start still counts as on the surface, and how little of a corner may be cut.
 
-A share of `inradius`: far more than roundings of places, also in float32, and less than what is seen of a solid.
+A share of `inradius`: far more than roundings of places, also in float32, and too little to be seen.
 """
 STEPS = 32
 """Newton's steps to a surface, of which five are common.
 
 Of a convex function each leaves a quarter at most of its value times its slope: after all of them the distance, or
-the speed of approach, is less than 2^−32 of what it was.
+the speed of approach, is less than 2^−32 of its first value.
 """
 NEAR = {wp.float32: 1e-4, wp.float64: 1e-10}
-"""What is as good as on the surface, as a share of `inradius`: more than roundings, less than what matters."""
+"""The distance that counts as on the surface, as a share of `inradius`: more than roundings, and negligible."""
 
 
 @functools.cache
 def passing(dim: int, scalar: type):
-    """Compose `passes`: whether the end of a way does not tell what was met on it, by its distance from one solid.
+    """Compose `passes`: whether the end of a way leaves open which solids it met, by its distance from one.
 
     The normal n there is that of a supporting plane. A particle that came from before that plane missed the solid,
     or came in by that side; one that came from behind it, way · n > distance, may have gone through, or past the
@@ -54,7 +54,7 @@ def entry(dim: int, scalar: type, Obstacles, look, carried):
     Newton's method for distance = 0: from each place on to its supporting plane. Distances being convex, it never
     goes too far, and never less far than sphere tracing (Hart, The Visual Computer 12, 1996), which goes on by the
     distance itself. A flat face takes one step. As soon as the end lies before such a plane the way is a miss;
-    what after all steps still comes nearer grazes, and is kept before the last plane, which is safe.
+    a way that after all steps still comes nearer grazes; it is kept before the last plane, which is safe.
     """
     V = vector(dim, scalar)
     zero, one = wp.constant(scalar(0.0)), wp.constant(scalar(1.0))
@@ -83,8 +83,8 @@ def entry(dim: int, scalar: type, Obstacles, look, carried):
 def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
     """Compose `sweep_way(obstacles, x, v, x_old, v_old)` -> (x, v) after contact with all that lies on the way.
 
-    What is entered first is met first, however obstacles are listed; the way then ends on the tangent plane there,
-    by the one rule, and is looked at again. What the type of obstacles has to say:
+    The first obstacle entered is met first, in whatever order they are listed. By the rule the way then ends on
+    the tangent plane there, and is looked at again. The functions of the obstacles:
     `look(obstacles, p, x)`: (distance, normal) of a place from obstacle p where that is when the substep ends;
     `carried(obstacles, p, x_old)`: where x_old is then if it goes with the obstacle, from which that stands still;
     `answer(obstacles, p, distance, normal, x, v, start, x_old, v_old)`: (x, v) by the rule, friction taking its
@@ -98,7 +98,7 @@ def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
 
     @wp.func
     def first_on_way(obstacles: Obstacles, met: int, x_old: V, x: V):
-        """Return (p, t, distance, normal) of what is entered first but for the one just met; p = -1: nothing."""
+        """Return (p, t, distance, normal) of the first obstacle entered but the one just met; p = -1: none."""
         first = int(-1)
         t_first = scalar(2.0)
         distance_first = scalar(0.0)
@@ -127,9 +127,9 @@ def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
             else:
                 free = x
                 x, v = answer(obstacles, met, distance, normal, x, v, entered, x_old, v_old)
-                # The rule leaves alone what flies outwards; this one, turned back too late, does so beyond.
+                # The rule leaves alone a particle on its way out; this one, turned back too late, is beyond.
                 x -= wp.min(distance + wp.dot(x - free, normal), scalar(0.0)) * normal
-        # What began inside is put out where it ends, in the order of the list.
+        # A particle that began inside is put out where it ends, in the order of the list.
         for p in range(obstacles.count):
             start = carried(obstacles, p, x_old)
             depth, normal = look(obstacles, p, start)

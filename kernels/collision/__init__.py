@@ -7,8 +7,7 @@ from .bounding_boxes import (
     clear_boxes as clear_boxes,
     find_roots as find_roots,
 )
-from .contact_impulses import add_impulses as add_impulses
-from .contact_surfaces import (
+from .contact_data import (
     DEEPEST as DEEPEST,
     FLAGS as FLAGS,
     HISTORY as HISTORY,
@@ -16,9 +15,10 @@ from .contact_surfaces import (
     MOST_BODY_PAIRS as MOST_BODY_PAIRS,
     MOVED as MOVED,
     WAY as WAY,
-    Surfaces as Surfaces,
+    BodyContactData as BodyContactData,
     body_contact_term as body_contact_term,
 )
+from .contact_impulses import add_impulses as add_impulses
 from .lanes import BLOCK as BLOCK, BLOCKS as BLOCKS, FEW_ON_GPU as FEW_ON_GPU, ON_GPU as ON_GPU
 from .nearest_point import nearest_on_triangle as nearest_on_triangle
 from .neighbor_search import (

@@ -16,27 +16,23 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
-from ..records import records
-from .contact_surfaces import DEEPEST, HISTORY, Surfaces, first_flag
-from .cpu_partition import first_of_part, next_of_part, raise_to
+from ..basis import vector
+from .contact_data import HISTORY, BodyContactData, Substep
 from .force_sums import exert_force
-from .friction import TANGENTIAL
-from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
-from .law import contact_law
-from .pairs import ALMOST, FAR, NONE, next_in_order, pairs, places, points, unit_normal
-from .sheet_sides import STEEP, meets, remembered
-from .tunnelling import note_overrun
+from .history import displacements, memories
+from .lanes import each_active_point
+from .law import TANGENTIAL, contact_law
+from .nearest_facet import nearest_facets
+from .pairs import FAR, Pair, next_in_order, pairs, places, points, unit_normal
+from .tunnelling import note_tunnelling
 
 
 @functools.cache
 def evaluate_contact(scalar: type, overlapping_at_start: bool, sided: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that adds up the forces of the contacts of points. Its threads share those that are busy.
+    """Compose the kernel that adds up the forces of the contacts of points; `lanes` of its threads share a point.
 
-    So many of them (`lanes`) share each point.
-
-    Where bodies start inside each other (`overlapping_at_start`), an overlap counts by what it exceeds one that is
-    allowed, which shrinks to nothing: they are led apart, not thrown. Where there are sheets (`sided`), points
+    Where bodies start inside each other (`overlapping_at_start`), an overlap counts by its excess over an allowed
+    one, which shrinks to nothing: bodies are moved apart, not thrown. Where there are sheets (`sided`), points
     remember on which side of them they are.
     """
     return _each_point(scalar, overlapping_at_start, sided, False, lanes, worlds)
@@ -48,303 +44,186 @@ def contact_energy(scalar: type, overlapping_at_start: bool, sided: bool, lanes:
     return _each_point(scalar, overlapping_at_start, sided, True, lanes, worlds)
 
 
+@functools.cache
+def bearing(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bool, lanes: int, worlds: bool):
+    """Compose (bear, note_fast): the force of one contact, and what passes a facet before it touches.
+
+    `bear` returns whether the contact bears, how far it has been moved along the surface [m], the side of a sheet
+    that the point is on, and where it measures what it stores [J] and turns to heat [W].
+    """
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
+    (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
+    Nearest, _, separate = nearest_facets(scalar, sided, lanes, worlds)
+    (place_of, place_on, _), normal_of = places(scalar), unit_normal(scalar)
+    press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
+    (moved_along, moved_on_side), note = displacements(scalar), note_tunnelling(scalar)
+    thickness_of, exert = pairs(scalar, worlds)[1], exert_force(scalar, lanes)
+    zero, half, tangential = scalar(0.0), scalar(0.5), scalar(TANGENTIAL)
+
+    @wp.func
+    def bear(
+        data: Data,
+        point: Point,
+        lane: int,
+        pair: PointAndBody,
+        nearest: Nearest,
+        away: V,
+        step: Step,
+        flags: wp.array(dtype=float),
+    ):
+        energy = wp.float64(0.0)
+        power = wp.float64(0.0)
+        moved = V()
+        p = point.number
+        # What is far in memory is read at once, also where it turns out that they do not touch.
+        v = data.surfaces.v
+        u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
+        mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
+        for k in range(3):
+            mobility += nearest.w[k] * nearest.w[k] * data.surfaces.mobility[nearest.corner[k]]
+        thickness = thickness_of(data, pair.rule, pair.mine, pair.other)
+        gap, normal, side = separate(data, point, lane, pair, nearest, away, step.buffer)
+        overlap = thickness - gap
+        if wp.static(overlapping_at_start):
+            overlap = overlap - data.history.initial_overlap[p]
+        bears = overlap > zero and mobility > zero
+        if bears:
+            bodies = data.history.contact_body
+            displacement = data.history.tangential_displacement
+            if wp.static(sided):
+                before = moved_on_side(bodies, data.history.contact_side, displacement, p, pair.other, pair.held)
+            else:
+                before = moved_along(bodies, displacement, p, pair.other)
+            k_n, f_n, f_t, moved, u_n, slides = press(data, pair, mobility, overlap, normal, u, before, step)
+            if wp.static(measuring):
+                k_t = tangential * k_n
+                u_t = u - u_n * normal
+                energy = wp.float64(half * (k_n * overlap * overlap + k_t * wp.dot(moved, moved)))
+                heat = (k_n * overlap - f_n) * u_n - wp.dot(f_t, u_t)
+                if not slides:
+                    heat -= k_t * wp.dot(moved, u_t)
+                power = wp.float64(heat)
+            else:
+                on = data.surfaces.force
+                f = f_n * normal + f_t
+                by = per_unit_of(data, pair.mine, step)
+                exert(on, point.ends, point.share, nearest.corner, nearest.w, f, by, lane, step.parts)
+                if lane == 0:
+                    record(data, p, pair.mine, k_n, overlap, step, flags)
+                if lane == 0 and step.h > zero:
+                    # The vertex of a point bears as much for each of its other points.
+                    u_n += step.h * f_n * mobility / data.surfaces.density[pair.mine]
+                    least = zero
+                    if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
+                        least = -pair.reach
+                    elif side != 0:  # from now on it is known where it came from
+                        least = -wp.max(pair.reach, data.surfaces.depth[pair.other])
+                    if wp.static(overlapping_at_start):
+                        least = least - data.history.initial_overlap[p]
+                    note(data.tunnelling, p, nearest.facet, point.x, gap + step.h * u_n, least, -u_n)
+        return bears, moved, side, energy, power
+
+    @wp.func
+    def note_fast(data: Data, point: Point, pair: PointAndBody, nearest: Nearest, away: V, h: scalar):
+        """Note a point that passes a facet in the substep, and so has never been in touch."""
+        gap = wp.sqrt(nearest.squared)
+        v = data.surfaces.v
+        u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
+        u_n = wp.dot(u, away) / gap
+        least = zero
+        if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
+            least = -pair.reach
+            if wp.dot(away, normal_of(data.surfaces.x, nearest.corner)) < zero:
+                u_n = zero  # it is within, and lost already
+        note(data.tunnelling, point.number, nearest.facet, point.x, gap + h * u_n, least, -u_n)
+
+    return bear, note_fast
+
+
 def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bool, lanes: int, worlds: bool):
-    V, Data = vector(3, scalar), Surfaces(scalar, worlds)
-    (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
-    find_rule, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
-    mobility_of, slip_before = points(scalar)
-    note, first_of = note_overrun(scalar), first_flag(scalar, worlds)
-    least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
-    pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
-    zero, almost, far = scalar(0.0), scalar(ALMOST), scalar(FAR)
-    tangential, press = scalar(TANGENTIAL), contact_law(scalar)
-    exert, have_common, slip_on, steep = exert_force(scalar, lanes), meets(), remembered(scalar), scalar(STEEP)
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
+    place_on, (find_rule, _, reach_of, _) = places(scalar)[1], pairs(scalar, worlds)
+    point_of, PointAndBody = points(scalar, worlds)[1], Pair(scalar)
+    _, find_nearest, _ = nearest_facets(scalar, sided, lanes, worlds)
+    bear, note_fast = bearing(scalar, overlapping_at_start, sided, measuring, lanes, worlds)
+    _, no_memory, remember, keep, shrink_overlap = memories(scalar, sided, worlds)
+    zero, far = scalar(0.0), scalar(FAR)
+
+    @wp.func
+    def pair_of(data: Data, p: int, mine: int, other: int, turn: int) -> PointAndBody:
+        """Return a point and a body that may touch, on the side that the history holds the point."""
+        pair = PointAndBody()
+        pair.mine = mine
+        pair.other = other
+        pair.rule = find_rule(data, mine, other)
+        pair.reach = reach_of(data, pair.rule, mine, other)
+        if wp.static(sided):
+            if turn < wp.static(HISTORY):
+                if data.history.contact_body[turn, p] == other:
+                    pair.held = data.history.contact_side[turn, p]
+            if pair.held != 0:
+                pair.reach = wp.max(pair.reach, data.surfaces.depth[other])
+        return pair
 
     @wp.func
     def evaluate_point(
         data: Data,
         p: int,
         lane: int,  # which of the threads that share the point this is
-        h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
-        behind: scalar,  # twice the time by which velocities lag behind positions [s]
-        per_unit: wp.float64,  # of forces [1/N]; of worlds each has its own
-        buffer: wp.array(dtype=scalar),  # by how much distances may have become less since rows were found [m]
-        parts: int,  # that threads of the CPU take
-        flags: wp.array(dtype=float),
-        stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
-        heated: wp.array(dtype=wp.float64),  # [W]
-    ):
-        energy = wp.float64(0.0)
-        power = wp.float64(0.0)
-        n = data.candidate_count[p]
-        if n > 0:
-            ends = data.ends[p]
-            s = data.share[p]
-            x = place_of(data.x, ends, s)
-            mine = data.body[p]
-            new_partner_0 = int(-1)
-            new_partner_1 = int(-1)
-            new_slip_0 = V()
-            new_slip_1 = V()
-            # Of a sheet: first what it is held on this side of, then whatever is opposite to that.
-            new_seen_0 = int(0)
-            new_seen_1 = int(0)
-            away_0 = V()
-            away_1 = V()
-            turn = int(0)
-            first = int(0)
-            if wp.static(measuring):  # no whole numbers are summed: their order counts
-                first = next_in_order(data.candidate_body, p, n, -1)
-            while first < n:
-                # The facets of one body, which are side by side in the row: the nearest counts.
-                other = data.candidate_body[p, first]
-                held = int(0)
-                if wp.static(sided):
-                    if turn < wp.static(HISTORY):
-                        if data.contact_body[turn, p] == other:
-                            held = data.contact_side[turn, p]
-                        if held == 0:
-                            turn += 1
-                            continue
-                rule = find_rule(data, mine, other)
-                reach = reach_of(data, rule, mine, other)
-                two_sided = bool(False)
-                if wp.static(sided):
-                    two_sided = data.sided[other] != 0 and mine != other
-                    if held != 0:
-                        reach = wp.max(reach, data.depth[other])
-                best = far
-                near = far
-                facet = int(wp.static(NONE))
-                entry = int(-1)
-                w = V()
-                until = int(n)
-                for e in range(first + lane, n, wp.static(lanes)):
-                    f = data.candidates[p, e]  # before anything is known of it: these three are read at once
-                    listed = data.candidate_distance[p, e]
-                    if data.candidate_body[p, e] != other:
-                        until = e
-                        break
-                    if almost * listed <= near:
-                        w_f = nearest_to(data.x, data.corner[f], x)
-                        away = x - place_on(data.x, data.corner[f], w_f)
-                        if wp.static(sided):
-                            if wp.dot(away, away_0) > zero or wp.dot(away, away_1) > zero:
-                                continue
-                            if held != 0:
-                                if not have_common(data.corner, wp.abs(held) - 1, f):
-                                    continue
-                        if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
-                            best = wp.dot(away, away)
-                            near = wp.sqrt(best) + buffer[0]
-                            facet = f
-                            entry = e
-                            w = w_f
-                w_own = w  # on the nearest of those that this thread has looked at
-                if wp.static(lanes > 1):
-                    until = least_number(until)
-                    nearest = least_of(best)
-                    if best > nearest:
-                        facet = int(wp.static(NONE))
-                    best = nearest
-                    own = facet
-                    facet = least_number(facet)
-                    for k in range(3):
-                        w[k] = pick(own == facet, w_own[k])
-                corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
-                if best < reach * reach:
-                    # What is far in memory is read at once, also where it turns out that they do not touch.
-                    u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
-                    mobility = mobility_of(data.mobility, ends, s)
-                    for k in range(3):
-                        mobility += w[k] * w[k] * data.mobility[corner[k]]
-                    thickness = thickness_of(data, rule, mine, other)
-                    normal = normal_of(data.x, corner)
-                    q = place_on(data.x, corner, w)
-                    side = wp.dot(x - q, normal)
-                    closed = data.closed[other] != 0 and mine != other
-                    within = w[0] > zero and w[1] > zero and w[2] > zero
-                    if (closed or two_sided) and not within:
-                        # Of triangles around an edge or a corner the one that is seen most steeply tells the side.
-                        tie = best * scalar(1.001) + scalar(1.0e-12) * wp.length_sq(
-                            load(data.x, corner[1]) - load(data.x, corner[0])
-                        )
-                        near = wp.sqrt(tie) + buffer[0]
-                        for e in range(first + lane, until, wp.static(lanes)):
-                            f = data.candidates[p, e]
-                            if almost * data.candidate_distance[p, e] <= near:
-                                w_f = w_own
-                                if e != entry:
-                                    w_f = nearest_to(data.x, data.corner[f], x)
-                                away = x - place_on(data.x, data.corner[f], w_f)
-                                if wp.dot(away, away) <= tie and (closed or wp.dot(away, x - q) >= almost * best):
-                                    seen = wp.dot(away, normal_of(data.x, data.corner[f]))
-                                    steeper = wp.abs(seen) - wp.abs(side)
-                                    if steeper > zero or (steeper == zero and seen > side):
-                                        side = seen
-                        if wp.static(lanes > 1):
-                            if wp.abs(side) < -least_of(-wp.abs(side)):
-                                side = -far
-                            side = -least_of(-side)
-                    gap = wp.sqrt(best)
-                    if within and wp.length_sq(normal) > zero:
-                        gap = wp.abs(side)
-                        if side < zero:
-                            normal = -normal
-                    elif best > zero:
-                        normal = (x - q) / gap
-                    if closed and side < zero:
-                        gap = -gap
-                        normal = -normal
-                    now = int(0)
-                    if wp.static(sided):
-                        if two_sided and side * side >= steep * best:
-                            now = facet + 1
-                            if side < zero:
-                                now = -now
-                            if (held < 0 and now > 0) or (held > 0 and now < 0):
-                                now = -now  # it has come through
-                                gap = -gap
-                                normal = -normal
-                    overlap = thickness - gap
-                    if wp.static(overlapping_at_start):
-                        overlap = overlap - data.initial_overlap[p]
-                    if overlap > zero and mobility > zero:
-                        k_n = stiffness_of(data, rule, mine, other)
-                        # A point that was touching this body before may stick to it.
-                        if wp.static(sided):
-                            tangential_displacement = slip_on(
-                                data.contact_body, data.contact_side, data.tangential_displacement, p, other, held
-                            )
-                        else:
-                            tangential_displacement = slip_before(
-                                data.contact_body, data.tangential_displacement, p, other
-                            )
-                        zeta = data.damping[rule]
-                        mu = data.friction[rule]
-                        f_n, f_t, tangential_displacement, u_n, slides = press(
-                            k_n,
-                            zeta,
-                            mu,
-                            data.density[mine],
-                            mobility,
-                            overlap,
-                            normal,
-                            u,
-                            tangential_displacement,
-                            h,
-                            behind,
-                        )
-                        if wp.static(measuring):
-                            k_t = tangential * k_n
-                            u_t = u - u_n * normal
-                            energy += wp.float64(
-                                scalar(0.5)
-                                * (
-                                    k_n * overlap * overlap
-                                    + k_t * wp.dot(tangential_displacement, tangential_displacement)
-                                )
-                            )
-                            compensation = (k_n * overlap - f_n) * u_n - wp.dot(f_t, u_t)
-                            if not slides:
-                                compensation -= k_t * wp.dot(tangential_displacement, u_t)
-                            power += wp.float64(compensation)
-                        else:
-                            if wp.static(worlds):
-                                by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, by, lane, parts)
-                            else:
-                                exert(data.force, ends, s, corner, w, f_n * normal + f_t, per_unit, lane, parts)
-                            if lane == 0:
-                                if wp.static(overlapping_at_start):
-                                    led = wp.min(data.initial_overlap[p], h * data.overlap_release_speed)
-                                    data.done[p] = data.done[p] + wp.float64(k_n * overlap) * wp.float64(led)
-                                at = first_of(data, mine) + wp.static(DEEPEST)
-                                if float(overlap) > flags[at]:
-                                    raise_to(flags, at, float(overlap))
-                                if h > zero:
-                                    # The vertex of a point bears as much for each of its other points.
-                                    u_n += h * f_n * mobility / data.density[mine]
-                                    least = zero
-                                    if closed:
-                                        least = -reach
-                                    elif now != 0:  # from now on it is known where it came from
-                                        least = -wp.max(reach, data.depth[other])
-                                    if wp.static(overlapping_at_start):
-                                        least = least - data.initial_overlap[p]
-                                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-                        # Of more than two bodies those two are remembered whose numbers are least.
-                        if new_partner_0 < 0 or other < new_partner_0:
-                            new_partner_1 = new_partner_0
-                            new_slip_1 = new_slip_0
-                            new_seen_1 = new_seen_0
-                            new_partner_0 = other
-                            new_slip_0 = tangential_displacement
-                            new_seen_0 = now
-                        elif new_partner_1 < 0 or other < new_partner_1:
-                            new_partner_1 = other
-                            new_slip_1 = tangential_displacement
-                            new_seen_1 = now
-                        if turn == 0:
-                            away_0 = x - q
-                        else:
-                            away_1 = x - q
-                elif h > zero and lane == 0 and best < far and held == 0:
-                    # What comes so fast that a substep takes it through has never been in touch.
-                    q = place_on(data.x, corner, w)
-                    gap = wp.sqrt(best)
-                    u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
-                    u_n = wp.dot(u, x - q) / gap
-                    least = zero
-                    if data.closed[other] != 0 and mine != other:
-                        least = -reach
-                        if wp.dot(x - q, normal_of(data.x, corner)) < zero:
-                            u_n = zero  # it is within, and lost already
-                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-                turn += 1
-                if wp.static(not sided) or turn > wp.static(HISTORY):
-                    first = until
-                    if wp.static(measuring):
-                        first = next_in_order(data.candidate_body, p, n, other)
-                    turn = int(0)
-                    away_0 = V()
-                    away_1 = V()
-            if wp.static(not measuring):
-                if h > zero and lane == 0:
-                    data.contact_body[0, p] = new_partner_0
-                    data.contact_body[1, p] = new_partner_1
-                    data.tangential_displacement[0, p] = new_slip_0
-                    data.tangential_displacement[1, p] = new_slip_1
-                    if wp.static(sided):
-                        data.contact_side[0, p] = new_seen_0
-                        data.contact_side[1, p] = new_seen_1
-        if wp.static(overlapping_at_start and not measuring):
-            if lane == 0:
-                data.initial_overlap[p] = wp.max(zero, data.initial_overlap[p] - h * data.overlap_release_speed)
-        if wp.static(measuring):
-            if lane == 0:
-                stored[p] = energy
-                heated[p] = power
-
-    def touch_points(
-        data: Data,
-        h: scalar,
-        behind: scalar,
-        per_unit: wp.float64,
-        buffer: wp.array(dtype=scalar),
-        threads: int,
-        part: int,
-        parts: int,
+        step: Step,
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
-        k = first_of_part(wp.tid(), part) / wp.static(lanes)
-        lane = wp.tid() % wp.static(lanes)
-        while k < data.active_count[0]:
-            evaluate_point(
-                data, data.active_points[k], lane, h, behind, per_unit, buffer, parts, flags, stored, heated
-            )
-            k = next_of_part(k, threads / wp.static(lanes), parts)
+        energy = wp.float64(0.0)
+        power = wp.float64(0.0)
+        memory = no_memory()
+        point = point_of(data, p)
+        n = data.neighbors.candidate_count[p]
+        # Of a sheet: first the layers on whose sides the point is held, then whatever is opposite to those.
+        away_0 = V()
+        away_1 = V()
+        turn = int(0)
+        first = int(0)
+        if wp.static(measuring):  # no whole numbers are summed: their order counts
+            first = next_in_order(data.neighbors.candidate_body, p, n, -1)
+        while first < n:
+            # The facets of one body, which are side by side in the row: the nearest counts.
+            pair = pair_of(data, p, point.body, data.neighbors.candidate_body[p, first], turn)
+            if wp.static(sided):
+                if pair.held == 0 and turn < wp.static(HISTORY):
+                    turn += 1
+                    continue
+            nearest = find_nearest(data, point, lane, pair, first, away_0, away_1, step.buffer)
+            away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
+            if nearest.squared < pair.reach * pair.reach:
+                bears, moved, side, more, heat = bear(data, point, lane, pair, nearest, away, step, flags)
+                if bears:
+                    energy += more
+                    power += heat
+                    memory = remember(memory, pair.other, moved, side)
+                    if turn == 0:
+                        away_0 = away
+                    else:
+                        away_1 = away
+            elif step.h > zero and lane == 0 and nearest.squared < far and pair.held == 0:
+                note_fast(data, point, pair, nearest, away, step.h)
+            turn += 1
+            if wp.static(not sided) or turn > wp.static(HISTORY):
+                first = nearest.until
+                if wp.static(measuring):
+                    first = next_in_order(data.neighbors.candidate_body, p, n, pair.other)
+                turn = int(0)
+                away_0 = V()
+                away_1 = V()
+        if lane == 0:
+            if wp.static(measuring):
+                stored[p] = energy
+                heated[p] = power
+            else:
+                if n > 0 and step.h > zero:
+                    keep(data, p, memory)
+                if wp.static(overlapping_at_start):
+                    shrink_overlap(data, p, step.h)
 
-    return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
+    return each_active_point(evaluate_point, scalar, lanes, worlds)

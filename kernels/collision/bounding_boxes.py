@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..records import records
-from .contact_surfaces import MOST_BODY_PAIRS, Surfaces, first_flag
+from .contact_data import MOST_BODY_PAIRS, BodyContactData, first_flag
 from .lanes import least_of_lanes
 from .pairs import pairs
 
@@ -35,7 +35,7 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
 
     So many threads (`lanes`) share a piece.
     """
-    Data, least_of = Surfaces(scalar, worlds), least_of_lanes(wp.float32, lanes)
+    Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
     load = records(3, scalar).load
 
     @wp.func
@@ -59,10 +59,10 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         most = -least
         side = float(0.0)
         for t in range(part[1] + wp.tid() % wp.static(lanes), part[2], wp.static(lanes)):
-            c = data.corner[t]
-            a = wp.vec3(load(data.x, c[0]))
-            b = wp.vec3(load(data.x, c[1]))
-            d = wp.vec3(load(data.x, c[2]))
+            c = data.surfaces.corner[t]
+            a = wp.vec3(load(data.surfaces.x, c[0]))
+            b = wp.vec3(load(data.surfaces.x, c[1]))
+            d = wp.vec3(load(data.surfaces.x, c[2]))
             below = wp.min(wp.min(a, b), d)
             above = wp.max(wp.max(a, b), d)
             lower[t] = below
@@ -104,9 +104,9 @@ def find_roots():
 def box_neighbours(scalar: type, worlds: bool = False):
     """Compose the kernel, over bodies, that lists which others each may touch, and boxes where.
 
-    The box holds those of all bodies near by: most points of large bodies are outside, and done with at a glance.
+    The box holds those of all bodies near by: most points of large bodies are outside, and need no more tests.
     """
-    Data, margin = Surfaces(scalar, worlds), margin_of_boxes(scalar)
+    Data, margin = BodyContactData(scalar, worlds), margin_of_boxes(scalar)
     find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
 
     @kernel
@@ -126,15 +126,15 @@ def box_neighbours(scalar: type, worlds: bool = False):
         i = wp.tid()
         if i == 0:  # of the search that begins
             active_count[0] = 0
-            data.search_point_count[0] = 0
+            data.neighbors.search_point_count[0] = 0
             for k in range(2):
-                data.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
+                data.neighbors.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         around = farthest + buffer[0]
         lower = wp.vec3(1.0e30, 1.0e30, 1.0e30)
         upper = -lower
         wide = margin(low[i], high[i], around)
         if wp.static(worlds):
-            own = data.root_of_world[i / data.bodies_each]
+            own = data.neighbors.root_of_world[i / data.surfaces.bodies_each]
             near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide, own)
         else:
             near_bodies = wp.bvh_query_aabb(bodies, low[i] - wide, high[i] + wide)
@@ -142,13 +142,13 @@ def box_neighbours(scalar: type, worlds: bool = False):
         count = int(0)
         while wp.bvh_query_next(near_bodies, j):
             if find_rule(data, i, j) >= 0:
-                if count < data.body_pairs.shape[1]:
-                    data.body_pairs[i, count] = j
+                if count < data.neighbors.body_pairs.shape[1]:
+                    data.neighbors.body_pairs[i, count] = j
                 count += 1
                 wide = margin(low[j], high[j], around)
                 lower = wp.min(lower, low[j] - wide)
                 upper = wp.max(upper, high[j] + wide)
-        data.body_pair_count[i] = wp.min(count, data.body_pairs.shape[1])
+        data.neighbors.body_pair_count[i] = wp.min(count, data.neighbors.body_pairs.shape[1])
         at = first_of(data, i) + wp.static(MOST_BODY_PAIRS)
         if count > int(flags[at]):
             wp.atomic_max(flags, at, float(count))

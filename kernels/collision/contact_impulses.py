@@ -1,25 +1,25 @@
-"""What contacts push particles with, summed over a frame: for sensors, pictures and files."""
+"""Impulses of contacts on particles, summed over a frame: for sensors, pictures and files."""
 
 import functools
 
 import warp as wp
 
 from ..basis import kernel, vector
-from .contact_surfaces import body_contact_term
+from .contact_data import body_contact_term
 
 
 @functools.cache
 def add_impulses(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over particles, that adds up what other bodies push each with, in float64.
+    """Compose the kernel, over particles, that adds up the impulse of other bodies on each, in float64.
 
     A force counts for the time that the method gives it in its sum over the substep.
     """
-    Touched = body_contact_term(dim, scalar, compensated).Data
+    VertexForces = body_contact_term(dim, scalar, compensated).Data
     Wide = vector(dim, wp.float64)
 
     @kernel
     def add_impulse(
-        body_contact: Touched,
+        body_contact: VertexForces,
         seconds: wp.float64,  # how long the forces count [s]
         # In and out:
         impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]

@@ -1,13 +1,13 @@
-"""Threads of the CPU that share what touches: which of it each takes, and how all of them add to the same numbers.
+"""Threads of the CPU that share points or vertices: which each takes, and how they add to the same numbers.
 
-On a GPU, or where one thread of the CPU does it all, there is one part. Warp's own atomic functions are no such on
-the CPU, where its kernels have one thread.
+On a GPU, or where one thread of the CPU does it all, there is one part. Warp's own atomic functions are not
+atomic on the CPU, where its kernels have one thread.
 """
 
 import warp as wp
 
 CHUNK = 32
-"""Neighbours that one thread takes: so many that no two of them write to the same line of the cache for long."""
+"""Consecutive items of one thread: enough that two threads seldom write to the same line of the cache."""
 COUNT_UP = """
 #if defined(__CUDA_ARCH__)
     return wp::atomic_add(counter, 0, 1);
@@ -22,7 +22,7 @@ RAISE = """
     wp::float32* place = &wp::index(numbers, at);
     wp::float32 before;
     __atomic_load(place, &before, __ATOMIC_RELAXED);
-    while (!(value <= before) && before == before)  // what is no number stays
+    while (!(value <= before) && before == before)  // NaN stays
         if (__atomic_compare_exchange(place, &before, &value, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED))
             break;
 #endif
@@ -54,13 +54,13 @@ CLAIM = """
 
 @wp.func
 def first_of_part(thread: int, part: int) -> int:
-    """Return which is the first that a thread takes."""
+    """Return the first item of a thread."""
     return part * wp.static(CHUNK) + thread
 
 
 @wp.func
 def next_of_part(e: int, threads: int, parts: int) -> int:
-    """Return which comes after e; in each of the parts so many threads take turns: on the CPU one."""
+    """Return the item after e; the threads of each part take turns: on the CPU there is one."""
     following = e + threads
     if parts > 1 and following % wp.static(CHUNK) == 0:
         following += (parts - 1) * wp.static(CHUNK)

@@ -1,4 +1,4 @@
-"""What a contact adds to the forces on vertices: whole numbers of a unit, whose sums depend on no order."""
+"""Forces of contacts on vertices, as whole numbers of a unit: their sums do not depend on the order."""
 
 import functools
 
@@ -18,7 +18,7 @@ def exert_force(scalar: type, lanes: int):
     It adds f [N] to a point, and the opposite to a facet.
 
     The point lies between the vertices `ends`, with the share s of the second, and touches the facet where its
-    corners have the weights w. What they get is exactly what the point gets, in units of 1 / per_unit [N].
+    corners have the weights w. Their forces add up to exactly that of the point, in units of 1 / per_unit [N].
     """
     V = vector(3, scalar)
 
@@ -61,8 +61,8 @@ def exert_on_segments(scalar: type):
     """Compose (in_units, take_from, add_to), for points that touch segments or grains only.
 
     The whole numbers of a force f [N]; the opposite of such for the ends of a segment, by the share t of the
-    second; and such for a point. What a point gets from several contacts may be summed before: additions to memory
-    that others add to take longer than all else.
+    second; and such for a point. The forces of several contacts on a point may be summed first: additions to
+    shared memory take longer than all else.
     """
     V = vector(3, scalar)
     zero = wp.int64(0)

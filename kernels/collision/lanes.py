@@ -1,8 +1,12 @@
-"""Threads that share a point: each looks at some of the facets near it, and all of them learn what is found."""
+"""Threads that share a point: each looks at some of the facets near it, and all of them learn the result."""
 
 import functools
 
 import warp as wp
+
+from ..basis import kernel
+from .contact_data import BodyContactData, Substep
+from .cpu_partition import first_of_part, next_of_part
 
 ON_GPU = 4
 """Threads to a point on a GPU where there are triangles: most points have some six near them."""
@@ -11,7 +15,7 @@ FEW_ON_GPU = 2
 BLOCK = 64
 """Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
 BLOCKS = 10
-"""Blocks that a multiprocessor has at a time: what waits for memory is faster the more there are."""
+"""Blocks of a multiprocessor at a time: more of them hide the latency of memory better."""
 FAST = {"fast_math": True}
 """Options of kernels in which divisions and roots on a GPU may be wrong by two units in the last place."""
 LEAST = """
@@ -24,7 +28,7 @@ LEAST = """
 #endif
     return value;
 """
-"""They are neighbours in a warp. What one of them has read before, the others may overwrite afterwards."""
+"""They are neighbours in a warp. Values that one of them has read, the others may overwrite afterwards."""
 CHOSEN = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -41,9 +45,36 @@ def bounds_of_blocks(scalar: type) -> tuple[int, int]:
     return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
 
 
+def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool):
+    """Compose the kernel that evaluates points that are near anything; `lanes` of its threads share a point."""
+    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
+
+    def evaluate_points(
+        data: Data,
+        h: scalar,
+        behind: scalar,
+        per_unit: wp.float64,
+        buffer: wp.array(dtype=scalar),
+        threads: int,  # in each part
+        part: int,
+        parts: int,
+        flags: wp.array(dtype=float),
+        stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
+        heated: wp.array(dtype=wp.float64),  # [W]
+    ):
+        step = Step(h, behind, per_unit, buffer[0], parts)
+        k = first_of_part(wp.tid(), part) / wp.static(lanes)
+        lane = wp.tid() % wp.static(lanes)
+        while k < data.neighbors.active_count[0]:
+            evaluate_point(data, data.neighbors.active_points[k], lane, step, flags, stored, heated)
+            k = next_of_part(k, threads / wp.static(lanes), parts)
+
+    return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
+
+
 @functools.cache
 def least_of_lanes(kind: type, lanes: int):
-    """Compose the least of the values that the threads of a point have, of a type; all of them must ask for it."""
+    """Compose the least of the values that the threads of a point have, of a type; all of them must call it."""
     if lanes == 1:
 
         @wp.func
@@ -60,9 +91,9 @@ def least_of_lanes(kind: type, lanes: int):
 
 @functools.cache
 def chosen_of_lanes(kind: type, lanes: int):
-    """Compose (chosen, value) -> the value of the first thread of a point for which `substep_history` is true.
+    """Compose (chosen, value) -> the value of the first thread of a point for which `chosen` is true.
 
-    All of them must ask for it. Where it is true for none each keeps its own.
+    All of them must call it. Where it is true for none each keeps its own.
     """
     if lanes == 1:
 

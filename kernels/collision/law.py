@@ -1,53 +1,103 @@
-"""The law of a contact: a spring and a damper along the normal, and friction that sticks; see `evaluate`."""
+"""The law of a contact: a spring and a damper along the normal, and friction that sticks; see `body_contact`."""
 
 import functools
 
 import warp as wp
 
 from ..basis import vector
-from .friction import TANGENTIAL, friction
+from .contact_data import DEEPEST, BodyContactData, Substep, first_flag
+from .cpu_partition import raise_to
+from .pairs import Pair, pairs
+
+TANGENTIAL = 2.0 / 7.0
+"""Stiffness along the plane of contact by that along the normal (Cundall and Strack; of spheres by Mindlin)."""
 
 
 @functools.cache
-def contact_law(scalar: type):
-    """Compose the law of one contact, (...) -> (f_n, f_t, slip, u_n, slides).
+def friction(scalar: type):
+    """Compose the law of friction, (moved, u_t, k_t, b_t, most) -> (held, f_t, slides).
 
-    Returned are the force along the normal [N], that along the surface [N], how far the contact has been moved
-    along it now [m], how fast the point comes out along the normal [m/s], and whether it slides.
+    `moved` is how far the contact was moved along the surface [m], `u_t` how fast it moves [m/s], k_t and b_t are
+    its spring [N/m] and damper [N s/m], and `most` is Coulomb's limit μ f_n [N]. Returned are the displacement
+    that can be held, the force f_t = −k_t held − b_t u_t, shortened to the limit, and whether it was: Cundall and
+    Strack 1979.
     """
     V = vector(3, scalar)
-    zero, one = scalar(0.0), scalar(1.0)
+
+    @wp.func
+    def stick_or_slide(moved: V, u_t: V, k_t: scalar, b_t: scalar, most: scalar):
+        held = moved
+        stretched = k_t * wp.length(moved)
+        if stretched > most:
+            held = moved * (most / stretched)
+        f_t = -k_t * held - b_t * u_t
+        pull = wp.length(f_t)
+        slides = pull > most
+        if slides:
+            f_t = f_t * (most / pull)
+        return held, f_t, slides
+
+    return stick_or_slide
+
+
+@functools.cache
+def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
+    """Compose (press, record, per_unit_of): the law of one contact, and the record of one that bears.
+
+    `press` returns the stiffness [N/m], the force along the normal [N], that along the surface [N], how far the
+    contact has been moved along it now [m], how fast the point comes out along the normal [m/s], and whether it
+    slides. `record` notes the deepest overlap, and the work of depenetration. `per_unit_of` is how many units of
+    force 1 N has: in an ensemble each world has its own.
+    """
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
+    PointAndBody, zero, one = Pair(scalar), scalar(0.0), scalar(1.0)
     tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
+    stiffness_of, first_of = pairs(scalar, worlds)[3], first_flag(scalar, worlds)
 
     @wp.func
     def press(
-        k_n: scalar,  # stiffness of the contact [N/m]
-        damping: scalar,  # its damping ratio
-        coefficient: scalar,  # of friction
-        density: scalar,  # vertices of the point's body by its points
+        data: Data,
+        pair: PointAndBody,
         mobility: scalar,  # 1 / the reduced mass of both [1/kg]
         overlap: scalar,  # [m]
         normal: V,  # unit vector out of the facet
         u: V,  # velocity of the point relative to the facet [m/s]
-        moved: V,  # how far the contact had been moved along the surface before [m]
-        h: scalar,  # length of the substep that begins [s]; 0 where none does
-        behind: scalar,  # twice the time by which velocities lag behind positions [s]
+        before: V,  # how far the contact had been moved along the surface before [m]
+        step: Step,
     ):
+        k_n = stiffness_of(data, pair.rule, pair.mine, pair.other)
         u_n = wp.dot(u, normal)
         u_t = u - u_n * normal
         # As it has a share of the stiffness, a point has one of the mass.
-        root = wp.sqrt(density * k_n / mobility)
+        root = wp.sqrt(data.surfaces.density[pair.mine] * k_n / mobility)
         # A pair touches twice, as a point and as a facet of each: both have half of the damping.
-        b_n = scalar(2.0**0.5) * damping * root
+        b_n = scalar(2.0**0.5) * data.rules.damping[pair.rule] * root
         b_t = wp.sqrt(tangential) * b_n
         # Where velocities lag the mean of those before and after a substep counts.
-        late = one / (one + behind * b_n * mobility)
-        b_t = b_t / (one + behind * b_t * mobility)
+        late = one / (one + step.behind * b_n * mobility)
+        b_t = b_t / (one + step.behind * b_t * mobility)
         f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)
-        tangential_displacement = moved - wp.dot(moved, normal) * normal + h * u_t
-        tangential_displacement, f_t, slides = stick_or_slide(
-            tangential_displacement, u_t, tangential * k_n, b_t, coefficient * f_n
-        )
-        return f_n, f_t, tangential_displacement, u_n, slides
+        moved = before - wp.dot(before, normal) * normal + step.h * u_t
+        most = data.rules.friction[pair.rule] * f_n
+        held, f_t, slides = stick_or_slide(moved, u_t, tangential * k_n, b_t, most)
+        return k_n, f_n, f_t, held, u_n, slides
 
-    return press
+    @wp.func
+    def record(
+        data: Data, p: int, mine: int, k_n: scalar, overlap: scalar, step: Step, flags: wp.array(dtype=float)
+    ):
+        if wp.static(overlapping_at_start):
+            released = wp.min(data.history.initial_overlap[p], step.h * data.history.overlap_release_speed)
+            wp.atomic_add(data.history.done, p, wp.float64(k_n * overlap) * wp.float64(released))
+        at = first_of(data, mine) + wp.static(DEEPEST)
+        if float(overlap) > flags[at]:
+            raise_to(flags, at, float(overlap))
+
+    @wp.func
+    def per_unit_of(data: Data, mine: int, step: Step) -> wp.float64:
+        found = step.per_unit
+        if wp.static(worlds):
+            found = wp.float64(1.0) / data.surfaces.unit[mine / data.surfaces.bodies_each]
+        return found
+
+    return press, record, per_unit_of

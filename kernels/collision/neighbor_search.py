@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from .bounding_boxes import NEVER, margin_of_boxes
-from .contact_surfaces import HISTORY, LONGEST_ROW, Surfaces, first_flag
+from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, first_flag
 from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
 from .lanes import FAST, bounds_of_blocks, least_of_lanes
 from .pairs import pairs, places, unit_normal
@@ -19,7 +19,7 @@ def find_candidates(scalar: type, worlds: bool = False):
     Its threads share the points, and put those that are near each other behind each other. Most points of large
     bodies are done with here: a search with threads that have nothing to do takes as long as with all busy.
     """
-    Data, place_of = Surfaces(scalar, worlds), places(scalar)[0]
+    Data, place_of = BodyContactData(scalar, worlds), places(scalar)[0]
 
     @kernel
     def list_candidates(
@@ -31,19 +31,19 @@ def find_candidates(scalar: type, worlds: bool = False):
         parts: int,  # that threads of the CPU take
     ):
         e = first_of_part(wp.tid(), part)
-        while e < data.candidate_count.shape[0]:
-            p = data.in_order[e]
-            place = wp.vec3(place_of(data.x, data.ends[p], data.share[p]))
-            low = least[data.body[p]]
-            high = most[data.body[p]]
+        while e < data.neighbors.candidate_count.shape[0]:
+            p = data.neighbors.in_order[e]
+            place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
+            low = least[data.surfaces.body[p]]
+            high = most[data.surfaces.body[p]]
             within = wp.min(place, low) == low and wp.max(place, high) == high
             if (
                 within
-                or data.candidate_count[p] > 0
-                or data.contact_body[0, p] >= 0
-                or data.initial_overlap[p] > scalar(0.0)
+                or data.neighbors.candidate_count[p] > 0
+                or data.history.contact_body[0, p] >= 0
+                or data.history.initial_overlap[p] > scalar(0.0)
             ):
-                data.search_points[count_up(data.search_point_count)] = p
+                data.neighbors.search_points[count_up(data.neighbors.search_point_count)] = p
             e = next_of_part(e, threads, parts)
 
     return list_candidates
@@ -51,15 +51,15 @@ def find_candidates(scalar: type, worlds: bool = False):
 
 @functools.cache
 def find_rows(scalar: type, sided: bool, worlds: bool = False):
-    """Compose the kernel that lists the facets which each point may touch before lists are made anew.
+    """Compose the kernel that lists the facets which each point may touch before lists are made again.
 
     Its threads share the candidates. Of each body those facets stay that may come to be the nearest meanwhile, the
-    nearest first; none, where the point is so far outside that it cannot come in; of a sheet whose sides are told
-    apart all that are near, as a point may hold to another one than the nearest. With each stands how far off it
-    is, so that later most need not be looked at. What is left in and never touched changes nothing: neither the
-    skin nor the order in which facets are found does.
+    nearest first; none, where the point is so far outside that it cannot come in; of a sheet with two sides all
+    that are near, as a point may hold to another one than the nearest. Each has its distance beside it, so that
+    later most need not be looked at. Facets that are listed and never touched change nothing; neither does the
+    skin, nor the order in which facets are found.
     """
-    Data, margin, V = Surfaces(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
+    Data, margin, V = BodyContactData(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     (find_rule, thickness_of, reach_of, _), first_of = pairs(scalar, worlds), first_flag(scalar, worlds)
     zero, doubt = scalar(0.0), scalar(1.01)
@@ -76,109 +76,141 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
 
     @wp.func
     def is_outside(data: Data, p: int, x: V, begin: int, end: int, nearest: scalar) -> bool:
-        """Tell whether a point is outside of a closed body, whose facets these entries are: as in `evaluate`."""
+        """Tell whether a point is outside of the closed body of these entries: as in `nearest_facet`."""
         side = scalar(0.0)
         for e in range(begin, end):
-            if data.candidate_distance[p, e] <= doubt * nearest:
-                corner = data.corner[data.candidates[p, e]]
-                away = x - place_on(data.x, corner, nearest_to(data.x, corner, x))
-                seen = wp.dot(away, normal_of(data.x, corner))
+            if data.neighbors.candidate_distance[p, e] <= doubt * nearest:
+                corner = data.surfaces.corner[data.neighbors.candidates[p, e]]
+                away = x - place_on(data.surfaces.x, corner, nearest_to(data.surfaces.x, corner, x))
+                seen = wp.dot(away, normal_of(data.surfaces.x, corner))
                 if wp.abs(seen) > wp.abs(side):
                     side = seen
         return side > zero
+
+    @wp.func
+    def list_near(
+        data: Data,
+        p: int,
+        x: V,
+        facets: wp.uint64,  # tree of the boxes around facets
+        other: int,
+        begin: int,  # where the facets of the body are listed
+        limit: scalar,  # from how far on facets are not listed [m]
+        nearest_before: scalar,  # how far off the nearest is at most, as far as known [m]
+        around: scalar,  # how far is searched [m]
+        layers: bool,  # whether all count that are near, not only the nearest
+        slack: scalar,  # by how much further than the nearest another may be, and come to be the nearest [m]
+    ):
+        """List the facets of a body; return where the list ends, how many had no room, and the least distance."""
+        count = int(begin)
+        missed = int(0)
+        nearest = scalar(nearest_before)
+        own = data.surfaces.body[p] == other
+        ends = data.surfaces.ends[p]
+        close = margin(wp.vec3(x), wp.vec3(x), around)
+        root = data.neighbors.root[other]
+        near_facets = wp.bvh_query_aabb(facets, wp.vec3(x) - close, wp.vec3(x) + close, root)
+        facet = int(0)
+        while wp.bvh_query_next(near_facets, facet):
+            c = data.surfaces.corner[facet]
+            if own:
+                if is_near(data.surfaces.first_near, data.surfaces.near, ends[0], c):
+                    continue
+                if is_near(data.surfaces.first_near, data.surfaces.near, ends[1], c):
+                    continue
+            away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
+            if away < limit and (layers or away <= doubt * (nearest + slack)):
+                if count < data.neighbors.candidates.shape[1]:
+                    data.neighbors.candidates[p, count] = facet
+                    data.neighbors.candidate_distance[p, count] = away
+                    count += 1
+                else:
+                    missed += 1
+                nearest = wp.min(nearest, away)
+        return count, missed, nearest
+
+    @wp.func
+    def keep_near(data: Data, p: int, other: int, begin: int, end: int, nearest: scalar, limit: scalar) -> int:
+        """Keep the listed facets of a body up to a distance, the nearest first; return where the list ends."""
+        kept = int(begin)
+        for e in range(begin, end):
+            away = data.neighbors.candidate_distance[p, e]
+            if away <= limit:
+                facet = data.neighbors.candidates[p, e]
+                to = int(kept)
+                if away == nearest:  # it changes places with the first one
+                    data.neighbors.candidates[p, kept] = data.neighbors.candidates[p, begin]
+                    data.neighbors.candidate_distance[p, kept] = data.neighbors.candidate_distance[p, begin]
+                    to = begin
+                data.neighbors.candidates[p, to] = facet
+                data.neighbors.candidate_distance[p, to] = away
+                data.neighbors.candidate_body[p, kept] = other
+                kept += 1
+        return kept
 
     @wp.func
     def find_one(
         data: Data,
         p: int,
         x: V,
-        facets: wp.uint64,  # tree of the boxes around facets
+        facets: wp.uint64,
         lower: wp.array(dtype=wp.vec3),  # boxes around bodies, shape [body_count]
         upper: wp.array(dtype=wp.vec3),
         farthest: scalar,  # how far off a point may touch anything [m]
         buffer: scalar,  # [m]
         flags: wp.array(dtype=float),
     ):
-        ends = data.ends[p]
-        mine = data.body[p]
-        room = data.candidates.shape[1]
+        mine = data.surfaces.body[p]
         count = int(0)
         missed = int(0)  # for want of room
         most = int(0)
         known = int(-1)  # which facet was the nearest before
-        if data.candidate_count[p] > 0:
-            known = data.candidates[p, 0]
+        if data.neighbors.candidate_count[p] > 0:
+            known = data.neighbors.candidates[p, 0]
         wide = margin(wp.vec3(x), wp.vec3(x), farthest + buffer)
         low = wp.vec3(x) - wide
         high = wp.vec3(x) + wide
-        for b in range(data.body_pair_count[mine]):
-            other = data.body_pairs[mine, b]
+        slack = scalar(2.0) * buffer
+        for b in range(data.neighbors.body_pair_count[mine]):
+            other = data.neighbors.body_pairs[mine, b]
             if wp.min(high, lower[other]) == lower[other] and wp.max(low, upper[other]) == upper[other]:
                 rule = find_rule(data, mine, other)
                 limit = reach_of(data, rule, mine, other) + buffer
                 layers = bool(False)
                 if wp.static(sided):
-                    layers = data.sided[other] != 0 and mine != other
+                    layers = data.surfaces.sided[other] != 0 and mine != other
                     if layers:
-                        if data.contact_body[0, p] == other or data.contact_body[1, p] == other:
-                            limit = wp.max(limit, data.depth[other] + buffer)
-                        else:  # it is no nearer than its thickness: what it comes near of was no further
-                            limit = wp.max(limit, scalar(2.0) * buffer)
+                        if data.history.contact_body[0, p] == other or data.history.contact_body[1, p] == other:
+                            limit = wp.max(limit, data.surfaces.depth[other] + buffer)
+                        else:  # not in touch: no nearer than its thickness, nor were facets that it nears
+                            limit = wp.max(limit, slack)
                 begin = int(count)
                 nearest = scalar(limit)
                 around = scalar(limit)
                 if known >= 0 and not layers:
-                    if data.owner[known] == other:
-                        # What was nearest tells how far off the nearest is now, at most.
-                        c = data.corner[known]
-                        nearest = wp.min(limit, wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x))))
-                        around = wp.min(limit, doubt * (nearest + scalar(2.0) * buffer))
-                close = margin(wp.vec3(x), wp.vec3(x), around)
-                near_facets = wp.bvh_query_aabb(facets, wp.vec3(x) - close, wp.vec3(x) + close, data.root[other])
-                facet = int(0)
-                while wp.bvh_query_next(near_facets, facet):
-                    c = data.corner[facet]
-                    may = bool(True)
-                    if mine == other:
-                        may = not is_near(data.first_near, data.near, ends[0], c)
-                        may = may and not is_near(data.first_near, data.near, ends[1], c)
-                    if may:
-                        away = wp.length(x - place_on(data.x, c, nearest_to(data.x, c, x)))
-                        if away < limit and (layers or away <= doubt * (nearest + scalar(2.0) * buffer)):
-                            if count < room:
-                                data.candidates[p, count] = facet
-                                data.candidate_distance[p, count] = away
-                                count += 1
-                            else:
-                                missed += 1
-                            nearest = wp.min(nearest, away)
+                    if data.surfaces.owner[known] == other:
+                        # The nearest facet before bounds the distance of the nearest now.
+                        c = data.surfaces.corner[known]
+                        away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
+                        nearest = wp.min(limit, away)
+                        around = wp.min(limit, doubt * (nearest + slack))
+                count, no_room, nearest = list_near(
+                    data, p, x, facets, other, begin, limit, nearest, around, layers, slack
+                )
+                missed += no_room
                 most = wp.max(most, count + missed)
-                if data.closed[other] != 0 and mine != other and count > begin:
+                if data.surfaces.closed[other] != 0 and mine != other and count > begin:
                     if nearest > doubt * (thickness_of(data, rule, mine, other) + buffer):
                         if is_outside(data, p, x, begin, count, nearest):
                             count = begin
-                # Who is nearest now stays so, but for those that are no further by twice what skins allow.
+                # Another one may come to be the nearest only if it is further by no more than two skins.
                 if not layers:
-                    limit = doubt * (nearest + scalar(2.0) * buffer)
-                kept = int(begin)
-                for e in range(begin, count):
-                    away = data.candidate_distance[p, e]
-                    if away <= limit:
-                        facet = data.candidates[p, e]
-                        to = int(kept)
-                        if away == nearest:  # it changes places with the first one
-                            data.candidates[p, kept] = data.candidates[p, begin]
-                            data.candidate_distance[p, kept] = data.candidate_distance[p, begin]
-                            to = begin
-                        data.candidates[p, to] = facet
-                        data.candidate_distance[p, to] = away
-                        data.candidate_body[p, kept] = other
-                        kept += 1
-                count = kept
-        data.candidate_count[p] = count
+                    limit = doubt * (nearest + slack)
+                count = keep_near(data, p, other, begin, count, nearest, limit)
+        data.neighbors.candidate_count[p] = count
         if count + missed == 0:
             for k in range(wp.static(HISTORY)):
-                data.contact_body[k, p] = -1
+                data.history.contact_body[k, p] = -1
         at = first_of(data, mine) + wp.static(LONGEST_ROW)
         if most > int(flags[at]):
             raise_to(flags, at, float(most))
@@ -196,12 +228,12 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         flags: wp.array(dtype=float),
     ):
         e = first_of_part(wp.tid(), part)
-        while e < data.search_point_count[0]:
-            p = data.search_points[e]
-            x = place_of(data.x, data.ends[p], data.share[p])
+        while e < data.neighbors.search_point_count[0]:
+            p = data.neighbors.search_points[e]
+            x = place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p])
             find_one(data, p, x, facets, lower, upper, farthest, buffer[0], flags)
-            if data.candidate_count[p] > 0 or data.initial_overlap[p] > zero:
-                data.active_points[count_up(data.active_count)] = p
+            if data.neighbors.candidate_count[p] > 0 or data.history.initial_overlap[p] > zero:
+                data.neighbors.active_points[count_up(data.neighbors.active_count)] = p
             e = next_of_part(e, threads, parts)
 
     return kernel(find, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
@@ -211,9 +243,9 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
 def range_of_speeds(scalar: type, lanes: int):
     """Compose the kernel that finds between which velocities points are that are near anything.
 
-    Its threads share these points; so many of them (`lanes`) put together what they have found.
+    Its threads share these points; `lanes` of them combine their results.
     """
-    Data, least_of = Surfaces(scalar), least_of_lanes(wp.float32, lanes)
+    Data, least_of = BodyContactData(scalar), least_of_lanes(wp.float32, lanes)
     place_of = places(scalar)[0]
 
     @wp.func
@@ -225,16 +257,16 @@ def range_of_speeds(scalar: type, lanes: int):
         k = wp.tid()
         fast = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         slow = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
-        while k < data.active_count[0]:
-            p = data.active_points[k]
-            v = wp.vec3(place_of(data.v, data.ends[p], data.share[p]))
+        while k < data.neighbors.active_count[0]:
+            p = data.neighbors.active_points[k]
+            v = wp.vec3(place_of(data.surfaces.v, data.surfaces.ends[p], data.surfaces.share[p]))
             fast = wp.max(fast, v)
             slow = wp.max(slow, -v)
             k += threads
         fast = most_corner(fast)
         slow = most_corner(slow)
         if wp.tid() % wp.static(lanes) == 0 and fast[0] > wp.static(-NEVER):
-            wp.atomic_max(data.speeds, 0, fast)
-            wp.atomic_max(data.speeds, 1, slow)
+            wp.atomic_max(data.neighbors.speeds, 0, fast)
+            wp.atomic_max(data.neighbors.speeds, 1, slow)
 
     return find_range

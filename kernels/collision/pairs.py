@@ -1,4 +1,4 @@
-"""What holds between a point and a facet: where both are, by which rule they touch, from how far, how stiffly."""
+"""A point and a facet: where they are, by which rule they touch, from how far, and how stiffly."""
 
 import functools
 
@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import vector
 from ..records import records
-from .contact_surfaces import Surfaces
+from .contact_data import BodyContactData
 from .nearest_point import nearest_on_triangle
 
 NONE = 2**31 - 1
@@ -21,9 +21,9 @@ FAR = 1.0e30
 def places(scalar: type):
     """Compose (place_of, place_on, nearest_to).
 
-    The place of a point; that on a facet by the weights of its corners, which of velocities is a velocity; and the
-    weights of the place on a facet that is nearest to p. They take vertices and corners, not the whole of what
-    touches: on the CPU a function has a copy of what it is given.
+    The place of a point; that on a facet by the weights of its corners (of velocities: the velocity there); and
+    the weights of the place on a facet that is nearest to p. They take arrays and not all data: on the CPU a
+    function has a copy of its arguments.
     """
     V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
@@ -62,54 +62,84 @@ def pairs(scalar: type, worlds: bool = False):
 
     Each is for a point of body `mine` and a facet of body `other`.
     """
-    Data = Surfaces(scalar, worlds)
+    Data = BodyContactData(scalar, worlds)
 
     @wp.func
     def find_rule(data: Data, mine: int, other: int) -> int:
         """Return the rule by which they touch; −1 if they do not."""
-        rule = data.rule[data.kind[mine], data.kind[other]]
+        rule = data.rules.table[data.rules.kind[mine], data.rules.kind[other]]
         if mine == other and rule >= 0:
-            if data.among[rule] == 0:
+            if data.rules.self_contact[rule] == 0:
                 rule = -1
         return rule
 
     @wp.func
     def thickness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
         """Return at which distance they touch [m]."""
-        given = data.thickness[rule]
+        given = data.rules.thickness[rule]
         if given >= scalar(0.0):
             return given
-        return data.radius[mine] + data.radius[other]
+        return data.surfaces.radius[mine] + data.surfaces.radius[other]
 
     @wp.func
     def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return how far off a facet can push a point [m]: out of what is closed, from so deep."""
+        """Return how far off a facet can push a point [m]: out of a closed body, from this depth."""
         reach = thickness_of(data, rule, mine, other)
-        if data.closed[other] != 0 and mine != other:
-            reach = wp.max(reach, data.depth[other])
+        if data.surfaces.closed[other] != 0 and mine != other:
+            reach = wp.max(reach, data.surfaces.depth[other])
         return reach
 
     @wp.func
     def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
         """Return the stiffness of a contact of one point [N/m]: the harmonic mean of both, by its share."""
-        k = data.given[rule]
+        k = data.rules.stiffness[rule]
         if k < scalar(0.0):
-            a = data.stiffness[mine]
-            b = data.stiffness[other]
+            a = data.surfaces.stiffness[mine]
+            b = data.surfaces.stiffness[other]
             k = scalar(2.0) * a * b / (a + b)
-        return data.density[mine] * k
+        return data.surfaces.density[mine] * k
 
     return find_rule, thickness_of, reach_of, stiffness_of
 
 
 @functools.cache
-def points(scalar: type):
-    """Compose (mobility_of, slip_before).
+def Pair(scalar: type):
+    """Compose the struct of a point and a body that may touch."""
 
-    The mobility of a point between two vertices [1/kg], and how far the point had been moved along a body that it
-    was touching before [m]: 0 if it was not.
-    """
-    V, one = vector(3, scalar), scalar(1.0)
+    @wp.struct
+    class Pair:
+        mine: int  # the body of the point
+        other: int  # that of the facets
+        rule: int
+        held: int  # the side of a sheet that the point is held on, as in `contact_side`, or 0
+        reach: scalar  # from how far a facet can push the point [m]
+
+    return Pair
+
+
+@functools.cache
+def points(scalar: type, worlds: bool = False):
+    """Compose (Point, point_of, mobility_of): a point, and the mobility of one between two vertices [1/kg]."""
+    V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
+    place_of = places(scalar)[0]
+
+    @wp.struct
+    class Point:
+        number: int
+        body: int
+        ends: wp.vec2i  # the vertices that it lies between
+        share: scalar  # that of the second one
+        x: V  # [m]
+
+    @wp.func
+    def point_of(data: Data, p: int) -> Point:
+        point = Point()
+        point.number = p
+        point.body = data.surfaces.body[p]
+        point.ends = data.surfaces.ends[p]
+        point.share = data.surfaces.share[p]
+        point.x = place_of(data.surfaces.x, point.ends, point.share)
+        return point
 
     @wp.func
     def mobility_of(mobility: wp.array(dtype=scalar), ends: wp.vec2i, s: scalar) -> scalar:
@@ -118,18 +148,7 @@ def points(scalar: type):
             found = (one - s) * (one - s) * found + s * s * mobility[ends[1]]
         return found
 
-    @wp.func
-    def slip_before(
-        contact_body: wp.array2d(dtype=int), tangential_displacement: wp.array2d(dtype=V), p: int, other: int
-    ) -> V:
-        found = V()
-        if contact_body[0, p] == other:
-            found = tangential_displacement[0, p]
-        elif contact_body[1, p] == other:
-            found = tangential_displacement[1, p]
-        return found
-
-    return mobility_of, slip_before
+    return Point, point_of, mobility_of
 
 
 @wp.func

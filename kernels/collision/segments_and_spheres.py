@@ -1,17 +1,17 @@
-"""Contact where there are no triangles: between grains, and ropes. The law is that of `evaluate`."""
+"""Contact where there are no triangles: between grains, and ropes. The law is that of `body_contact`."""
 
 import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
-from .contact_surfaces import DEEPEST, Surfaces, first_flag
-from .cpu_partition import first_of_part, next_of_part, raise_to
+from ..basis import vector
+from .contact_data import HISTORY, BodyContactData, Substep
 from .force_sums import Units, exert_on_segments
-from .lanes import FAST, bounds_of_blocks, chosen_of_lanes, least_of_lanes
+from .history import displacements, memories
+from .lanes import chosen_of_lanes, each_active_point, least_of_lanes
 from .law import contact_law
-from .pairs import ALMOST, FAR, NONE, pairs, places, points
-from .tunnelling import note_overrun
+from .pairs import ALMOST, FAR, NONE, Pair, pairs, places, points
+from .tunnelling import note_tunnelling
 
 
 @functools.cache
@@ -21,10 +21,12 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
     Such bodies have no inside and no sides, and are many: so the threads that share a point (`lanes`) take bodies
     near it, each its own. `overlapping_at_start` is as for `evaluate_contact`.
     """
-    V, Data = vector(3, scalar), Surfaces(scalar, worlds)
-    (place_of, place_on, _), (mobility_of, slip_before) = places(scalar), points(scalar)
-    find_rule, thickness_of, _, stiffness_of = pairs(scalar, worlds)
-    note, first_of, press = note_overrun(scalar), first_flag(scalar, worlds), contact_law(scalar)
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
+    (place_of, place_on, _), (find_rule, thickness_of, _, _) = places(scalar), pairs(scalar, worlds)
+    (Point, point_of, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
+    Memory, no_memory, remember, keep, shrink_overlap = memories(scalar, False, worlds)
+    press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
+    note, moved_along = note_tunnelling(scalar), displacements(scalar)[0]
     in_units, take_from, add_to = exert_on_segments(scalar)
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
@@ -41,150 +43,110 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
         return share
 
     @wp.func
+    def find_nearest(data: Data, point: Point, first: int, other: int, buffer: scalar):
+        """Return the nearest facet of a body, the distance² [m²], and the share of its second end."""
+        p = point.number
+        best = far
+        near = far
+        facet = int(wp.static(NONE))
+        t = scalar(0.0)
+        for e in range(first, data.neighbors.candidate_count[p]):
+            if data.neighbors.candidate_body[p, e] != other:
+                break
+            if almost * data.neighbors.candidate_distance[p, e] <= near:
+                f = data.neighbors.candidates[p, e]
+                corner = data.surfaces.corner[f]
+                t_f = share_of(data.surfaces.x, corner, point.x)
+                squared = wp.length_sq(point.x - place_on(data.surfaces.x, corner, V(one - t_f, t_f, zero)))
+                if squared < best or (squared == best and f < facet):
+                    best = squared
+                    near = wp.sqrt(best) + buffer
+                    facet = f
+                    t = t_f
+        return facet, best, t
+
+    @wp.func
+    def least_of_all(own: Memory) -> Memory:
+        """Return the two bodies with the least numbers of those that all threads of a point remember."""
+        found = no_memory()
+        body = own.body_0
+        moved = own.moved_0
+        for k in range(wp.static(HISTORY)):
+            least = least_number(body)
+            mine = body == least
+            held = V(pick(mine, moved[0]), pick(mine, moved[1]), pick(mine, moved[2]))
+            if least < wp.static(NONE):
+                found = remember(found, least, held, 0)
+            if mine and k == 0:
+                body = own.body_1
+                moved = own.moved_1
+        return found
+
+    @wp.func
     def evaluate_point(
         data: Data,
         p: int,
         lane: int,  # which of the threads that share the point this is
-        h: scalar,
-        behind: scalar,
-        per_unit: wp.float64,
-        buffer: wp.array(dtype=scalar),
-        parts: int,
+        step: Step,
         flags: wp.array(dtype=float),
+        stored: wp.array(dtype=wp.float64),  # nothing is measured here
+        heated: wp.array(dtype=wp.float64),
     ):
-        n = data.candidate_count[p]
-        ends = data.ends[p]
-        s = data.share[p]
-        x = place_of(data.x, ends, s)
-        mine = data.body[p]
-        # Of the bodies that this thread finds in touch, the two with the least numbers.
-        partner_0 = int(wp.static(NONE))
-        partner_1 = int(wp.static(NONE))
-        slip_0 = V()
-        slip_1 = V()
+        point = point_of(data, p)
+        pair = PointAndBody()
+        pair.mine = point.body
+        memory = no_memory()  # of the bodies that this thread finds in touch
         total = Units()  # of the forces on the point
-        for first in range(lane, n, wp.static(lanes)):
-            other = data.candidate_body[p, first]
+        for first in range(lane, data.neighbors.candidate_count[p], wp.static(lanes)):
+            pair.other = data.neighbors.candidate_body[p, first]
             begins = bool(True)  # here those of a body begin, which are side by side
             if first > 0:
-                begins = data.candidate_body[p, first - 1] != other
+                begins = data.neighbors.candidate_body[p, first - 1] != pair.other
             if begins:
-                best = far
-                near = far
-                facet = int(wp.static(NONE))
-                t = scalar(0.0)
-                for e in range(first, n):
-                    if data.candidate_body[p, e] != other:
-                        break
-                    if almost * data.candidate_distance[p, e] <= near:
-                        f = data.candidates[p, e]
-                        corner = data.corner[f]
-                        t_f = share_of(data.x, corner, x)
-                        squared = wp.length_sq(x - place_on(data.x, corner, V(one - t_f, t_f, zero)))
-                        if squared < best or (squared == best and f < facet):
-                            best = squared
-                            near = wp.sqrt(best) + buffer[0]
-                            facet = f
-                            t = t_f
-                corner = data.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
+                facet, best, t = find_nearest(data, point, first, pair.other, step.buffer)
+                corner = data.surfaces.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
                 w = V(one - t, t, zero)
-                rule = find_rule(data, mine, other)
-                away = x - place_on(data.x, corner, w)
-                u = place_of(data.v, ends, s) - place_on(data.v, corner, w)
+                pair.rule = find_rule(data, pair.mine, pair.other)
+                away = point.x - place_on(data.surfaces.x, corner, w)
+                u = place_of(data.surfaces.v, point.ends, point.share) - place_on(data.surfaces.v, corner, w)
                 gap = wp.sqrt(best)
                 normal = V()
                 if gap > zero:
                     normal = away / gap
-                overlap = thickness_of(data, rule, mine, other) - gap
+                overlap = thickness_of(data, pair.rule, pair.mine, pair.other) - gap
                 if wp.static(overlapping_at_start):
-                    overlap = overlap - data.initial_overlap[p]
+                    overlap = overlap - data.history.initial_overlap[p]
                 mobility = zero
-                if overlap > zero:  # most that is listed does not touch: reading from memory is what takes time
-                    mobility = mobility_of(data.mobility, ends, s)
-                    mobility += w[0] * w[0] * data.mobility[corner[0]] + t * t * data.mobility[corner[1]]
+                if overlap > zero:  # most listed facets are not in touch: reads from memory take the time
+                    mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
+                    of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
+                    mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]
                 u_n = wp.dot(u, normal)
                 least = zero
                 if mobility > zero:
-                    k_n = stiffness_of(data, rule, mine, other)
-                    # A point that was touching this body before may stick to it.
-                    tangential_displacement = slip_before(
-                        data.contact_body, data.tangential_displacement, p, other
+                    bodies = data.history.contact_body
+                    before = moved_along(bodies, data.history.tangential_displacement, p, pair.other)
+                    k_n, f_n, f_t, moved, u_n, _slides = press(
+                        data, pair, mobility, overlap, normal, u, before, step
                     )
-                    zeta = data.damping[rule]
-                    mu = data.friction[rule]
-                    f_n, f_t, tangential_displacement, u_n, _slides = press(
-                        k_n,
-                        zeta,
-                        mu,
-                        data.density[mine],
-                        mobility,
-                        overlap,
-                        normal,
-                        u,
-                        tangential_displacement,
-                        h,
-                        behind,
-                    )
-                    by = per_unit
-                    if wp.static(worlds):
-                        by = wp.float64(1.0) / data.unit[mine / data.bodies_each]
-                    units = in_units(f_n * normal + f_t, by)
-                    take_from(data.force, corner[0], corner[1], t, units, parts)
+                    units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
+                    take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)
                     total += units
                     if wp.static(overlapping_at_start):
-                        led = wp.min(data.initial_overlap[p], h * data.overlap_release_speed)
-                        wp.atomic_add(data.done, p, wp.float64(k_n * overlap) * wp.float64(led))
-                        least = least - data.initial_overlap[p]
-                    at = first_of(data, mine) + wp.static(DEEPEST)
-                    if float(overlap) > flags[at]:
-                        raise_to(flags, at, float(overlap))
+                        least = least - data.history.initial_overlap[p]
+                    record(data, p, pair.mine, k_n, overlap, step, flags)
                     # The vertex of a point bears as much for each of its other points.
-                    u_n += h * f_n * mobility / data.density[mine]
-                    if other < partner_0:
-                        partner_1 = partner_0
-                        slip_1 = slip_0
-                        partner_0 = other
-                        slip_0 = tangential_displacement
-                    elif other < partner_1:
-                        partner_1 = other
-                        slip_1 = tangential_displacement
-                if h > zero:
-                    # Also what comes so fast that a substep takes it through has never been in touch.
-                    note(data.overrun, p, facet, x, gap + h * u_n, least, -u_n)
-        add_to(data.force, ends, s, total, parts)
-        for k in range(2):  # of those that all threads have found
-            contact_body = least_number(partner_0)
-            own = partner_0 == contact_body
-            tangential_displacement = V(pick(own, slip_0[0]), pick(own, slip_0[1]), pick(own, slip_0[2]))
-            if own:
-                partner_0 = partner_1
-                slip_0 = slip_1
-                partner_1 = int(wp.static(NONE))
-            if h > zero and lane == 0:
-                data.tangential_displacement[k, p] = tangential_displacement
-                data.contact_body[k, p] = contact_body
-                if contact_body == wp.static(NONE):
-                    data.tangential_displacement[k, p] = V()
-                    data.contact_body[k, p] = -1
-        if wp.static(overlapping_at_start):
-            if lane == 0:
-                data.initial_overlap[p] = wp.max(zero, data.initial_overlap[p] - h * data.overlap_release_speed)
+                    u_n += step.h * f_n * mobility / data.surfaces.density[pair.mine]
+                    memory = remember(memory, pair.other, moved, 0)
+                if step.h > zero:
+                    # A point so fast that it passes within a substep has never been in touch.
+                    note(data.tunnelling, p, facet, point.x, gap + step.h * u_n, least, -u_n)
+        add_to(data.surfaces.force, point.ends, point.share, total, step.parts)
+        memory = least_of_all(memory)
+        if lane == 0:
+            if step.h > zero:
+                keep(data, p, memory)
+            if wp.static(overlapping_at_start):
+                shrink_overlap(data, p, step.h)
 
-    def touch_points(
-        data: Data,
-        h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
-        behind: scalar,  # twice the time by which velocities lag behind positions [s]
-        per_unit: wp.float64,  # of forces [1/N]; of worlds each has its own
-        buffer: wp.array(dtype=scalar),  # by how much distances may have become less since rows were found [m]
-        threads: int,  # in each part
-        part: int,
-        parts: int,  # that threads of the CPU take
-        flags: wp.array(dtype=float),
-    ):
-        k = first_of_part(wp.tid(), part) / wp.static(lanes)
-        lane = wp.tid() % wp.static(lanes)
-        while k < data.active_count[0]:
-            evaluate_point(data, data.active_points[k], lane, h, behind, per_unit, buffer, parts, flags)
-            k = next_of_part(k, threads / wp.static(lanes), parts)
-
-    return kernel(touch_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
+    return each_active_point(evaluate_point, scalar, lanes, worlds)

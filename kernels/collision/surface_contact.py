@@ -1,4 +1,4 @@
-"""Facets that straddle an obstacle: what comes in between particles, which contact with obstacles does not see.
+"""Facets on obstacles: edges and solids that come in between particles, which contact with obstacles does not see.
 
 An obstacle keeps particles out. Between them an edge or a corner of it may come in, or all of a solid smaller
 than they are apart. So each facet is looked at in many places, a grid that includes its corners. Each place that
@@ -25,22 +25,22 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..colliders import signed_distance
-from .contact_surfaces import HISTORY
-from .friction import TANGENTIAL, friction
+from .contact_data import HISTORY
+from .law import TANGENTIAL, friction
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 
 CAP = 2.0
-"""How deep what came in by another side counts at most, by how far off the nearest side is."""
+"""The most depth that counts below the side that a place came in by, by the distance of the nearest side."""
 
 
 @functools.cache
 def evaluate_surface(
     scalar: type, kinds: tuple[str, ...], moving: bool, overlapping_at_start: bool, measuring: bool
 ):
-    """Compose the kernel of the forces of obstacles on facets, or of what these store [J] and turn to heat [W].
+    """Compose the kernel of the forces of obstacles on facets, or of the energy stored [J] and turned to heat [W].
 
-    Its threads share the facets. Where any facet starts on an obstacle (`overlapping_at_start`), it counts by what
-    it exceeds a depth that is allowed, which shrinks to nothing. Forces are summed as whole numbers, as between
+    Its threads share the facets. Where any facet starts on an obstacle (`overlapping_at_start`), it counts by its
+    excess over an allowed depth, which shrinks to nothing. Forces are summed as whole numbers, as between
     bodies.
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
@@ -49,7 +49,7 @@ def evaluate_surface(
 
     @wp.func
     def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
-        """Return a place as obstacle p was given, which is on its way by a share of the substep behind a row."""
+        """Return a place in the frame of obstacle p, at a share of the substep after a row of poses."""
         if wp.static(moving):
             begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
             if share > zero:
@@ -60,7 +60,7 @@ def evaluate_surface(
 
     @wp.func
     def turned(data: Data, p: int, row: int, share: scalar, normal: V) -> V:
-        """Return a direction that obstacle p was given with, as it is now."""
+        """Return a direction in the frame of obstacle p as it is now in the world."""
         if wp.static(moving):
             begun = data.turn[row, p] * normal
             if share > zero:
@@ -76,177 +76,216 @@ def evaluate_surface(
                 whole = wp.int64(wp.float64(part[k]) / unit)
                 wp.atomic_add(data.force, data.particle[s], k, whole)
 
+    @wp.struct
+    class Facet:
+        number: int
+        corner: wp.vec3i
+        a: V  # positions of its corners [m]
+        b: V
+        c: V
+        row: int  # of the obstacles' poses, where the substep begins
+        share: scalar  # how much of the substep has gone by
+        begins: scalar  # the depth from which on places are pushed out [m]
+
+    @wp.struct
+    class Inside:
+        # The obstacle, how far the facet was moved along it, and the side that it came in by if it is deep:
+        solid: int
+        moved: V
+        side: V
+        level: scalar
+        # What pushes each corner, by the stiffness [m], and the sums over places:
+        f_a: V
+        f_b: V
+        f_c: V
+        w: V  # weights of the corners by the depth
+        deep: scalar  # [m]
+        squares: scalar  # of depths [m²]
+        count: scalar
+        most_deep: scalar  # [m]
+
     @wp.func
-    def evaluate_point(
+    def recall(data: Data, t: int, p: int) -> Inside:
+        """Return the history of a facet on an obstacle."""
+        inside = Inside()
+        inside.solid = p
+        for e in range(wp.static(HISTORY)):
+            if data.contact_body[e, t] == p:
+                inside.moved = data.tangential_displacement[e, t]
+                inside.side = data.way[e, t]
+                inside.level = data.level[e, t]
+        return inside
+
+    @wp.func
+    def add_places(data: Data, facet: Facet, before: Inside) -> Inside:
+        """Return the sums over the places on a facet that are inside an obstacle."""
+        inside = before
+        p = before.solid
+        kept = wp.dot(before.side, before.side) > zero
+        for s in range(wp.static(QUADRATURE_POINTS)):
+            part = data.place[s]
+            y = part[0] * facet.a + part[1] * facet.b + part[2] * facet.c
+            y = place_of(data, p, facet.row, facet.share, y)
+            found = distance_from(data.solids, p, y)
+            depth = -found[3] - facet.begins
+            if depth > zero:
+                way = V(found[0], found[1], found[2])
+                if kept:
+                    behind_side = inside.level - wp.dot(inside.side, y) - facet.begins
+                    depth = scalar(wp.static(CAP)) * depth
+                    way = scalar(wp.static(CAP)) * way
+                    if behind_side < depth:
+                        depth = wp.max(behind_side, zero)
+                        way = inside.side
+                if depth > inside.most_deep:
+                    inside.most_deep = depth
+                    if not kept:
+                        inside.side = way
+                        inside.level = wp.dot(way, y) - found[3]
+                way = turned(data, p, facet.row, facet.share, way)
+                inside.f_a += (part[0] * depth) * way
+                inside.f_b += (part[1] * depth) * way
+                inside.f_c += (part[2] * depth) * way
+                inside.w += depth * part
+                inside.deep += depth
+                inside.squares += depth * depth
+                inside.count += one
+        return inside
+
+    @wp.func
+    def surface_velocity(data: Data, facet: Facet, p: int, w: V) -> V:
+        """Return the velocity of an obstacle's surface at a place on a facet [m/s]."""
+        y = place_of(data, p, facet.row, facet.share, w[0] * facet.a + w[1] * facet.b + w[2] * facet.c)
+        following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # where a frame ends there is none
+        return scalar(0.5) * (
+            data.turning[facet.row, p] * y
+            + data.speed[facet.row, p]
+            + data.turning[following, p] * y
+            + data.speed[following, p]
+        )
+
+    @wp.func
+    def bear(data: Data, facet: Facet, before: Inside, h: scalar, behind: scalar, unit: wp.float64):
+        """Return the history of a contact, whether it bears, and its energy [J], heat [W] and power [W]."""
+        energy = wp.float64(0.0)
+        power = wp.float64(0.0)
+        done = wp.float64(0.0)
+        inside = before
+        p = inside.solid
+        t = facet.number
+        corner = facet.corner
+        k = data.stiffness[t]
+        k_t = tangential * scalar(wp.static(float(QUADRATURE_POINTS))) * k
+        pushed = inside.f_a + inside.f_b + inside.f_c
+        size = wp.length(pushed)
+        w = inside.w
+        mobility = zero
+        if inside.deep > zero:
+            w = w / inside.deep
+            for j in range(3):
+                mobility += w[j] * w[j] * data.mobility[corner[j]]
+        bears = size > zero and mobility > zero
+        if bears:
+            normal = pushed / size
+            u = w[0] * data.v[corner[0]] + w[1] * data.v[corner[1]] + w[2] * data.v[corner[2]]
+            surface = V()
+            if wp.static(moving):
+                surface = surface_velocity(data, facet, p, w)
+                u = u - surface
+            u_n = wp.dot(u, normal)
+            u_t = u - u_n * normal
+            # What is in has its share of the stiffness around a vertex, and so of the mass.
+            b_n = scalar(2.0) * data.damping[p] * inside.count * k / wp.sqrt(data.whole[t] * mobility)
+            b_t = wp.sqrt(tangential) * b_n
+            late = one / (one + behind * b_n * mobility)
+            b_t = b_t / (one + behind * b_t * mobility)
+            f_n = wp.max(zero, k * size - late * b_n * u_n)
+            moved = inside.moved - wp.dot(inside.moved, normal) * normal + h * u_t
+            moved, f_t, slides = stick_or_slide(moved, u_t, k_t, b_t, data.friction[p] * f_n)
+            if wp.static(measuring):
+                energy = wp.float64(scalar(0.5) * (k * inside.squares + k_t * wp.dot(moved, moved)))
+                heat = (k * size - f_n) * u_n - wp.dot(f_t, u_t)
+                if not slides:
+                    heat -= k_t * wp.dot(moved, u_t)
+                power = wp.float64(heat)
+            else:
+                by = f_n / size
+                add_to(data, corner[0], by * inside.f_a + w[0] * f_t, unit)
+                add_to(data, corner[1], by * inside.f_b + w[1] * f_t, unit)
+                add_to(data, corner[2], by * inside.f_c + w[2] * f_t, unit)
+                if wp.static(moving):
+                    done += wp.float64(wp.dot(f_n * normal + f_t, surface))
+                if wp.static(overlapping_at_start):
+                    if data.initial_overlap[t] > zero:
+                        done += wp.float64(k * inside.deep * data.overlap_release_speed)
+            inside.moved = moved
+            if inside.most_deep < data.thin[p]:
+                inside.side = V()
+        return inside, bears, energy, power, done
+
+    @wp.func
+    def keep(data: Data, t: int, e: int, inside: Inside):
+        data.contact_body[e, t] = inside.solid
+        data.tangential_displacement[e, t] = inside.moved
+        data.way[e, t] = inside.side
+        data.level[e, t] = inside.level
+
+    @wp.func
+    def evaluate_facet(
         data: Data,
         t: int,
         corner: wp.vec3i,
-        a: V,  # where its corners are [m]
+        a: V,
         b: V,
         c: V,
-        row: int,  # of the obstacles' poses, where the substep begins
-        share: scalar,  # how much of the substep has gone by
+        row: int,
+        share: scalar,
         h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
         unit: wp.float64,  # of forces [N]
         stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], where measured
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
-        middle = third * (a + b + c)
-        k = data.stiffness[t]
-        k_t = tangential * scalar(wp.static(float(QUADRATURE_POINTS))) * k
-        begins = data.slack[t]
+        facet = Facet(t, corner, a, b, c, row, share, data.slack[t])
         if wp.static(overlapping_at_start):
-            begins += data.initial_overlap[t]
+            facet.begins += data.initial_overlap[t]
+        middle = third * (a + b + c)
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
         done = wp.float64(0.0)
-        new_partner_0 = int(-1)
-        new_partner_1 = int(-1)
-        new_slip_0 = V()
-        new_slip_1 = V()
-        new_side_0 = V()
-        new_side_1 = V()
-        new_level_0 = zero
-        new_level_1 = zero
+        first = Inside()
+        second = Inside()
+        first.solid = -1
+        second.solid = -1
         for o in range(data.solid.shape[0]):
             p = data.solid[o]
             found = distance_from(data.solids, p, place_of(data, p, row, share, middle))
             normal = turned(data, p, row, share, V(found[0], found[1], found[2]))
             ahead = wp.min(wp.dot(normal, a - middle), wp.dot(normal, b - middle))
-            if found[3] + wp.min(ahead, wp.dot(normal, c - middle)) < -begins:
-                # By corners what pushes them; all of it, where, and how much is in.
-                f_a = V()
-                f_b = V()
-                f_c = V()
-                w = V()
-                deep = zero
-                squares = zero
-                count = zero
-                # What it was in before, and by which side if it is deep.
-                tangential_displacement = V()
-                side = V()
-                level = zero
-                for e in range(wp.static(HISTORY)):
-                    if data.contact_body[e, t] == p:
-                        tangential_displacement = data.tangential_displacement[e, t]
-                        side = data.way[e, t]
-                        level = data.level[e, t]
-                kept = wp.dot(side, side) > zero
-                most_deep = zero
-                for s in range(wp.static(QUADRATURE_POINTS)):
-                    part = data.place[s]
-                    y = place_of(data, p, row, share, part[0] * a + part[1] * b + part[2] * c)
-                    found = distance_from(data.solids, p, y)
-                    depth = -found[3] - begins
-                    if depth > zero:
-                        way = V(found[0], found[1], found[2])
-                        if kept:
-                            behind_side = level - wp.dot(side, y) - begins
-                            depth = scalar(wp.static(CAP)) * depth
-                            way = scalar(wp.static(CAP)) * way
-                            if behind_side < depth:
-                                depth = wp.max(behind_side, zero)
-                                way = side
-                        if depth > most_deep:
-                            most_deep = depth
-                            if not kept:
-                                side = way
-                                level = wp.dot(way, y) - found[3]
-                        way = turned(data, p, row, share, way)
-                        f_a += (part[0] * depth) * way
-                        f_b += (part[1] * depth) * way
-                        f_c += (part[2] * depth) * way
-                        w += depth * part
-                        deep += depth
-                        squares += depth * depth
-                        count += one
-                pushed = f_a + f_b + f_c
-                size = wp.length(pushed)
-                mobility = zero
-                if deep > zero:
-                    w = w / deep
-                    for j in range(3):
-                        mobility += w[j] * w[j] * data.mobility[corner[j]]
-                if size > zero and mobility > zero:
-                    normal = pushed / size
-                    u = w[0] * data.v[corner[0]] + w[1] * data.v[corner[1]] + w[2] * data.v[corner[2]]
-                    surface = V()
-                    if wp.static(moving):
-                        y = place_of(data, p, row, share, w[0] * a + w[1] * b + w[2] * c)
-                        following = wp.min(row + 1, data.speed.shape[0] - 1)  # where a frame ends there is none
-                        surface = scalar(0.5) * (
-                            data.turning[row, p] * y
-                            + data.speed[row, p]
-                            + data.turning[following, p] * y
-                            + data.speed[following, p]
-                        )
-                        u = u - surface
-                    u_n = wp.dot(u, normal)
-                    u_t = u - u_n * normal
-                    # What is in has its share of the stiffness around a vertex, and so of the mass.
-                    b_n = scalar(2.0) * data.damping[p] * count * k / wp.sqrt(data.whole[t] * mobility)
-                    b_t = wp.sqrt(tangential) * b_n
-                    late = one / (one + behind * b_n * mobility)
-                    b_t = b_t / (one + behind * b_t * mobility)
-                    f_n = wp.max(zero, k * size - late * b_n * u_n)
-                    tangential_displacement = (
-                        tangential_displacement - wp.dot(tangential_displacement, normal) * normal + h * u_t
-                    )
-                    tangential_displacement, f_t, slides = stick_or_slide(
-                        tangential_displacement, u_t, k_t, b_t, data.friction[p] * f_n
-                    )
-                    if wp.static(measuring):
-                        energy += wp.float64(
-                            scalar(0.5)
-                            * (k * squares + k_t * wp.dot(tangential_displacement, tangential_displacement))
-                        )
-                        heat = (k * size - f_n) * u_n - wp.dot(f_t, u_t)
-                        if not slides:
-                            heat -= k_t * wp.dot(tangential_displacement, u_t)
-                        power += wp.float64(heat)
-                    else:
-                        by = f_n / size
-                        add_to(data, corner[0], by * f_a + w[0] * f_t, unit)
-                        add_to(data, corner[1], by * f_b + w[1] * f_t, unit)
-                        add_to(data, corner[2], by * f_c + w[2] * f_t, unit)
-                        if wp.static(moving):
-                            done += wp.float64(wp.dot(f_n * normal + f_t, surface))
-                        if wp.static(overlapping_at_start):
-                            if data.initial_overlap[t] > zero:
-                                done += wp.float64(k * deep * data.overlap_release_speed)
-                    if most_deep < data.thin[p]:
-                        side = V()
-                    if new_partner_0 < 0:
-                        new_partner_0 = p
-                        new_slip_0 = tangential_displacement
-                        new_side_0 = side
-                        new_level_0 = level
-                    elif new_partner_1 < 0:
-                        new_partner_1 = p
-                        new_slip_1 = tangential_displacement
-                        new_side_1 = side
-                        new_level_1 = level
+            if found[3] + wp.min(ahead, wp.dot(normal, c - middle)) < -facet.begins:
+                inside = add_places(data, facet, recall(data, t, p))
+                inside, bears, more, heat, work = bear(data, facet, inside, h, behind, unit)
+                energy += more
+                power += heat
+                done += work
+                if bears and first.solid < 0:
+                    first = inside
+                elif bears and second.solid < 0:
+                    second = inside
         if wp.static(measuring):
             stored[t] = energy
             heated[t] = power
         else:
             if h > zero:
-                data.contact_body[0, t] = new_partner_0
-                data.contact_body[1, t] = new_partner_1
-                data.tangential_displacement[0, t] = new_slip_0
-                data.tangential_displacement[1, t] = new_slip_1
-                data.way[0, t] = new_side_0
-                data.way[1, t] = new_side_1
-                data.level[0, t] = new_level_0
-                data.level[1, t] = new_level_1
+                keep(data, t, 0, first)
+                keep(data, t, 1, second)
             if wp.static(overlapping_at_start):
                 data.initial_overlap[t] = wp.max(zero, data.initial_overlap[t] - h * data.overlap_release_speed)
             if wp.static(moving or overlapping_at_start):
                 data.power[t] = done
 
     @kernel
-    def straddle_facets(
+    def evaluate_facets(
         data: Data,
         row: int,
         share: scalar,
@@ -257,8 +296,8 @@ def evaluate_surface(
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
-        # Most facets are far from all: what is told here is told without handing on `data`, of which, on the CPU,
-        # each function has a copy.
+        # Most facets are far from all obstacles. They are found here, without a function: on the CPU each has a
+        # copy of `data`.
         t = wp.tid()
         while t < data.corner.shape[0]:
             corner = data.corner[t]
@@ -285,10 +324,10 @@ def evaluate_surface(
                     if y[0] < high[0] + far and y[1] < high[1] + far and y[2] < high[2] + far:
                         near = True
             if near:
-                evaluate_point(data, t, corner, a, b, c, row, share, h, behind, unit, stored, heated)
+                evaluate_facet(data, t, corner, a, b, c, row, share, h, behind, unit, stored, heated)
             else:
                 if wp.static((moving or overlapping_at_start) and not measuring):
                     data.power[t] = wp.float64(0.0)
             t += threads
 
-    return straddle_facets
+    return evaluate_facets

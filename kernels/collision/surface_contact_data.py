@@ -1,4 +1,4 @@
-"""What straddles, on a device: facets and obstacles, the forces on particles, and what these add up to."""
+"""Facets on obstacles, on a device: the facets, the obstacles, and the forces on particles with their sums."""
 
 import functools
 from typing import Any
@@ -11,7 +11,7 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 
 SIDES = 12
-"""Into so many parts the sides of a facet are divided."""
+"""Parts of each side of a facet."""
 QUADRATURE_POINTS = (SIDES + 1) * (SIDES + 2) // 2
 """Places on a facet that are looked at."""
 
@@ -24,7 +24,7 @@ def quadrature_weights() -> list[tuple[float, float, float]]:
 
 @functools.cache
 def SurfaceContactData(scalar: type, moving: bool):
-    """Compose the struct of facets, and of the obstacles that they may straddle."""
+    """Compose the struct of facets, and of the obstacles that they may lie on."""
     V, Solids, Turn = vector(3, scalar), solids(3, scalar), wp.types.matrix((3, 3), scalar)
 
     @wp.struct
@@ -37,20 +37,20 @@ def SurfaceContactData(scalar: type, moving: bool):
         particle: wp.array(dtype=int)  # shape [any]
         weight: wp.array(dtype=scalar)  # the share of each, shape [any]
         mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg], shape [vertex_count]
-        # Facets, of shape [facet_count] where nothing else is said:
+        # Facets, of shape [facet_count] unless noted:
         corner: wp.array(dtype=wp.vec3i)  # the vertices of each
         stiffness: wp.array(dtype=scalar)  # of each place on it [N/m]
         whole: wp.array(dtype=scalar)  # of all around a vertex [N/m]
         slack: wp.array(dtype=scalar)  # how deep is none yet, for roundings [m]
         tangential_displacement: wp.array2d(
             dtype=V
-        )  # how far it was moved along what it sticks to [m], shape [HISTORY, any]
+        )  # how far it was moved along what it touches [m], shape [HISTORY, facet_count]
         contact_body: wp.array2d(dtype=int)  # which obstacle that is, −1: none
-        way: wp.array2d(dtype=V)  # of what is deep in it the normal of the side it came in by, else 0
+        way: wp.array2d(dtype=V)  # if it is deep in it, the normal of the side that it came in by, else 0
         level: wp.array2d(dtype=scalar)  # and where that side is along it, in the obstacle as given [m]
         initial_overlap: wp.array(dtype=scalar)  # how deep it may still lie, since it did at the start [m]
         overlap_release_speed: scalar  # how fast that shrinks [m/s]
-        power: wp.array(dtype=wp.float64)  # what is done on it from outside now [W]
+        power: wp.array(dtype=wp.float64)  # power of the obstacles on it [W]
         force: wp.array2d(dtype=wp.int64)  # on particles, in units, shape [particle_count, 3]
         # Obstacles:
         solid: wp.array(dtype=int)  # which of them are no planes, shape [solid_count]
@@ -60,7 +60,7 @@ def SurfaceContactData(scalar: type, moving: bool):
         friction: wp.array(dtype=scalar)  # of each
         damping: wp.array(dtype=scalar)  # damping ratio, from its restitution
         thin: wp.array(dtype=scalar)  # how deep in it the nearest side may be another one [m]
-        if moving:  # where each is at the ends of substeps, see `contact.moving_contact`
+        if moving:  # where each is at the ends of substeps, see `collider_contact`
             turn: wp.array2d(dtype=Turn)
             shift: wp.array2d(dtype=V)
             turning: wp.array2d(dtype=Turn)
@@ -71,7 +71,7 @@ def SurfaceContactData(scalar: type, moving: bool):
 
 @functools.cache
 def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return what facets that straddle obstacles add to kernels: the forces on particles."""
+    """Return the term of facets on obstacles: the forces on particles."""
     V = vector(dim, scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
 
@@ -97,7 +97,7 @@ def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm
 
 @functools.cache
 def add_pushes(scalar: type):
-    """Compose the kernel, over particles, that adds what obstacles push facets with to their impulses.
+    """Compose the kernel, over particles, that adds the forces of obstacles on facets to impulses.
 
     That is summed by mass, in float64.
     """
@@ -129,6 +129,6 @@ def add_energies(
     # In and out:
     done: wp.array(dtype=wp.float64),  # [J], shape [any]
 ):
-    """Add what powers do in some time."""
+    """Add the energies of powers over some time."""
     i = wp.tid()
     done[i] = done[i] + seconds * power[i]

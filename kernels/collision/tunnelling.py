@@ -1,4 +1,4 @@
-"""Contacts that are overrun: what comes so fast, or is pressed so hard, that it may come out on the other side."""
+"""Tunnelling: points that come so fast, or are pressed so hard, that they may come out on the other side."""
 
 import functools
 
@@ -8,13 +8,13 @@ from ..basis import vector
 from .cpu_partition import claim
 
 COUNT, POINT, FACET, GAP, SPEED, PLACE = range(6)
-"""What is noted of the first one in a frame: how many there are, the point, the facet, how far off it they will be
-where the substep ends [m], how fast they approach [m/s], and from PLACE on where [m]."""
+"""The record of the first one in a frame: how many there are, the point, the facet, the distance where the substep
+ends [m], the speed of approach [m/s], and from PLACE on the place [m]."""
 NOTED = 8
 
 
 @functools.cache
-def note_overrun(scalar: type):
+def note_tunnelling(scalar: type):
     """Compose (noted, p, facet, x, onward, least, speed): note a contact unless it stays above the least gap.
 
     `onward` is the gap with which the substep will end [m]. Of sheets, ropes and particles the least gap is 0:

@@ -7,7 +7,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensated_sum
 from ..records import records
-from .contact_surfaces import Surfaces, first_flag
+from .contact_data import BodyContactData, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
 
 
@@ -15,11 +15,11 @@ from .cpu_partition import first_of_part, next_of_part, raise_to
 def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
     """Compose the kernel that puts each vertex where its particles are, and forgets the force on it.
 
-    It tells by how much lists have become wrong: how far vertices have moved beside what drifts with all of those
-    in contact. What was far from all others may move further. Its threads share the vertices. On the CPU there is
-    one: each would have a copy of what `data` points to.
+    It finds by how much lists have become wrong: how far vertices have moved, beyond the common drift of points in
+    contact. Vertices that were far from all others may move further. Its threads share the vertices. On the CPU
+    there is one: each would have a copy of `data`.
     """
-    V, Data = vector(dim, scalar), Surfaces(scalar, worlds)
+    V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
     (load, store, _), first_of = records(dim, scalar), first_flag(scalar, worlds)
 
@@ -31,40 +31,40 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         v: wp.array(dtype=V),
         since: float,  # time since rows were found [s]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
-        more: float,  # by how much further than the others what is far off may have moved, both together [m]
+        more: float,  # by how much further distant vertices may have moved than others, both together [m]
         widest: wp.array(dtype=float),  # side of a box around a facet of each body, at most [m]
         least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
-        anew: bool,  # whether rows are found here
+        listing: bool,  # whether rows are found here
         threads: int,  # in each part
         part: int,
         parts: int,  # that threads of the CPU take
         way: wp.array(dtype=float),  # the furthest that any has moved [m], where the flags of its world begin
     ):
         i = first_of_part(wp.tid(), part)
-        drift = (0.5 * since) * (data.speeds[0] - data.speeds[1])
+        drift = (0.5 * since) * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
         far = float(buffer[0]) / (float(buffer[0]) + more)
-        while i < data.x.shape[0]:
+        while i < data.surfaces.x.shape[0]:
             place = V()
             speed = V()
-            for s in range(data.first[i], data.first[i + 1]):
-                j = data.particle[s]
+            for s in range(data.surfaces.first[i], data.surfaces.first[i + 1]):
+                j = data.surfaces.particle[s]
                 x_j = load(x, j)
                 if wp.static(compensated):
                     x_j = x_j - load(compensation.x, j)
-                place += data.weight[s] * x_j
-                speed += data.weight[s] * load(v, j)
-            store(data.x, i, place)
-            store(data.v, i, speed)
+                place += data.surfaces.weight[s] * x_j
+                speed += data.surfaces.weight[s] * load(v, j)
+            store(data.surfaces.x, i, place)
+            store(data.surfaces.v, i, speed)
             for k in range(wp.static(dim)):
-                data.force[i, k] = wp.int64(0)
-            x_found = load(data.x_found, i)
+                data.surfaces.force[i, k] = wp.int64(0)
+            x_found = load(data.neighbors.x_found, i)
             before = wp.vec3(x_found)
             moved = wp.length(wp.vec3(place - x_found) - drift)
-            if anew:
-                store(data.x_found, i, place)
+            if listing:
+                store(data.neighbors.x_found, i, place)
             # Of a facet that is near, no corner counts as far.
-            body = data.body_of[i]
+            body = data.surfaces.body_of[i]
             further = wp.vec3(1.0, 1.0, 1.0) * (more + widest[body])
             low = least[body] - further
             high = most[body] + further

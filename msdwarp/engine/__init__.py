@@ -5,7 +5,6 @@ implicit Euler launches its own solver.
 """
 
 from .collision.body_contact import BodyContact as BodyContact
-from .collision.body_contact_worlds import BodyContactWorlds as BodyContactWorlds
 from .collision.contact_forces import ContactForces as ContactForces
 from .diagnostics.divergence import Backup as Backup, Baseline as Baseline, DivergenceMonitor as DivergenceMonitor
 from .diagnostics.energies import (

@@ -24,7 +24,7 @@ from msdwarp import (
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
-from msdwarp.kernels.colliders.collide import fixed_contact
+from msdwarp.kernels.colliders.collide import collider_contact
 from msdwarp.kernels.integrators.composition import Composition
 from msdwarp.kernels.integrators.euler import extrapolated_leapfrog, kick, symplectic_euler
 from msdwarp.kernels.integrators.persistent import persistent
@@ -168,7 +168,7 @@ def test_pieces_are_composed_once():
     assert stencil(*arguments, steps, True) is stencil(*arguments, steps, True)
     assert stencil(*arguments, steps, True) is not stencil(*arguments, steps, False)
     assert particle_acceleration(motion(FULL)) is particle_acceleration(motion(FULL))
-    assert fixed_contact(3, wp.float32, "coulomb", ("Plane",)) is fixed_contact(
+    assert collider_contact(3, wp.float32, "coulomb", ("Plane",)) is collider_contact(
         3, wp.float32, "coulomb", ("Plane",)
     )
 

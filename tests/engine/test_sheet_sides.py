@@ -7,7 +7,6 @@ import pytest
 
 from msdwarp import Contact, Ensemble, Simulation, System, TunnellingWarning, sheet
 from msdwarp.engine.collision import neighbor_list as nearby
-from msdwarp.engine.collision.body_contact import BodyContact
 
 SPACING, THICKNESS, STIFFNESS, MASS = 0.1, 0.01, 400.0, 1e-3
 SIZE = 64
@@ -43,10 +42,11 @@ def thrown(speed: float, device: str = "cpu", bumps: float = 0.0, sideways: floa
 
 def held_back(simulation: Simulation) -> int:
     """Return how many points have come through and are remembered."""
-    data = next(one for one in simulation.assembly.all if isinstance(one, BodyContact))._data
-    seen, corner, x = data.contact_side.numpy(), data.corner.numpy(), np.asarray(simulation.frame().position)
+    contact = simulation.assembly.body_contact
+    surfaces, seen = contact.surfaces.on_host, contact.history.data.contact_side.numpy()
+    corner, x = surfaces.corner, np.asarray(simulation.frame().position)
     slot, point = np.nonzero(seen)
-    grain = data.ends.numpy()[point, 0]
+    grain = surfaces.ends[point, 0]
     a, b, c = np.moveaxis(x[corner[np.abs(seen[slot, point]) - 1]], 1, 0)
     height = np.einsum("ik,ik->i", x[grain] - a, np.cross(b - a, c - a)) * np.sign(seen[slot, point])
     return int((height < 0).sum())
@@ -141,8 +141,7 @@ def test_a_sheet_whose_triangles_are_not_turned_alike_has_no_sides():
             contact=Contact(stiffness=STIFFNESS, thickness=THICKNESS),
             device="cpu",
         )
-        data = next(one for one in simulation.assembly.all if isinstance(one, BodyContact))._data
-        assert bool(data.sided.numpy()[0]) == sided
+        assert simulation.assembly.body_contact.surfaces.sided == sided
 
 
 def test_a_grain_lies_on_a_sheet_that_hangs():

@@ -24,7 +24,7 @@ def rows_of(simulation: Simulation) -> list[list[int]]:
     """Return the facets that are listed for each point after a search, by their numbers."""
     effect, state = contact_of(simulation), simulation.state
     effect.search(state.x, state.v, state.compensation, False)
-    rows, lengths = effect._data.candidates.numpy(), effect._data.candidate_count.numpy()
+    rows, lengths = effect.neighbors.data.candidates.numpy(), effect.neighbors.data.candidate_count.numpy()
     assert lengths.max() < rows.shape[1]  # all had room
     return [sorted(rows[p, :n].tolist()) for p, n in enumerate(lengths)]
 
@@ -74,7 +74,7 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     simulation = Simulation(system, contact=contact, gravity=0.0, device=plain_device, precision="float64")
     simulation.state.x.assign(system.position + 0.02 * np.random.default_rng(2).normal(size=(len(system.mass), 3)))
     found, effect = rows_of(simulation), contact_of(simulation)
-    s, x = effect._surfaces, simulation.frame().position
+    s, x = effect.surfaces.on_host, simulation.frame().position
     now = np.einsum("vk,vkd->vd", s.weight, x[s.particle])
     points = now[s.ends[:, 0]] * (1 - s.share[:, None]) + now[s.ends[:, 1]] * s.share[:, None]
     mine, other = s.body[s.ends[:, 0]], s.body[s.corner[:, 0]]
@@ -226,7 +226,7 @@ def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
 
     def found_backwards(self) -> None:
         find_rows(self)
-        data = self._data
+        data = self.data
         for numbers in (
             data.candidates,
             data.candidate_body,
@@ -260,11 +260,11 @@ def test_a_frame_whose_lists_overflow_is_repeated(device_that_repeats, monkeypat
     expected = ran(scene(device_that_repeats))
     monkeypatch.setattr(nearby, "ROOM", 1)
     simulation = scene(device_that_repeats)
-    room = contact_of(simulation)._data.candidates.shape[1]
+    room = contact_of(simulation).neighbors.data.candidates.shape[1]
     voids = []
     monkeypatch.setattr(BodyContact, "is_void", _counted(BodyContact.is_void, voids))
     np.testing.assert_array_equal(ran(simulation), expected)
-    assert contact_of(simulation)._data.candidates.shape[1] > room
+    assert contact_of(simulation).neighbors.data.candidates.shape[1] > room
     assert any(voids)
 
 
@@ -374,7 +374,7 @@ def test_lists_get_room_to_spare():
 
 def test_searches_are_rarer_again_soon_after_what_was_fast():
     # Patience is for searches that were made rarer too early, not for what came faster and faster before.
-    near = contact_of(scene("cpu"))._neighbors
+    near = contact_of(scene("cpu")).neighbors
 
     def frames(count: int, way: float) -> int:
         for _ in range(count):

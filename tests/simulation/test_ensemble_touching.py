@@ -156,10 +156,10 @@ def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_d
     monkeypatch.setattr(nearby, "ROOM", 1)
     short = Ensemble(system, 2, **around(plain_device), velocity=velocity)
     # At the start no facet is near any point; what comes near while they fall is too much for the lists.
-    assert short.assembly.body_contact._data.candidates.shape[1] < 4
+    assert short.assembly.body_contact.neighbors.data.candidates.shape[1] < 4
     for one in (long_enough, short):
         one.step(100)
-    assert short.assembly.body_contact._data.candidates.shape[1] >= 8
+    assert short.assembly.body_contact.neighbors.data.candidates.shape[1] >= 8
     np.testing.assert_array_equal(short.frame().position, long_enough.frame().position)
 
 
@@ -167,7 +167,7 @@ def test_worlds_do_not_see_each_other():
     """A search looks at the bodies of one world alone: none is beside those of the others in the same place."""
     ensemble = Ensemble(two_dice(), 64, **around("cpu"))
     ensemble.step(20)
-    data = ensemble.assembly.body_contact._data
+    data = ensemble.assembly.body_contact.neighbors.data
     body_pairs, count = data.body_pairs.numpy(), data.body_pair_count.numpy()
     assert count.max() == 1
     for body in np.flatnonzero(count):

@@ -67,12 +67,12 @@ def sheets(apart: float) -> Scene:
 
 
 def nearby_in(run) -> NeighborList:
-    return run.assembly.body_contact._neighbors
+    return run.assembly.body_contact.neighbors
 
 
 def marked(nearby: NeighborList) -> list[wp.array]:
     """Return the lists of what is near what, each filled with what no list holds."""
-    data = nearby._data
+    data = nearby.data
     rows = [data.candidates, data.candidate_body, data.candidate_distance, data.body_pairs]
     for one in rows:
         one.fill_(-777)
@@ -94,7 +94,7 @@ def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, thr
     old = marked(nearby)
     nearby._give_room(64, 2)
     simulation.stepping.balance()
-    assert nearby._data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
+    assert nearby.data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
     assert untouched(old)
     simulation.step()
     assert untouched(old)
@@ -107,7 +107,7 @@ def test_no_frame_of_an_ensemble_writes_into_lists_that_were_replaced(plain_devi
     old = marked(nearby)
     nearby._give_room(64, 4)
     ensemble.step()
-    assert nearby._data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
+    assert nearby.data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
     assert untouched(old)
 
 
@@ -119,7 +119,7 @@ def test_a_change_behind_a_restart_does_not_write_into_lists_that_were_replaced(
     old, give_room = list[list[wp.array]](), NeighborList._give_room
 
     def give_room_and_note(nearby, room, body_pairs):
-        if nearby._data.candidates is not None and nearby._data.candidates.size:
+        if nearby.data.candidates is not None and nearby.data.candidates.size:
             old.append(marked(nearby))
         give_room(nearby, room, body_pairs)
 

@@ -9,7 +9,7 @@ import pytest
 from modes import Run
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, chain
-from msdwarp.kernels.colliders.collide import fixed_contact
+from msdwarp.kernels.colliders.collide import collider_contact
 from msdwarp.kernels.integrators.persistent import persistent as stay
 from msdwarp.kernels.integrators.stages import particle_acceleration
 from msdwarp.kernels.reductions.measure import sum_up
@@ -229,7 +229,7 @@ def test_change_composes_no_new_kernels(device):
         stencil,
         particle_acceleration,
         stay,
-        fixed_contact,
+        collider_contact,
         sum_up,
     )
     simulation = Simulation(block(), colliders=[Plane()], device=device)

@@ -1,6 +1,6 @@
 """BodyContact: contact between the bodies of a system on a device."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,15 @@ from ...bodies import contact_surfaces
 from ...kernels.collision import (
     BLOCK,
     BLOCKS,
+    COUNT,
     DEEPEST,
+    FACET,
     FEW_ON_GPU,
-    HISTORY,
+    FLAGS,
     NOTED,
     ON_GPU,
-    Surfaces,
+    POINT,
+    BodyContactData,
     add_impulses,
     body_contact_term,
     contact_energy,
@@ -24,40 +27,28 @@ from ...kernels.collision import (
     evaluate_segments_and_spheres,
 )
 from ...world import Contact
-from ..device.csr import rows
 from ..device.launcher import Launcher
-from ..device.vector_arrays import in_records
-from ..model.effect import Effect
 from ..model.model import Model
-from .contact_parameters import (
-    STORED,
-    check_stiffness,
-    contact_blocks,
-    hops_apart,
-    led_apart,
-    neighbourhoods,
-    rules_by_kind,
-    stiffness_of_pairs,
-)
+from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
+from .contact_rules import ContactRules
+from .contact_surfaces import ContactSurfaces
 from .initial_overlap import initial_containment
 from .neighbor_list import NeighborList
-from .tables_by_world import Repeated, blocks_by_row, surfaces_by_row
+from .tables_by_world import Repeated
 from .tunnelling import Tunnelling
 
 OVERLAP = 0.01
-"""By so much of their spacing bodies may overlap at the start before something is said."""
-SEPARATION_TIME = 0.5
-"""What overlaps at the start is led apart within this time [s]."""
+"""By how much of their spacing bodies may overlap at the start without a warning."""
 UNITS = 2.0**-40
 """The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 
 
-class BodyContact(Effect):
-    """Keeps bodies out of each other: points of their surfaces against facets.
+class BodyContact(WithHistory):
+    """Keeps bodies out of each other: points of their surfaces against facets, in one world or many.
 
-    Facets near a point are listed. A list holds until something has moved by half of its skin: lists are made anew
-    before every few substeps, and a frame in which that was not often enough is repeated with a larger skin. What
-    is listed and not touched changes nothing, so that results do not depend on the skin.
+    Facets near a point are listed; a frame whose lists did not hold is repeated, see `NeighborList`. Forces on the
+    bodies of one world of an ensemble are those of that world alone, to the last bit: they are summed as integers,
+    and facets that are listed and not touched change nothing.
 
     Parameters
     ----------
@@ -65,298 +56,251 @@ class BodyContact(Effect):
         The system on a device.
     rules
         Which bodies touch, and how; where several hold for a pair, the last.
-    felt
-        Whether what bodies push each other's particles with is summed, in `impulse`.
+    contact_forces
+        Whether the forces of bodies on each other's particles are summed, in `impulse`.
+
+    Attributes
+    ----------
+    surfaces, rules, neighbors, history
+        The owners of the arrays of contact: constants, rules, lists of neighbours, and the history.
+    frozen
+        Whether each world was frozen before the last frame: its lists need not hold.
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
-        self._model, self._rules, self._dt = model, rules, 0.0
-        surfaces = self._surfaces = contact_surfaces(model.system)
-        by_row, each = surfaces_by_row(model, surfaces), Repeated(model)
-        scalar, device, dtype = model.scalar, model.device, model.dtype
-        kind, rule = rules_by_kind(model, surfaces, rules)
-        for one in by_row:
-            check_stiffness(one, rules, kind, rule)
-        worlds, bodies = model.worlds, len(surfaces.closed)
-        vertices, points = len(surfaces.particle), len(surfaces.share)
-        data = self._data = Surfaces(scalar, model.in_worlds)()
-        present = surfaces.weight != 0
-        data.first = each.starts(present.sum(axis=1))
-        data.particle = each.alike(surfaces.particle[present], int, model.stride)
-        data.weight = each.alike(surfaces.weight[present], scalar)
-        inverse = np.broadcast_to(1.0 / model.row_of("mass"), (len(model.row_of("mass")), model.particle_count))
-        mobility = (surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2)
-        data.mobility = each.by_row(mobility, scalar)
-        first, near = neighbourhoods(surfaces, hops_apart(surfaces, rules, kind, rule))
-        data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
-        data.body_of = each.alike(surfaces.body, int, bodies)
-        start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
-        for name in ("x", "v", "x_found"):
-            setattr(data, name, in_records(worlds * vertices, model.dim, scalar, device))
-        wp.copy(data.x, each.by_row(start.astype(dtype), model.vector))
-        data.force = wp.zeros((worlds * vertices, 3), dtype=wp.int64, device=device)
-        data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
-        data.body = each.alike(surfaces.body[surfaces.ends[:, 0]], int, bodies)
-        data.tangential_displacement = wp.zeros((HISTORY, worlds * points), dtype=model.vector, device=device)
-        data.initial_overlap = wp.zeros(worlds * points, dtype=scalar, device=device)
-        data.contact_body = wp.full((HISTORY, worlds * points), -1, dtype=int, device=device)
-        data.contact_side = wp.zeros((HISTORY, worlds * points), dtype=int, device=device)
-        # Of itself a sheet is on both sides.
-        sided = surfaces.sided & (bodies > 1)
-        self._sided = bool(sided.any())
-        data.sided = each.alike(sided.astype(np.int32), int)
-        data.overrun = wp.zeros(NOTED, dtype=wp.float64, device=device)
-        self._triangles = bool((surfaces.corner[:, 1] != surfaces.corner[:, 2]).any())
-        self._noted = wp.empty_like(data.overrun, device="cpu", pinned=True) if device.is_cuda else data.overrun
-        data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
-        data.owner = each.alike(surfaces.body[surfaces.corner[:, 0]], int, bodies)
-        data.kind, data.closed = each.alike(kind, int), each.alike(surfaces.closed.astype(np.int32), int)
-        # A lattice is one spacing thick at least: what is past its middle has come from the other side.
-        depth = [np.where(one.closed | sided, 0.5 * one.spacing, 0.0) for one in by_row]
-        on_vertices = np.bincount(surfaces.body, minlength=bodies)
-        carriers = np.unique(surfaces.particle[surfaces.weight != 0])
-        carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
-        on_points = np.bincount(surfaces.body[surfaces.ends[:, 0]], minlength=bodies)
-        density = np.minimum(carrying, on_vertices) / np.maximum(on_points, 1)
-        for name, values in (
-            ("depth", depth),
-            ("stiffness", [one.stiffness for one in by_row]),
-            ("density", [density]),
-            ("radius", [one.radius for one in by_row]),
-        ):
-            setattr(data, name, each.by_row(np.array(values), scalar))
-        data.rule = wp.array(rule, dtype=int, device=device)
-        data.among = wp.array([int(one.self_contact) for one in rules], dtype=int, device=device)
-        for name, values in (
-            ("friction", [one.friction for one in rules]),
-            ("damping", [one.damping_ratio for one in rules]),
-            ("thickness", [-1.0 if one.thickness is None else one.thickness for one in rules]),
-            ("given", [-1.0 if one.stiffness is None else one.stiffness for one in rules]),
-        ):
-            setattr(data, name, wp.array(values, dtype=scalar, device=device))
-        given = [one.thickness for one in rules if one.thickness is not None]
-        own = [2.0 * float(one.radius.max(initial=0.0)) if len(given) < len(rules) else 0.0 for one in by_row]
-        thickest = max(*own, *given, 0.0)
-        reach = [max(wide, float(one.max(initial=0.0)), *given, 0.0) for wide, one in zip(own, depth, strict=True)]
-        self._farthest = max(thickest, *(float(one[surfaces.closed].max(initial=0.0)) for one in depth))
-        self.blocks = blocks_by_row(
-            model, by_row, lambda mass, one: contact_blocks(mass, one, rules, kind, rule, density)
-        )
-        """What it adds to the blocks of K [N/m] and B [N s/m] of each particle, as numbers, of each world."""
+        self._model, self._dt = model, 0.0
+        on_host, each = contact_surfaces(model.system), Repeated(model)
+        self.rules = ContactRules(model, on_host, rules)
+        surfaces = self.surfaces = ContactSurfaces(model, on_host)
+        for one in surfaces.by_row:
+            self.rules.check(one)
+        scalar, device = model.scalar, model.device
+        data = self._data = BodyContactData(scalar, model.in_worlds)()
+        self.rules.upload(data.rules, model, each)
+        surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
+        self._points = model.worlds * len(on_host.share)
+        self.history = ContactHistory(model, data.history, self._points, "touch", {"contact_side": int})
+        if not surfaces.sided:
+            self.history.stored = ("tangential_displacement", "contact_body")
+        data.tunnelling = wp.zeros(NOTED, dtype=wp.float64, device=device)
+        thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
+        given, thickest = max(0.0, thickness.max()), 0.0
+        for one, depth in zip(surfaces.by_row, surfaces.depth, strict=True):
+            own = 2.0 * float(one.radius.max(initial=0.0)) if (thickness < 0).any() else 0.0
+            thickest = max(thickest, own, given)
+            reach = max(own, given, float(depth.max(initial=0.0)))
+            stiffest = max(float(one.stiffness.max(initial=0.0)), stiffness.max(), 0.0)
+            # A power of 2: quotients by it keep all of their digits.
+            units.append(2.0 ** np.floor(np.log2(max(stiffest * reach * UNITS, 1e-99))))
+        self.blocks = self.rules.blocks(model, surfaces)
+        """Its part of the blocks of K [N/m] and B [N s/m] of each particle, as numbers, of each world."""
 
         self.piece = body_contact_term(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
-        order, first = rows(surfaces.particle[present], model.particle_count)
-        self.members = np.diff(first) > 0
-        self.data.first = wp.array(first, dtype=int, device=device)
-        vertex = np.repeat(np.arange(vertices), present.sum(axis=1))
-        self.data.vertex = wp.array(vertex[order], dtype=int, device=device)
-        self.data.weight = wp.array(surfaces.weight[present][order], dtype=scalar, device=device)
-        self.data.force = data.force
-        self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if contact_forces else None
-        """What other bodies have pushed each particle with since it was zeroed [N s]; None where nobody asks."""
-        given = [one.stiffness or 0.0 for one in rules]
-        stiffest = [max(float(one.stiffness.max(initial=0.0)), *given) for one in by_row]
-        # Powers of 2: what is divided by them keeps all of its digits.
-        least = [max(k * far * UNITS, 1e-99) for k, far in zip(stiffest, reach, strict=True)]
-        units = [2.0 ** np.floor(np.log2(one)) for one in least]
-        self.data.unit = units[0]
+        self.members = surfaces.by_particle(self.data, model)
+        self.data.force, self.data.unit = data.surfaces.force, units[0]
         if model.in_worlds:
-            data.bodies_each, data.unit = bodies, each.by_row(np.array(units)[:, None], wp.float64)
-        self._neighbors = NeighborList(model, surfaces, data, self._farthest, thickest, self._sided)
-        self._neighbors.rebuild_interval = self.rebuild_interval
-        self._flags, self._nowhere = self._neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
-        self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
-        self._overrun = np.zeros(NOTED)
+            self.by_world = ("force",)
+            data.surfaces.bodies_each = len(on_host.closed)
+            data.surfaces.unit = each.by_row(np.array(units)[:, None], wp.float64)
+        self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if contact_forces else None
+        """Impulse of other bodies on each particle since it was zeroed [N s]; None where nobody asks."""
+        self.neighbors = NeighborList(model, surfaces, data, each, thickest)
+        self.neighbors.rebuild_interval = self.rebuild_interval
+        self._flags, self._nowhere = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
+        self._found, self._noted = self._flags, data.tunnelling
+        if device.is_cuda:
+            self._found, self._noted = (
+                wp.empty_like(one, device="cpu", pinned=True) for one in (self._flags, data.tunnelling)
+            )
+        self._tunnelling: Any = np.zeros(NOTED)
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
-        self.shared_points = points
-        self._sink()
+        self.frozen = np.zeros(model.worlds, dtype=bool)
+        self.shared_points = self._points
+        self._overlapping: str | None = None
+        self._release_initial_overlap()
 
-    def _sink(self) -> None:
-        """Find out which points start inside other bodies, and let them stay there for a moment."""
-        model, data = self._model, self._data
-        self._overlapping_at_start, self._overlapping = False, None
-        found = self._sunken()
-        if found is None:
-            return
-        bodies, deepest, points, deep = found
-        allowed = np.zeros(len(data.share))
-        allowed[points] = deep
-        data.initial_overlap.assign(allowed.astype(model.dtype))
-        self._overlapping_at_start, data.overlap_release_speed = True, deepest / SEPARATION_TIME
-        self.done = data.done = wp.zeros(len(allowed), dtype=wp.float64, device=model.device)
-        self._overlapping = led_apart(self._surfaces, bodies, deepest, len(points), SEPARATION_TIME)
+    def _release_initial_overlap(self) -> None:
+        """Find points that start inside other bodies, and let them stay there for a moment.
 
-    def _sunken(self) -> tuple[tuple[int, int], float, NDArray, NDArray] | None:
-        """Return the bodies that overlap most at the start, by how much, all points that do, and theirs [m].
-
-        None where none do but by touching.
+        Raises
+        ------
+        ValueError
+            If bodies of worlds of an ensemble overlap: depenetration is not one of single worlds.
         """
-        model, data, surfaces = self._model, self._data, self._surfaces
+        model, surfaces, data = self._model, self.surfaces.on_host, self._data
         x = model.vectors()
-        x.assign(model.system.position.astype(model.dtype))
+        x.assign(model.spread(model.row_of("position").astype(model.dtype)))
         stored = self._stored_and_heated(x, model.vectors())[0].numpy()
-        points = np.flatnonzero(stored)
+        points, bodies = np.flatnonzero(stored), len(surfaces.closed)
         if not len(points):
-            return None
-        a, b = data.body.numpy()[points], data.candidate_body.numpy()[points, 0]
-        kind = data.kind.numpy()
-        k = stiffness_of_pairs(surfaces, self._rules, data.rule.numpy()[kind[a], kind[b]], a, b)
-        deep = np.sqrt(2 * stored[points] / (k * data.density.numpy()[a]))
-        p = int(np.argmax(deep))
-        if not deep[p] > OVERLAP * max(surfaces.spacing[a[p]], surfaces.spacing[b[p]], self._farthest):
-            return None
-        return (int(a[p]), int(b[p])), float(deep[p]), points, deep
+            return
+        a, b = data.surfaces.body.numpy()[points], data.neighbors.candidate_body.numpy()[points, 0]
+        density, (worlds, a), b = data.surfaces.density.numpy()[a], np.divmod(a, bodies), b % bodies
+        stiffness = np.array([one.stiffness for one in self.surfaces.by_row])
+        row = worlds % len(stiffness)
+        k = self.rules.pair_stiffness(a, b, stiffness[row, a], stiffness[row, b])
+        deep = np.sqrt(2 * stored[points] / (k * density))
+        excess = deep / np.maximum(np.maximum(surfaces.spacing[a], surfaces.spacing[b]), self.neighbors.farthest)
+        p = int(np.argmax(excess if model.in_worlds else deep))
+        if not excess[p] > OVERLAP:
+            return
+        one, other = (int(np.argmax(surfaces.body_of_particle == body[p])) for body in (a, b))
+        if model.in_worlds:
+            raise ValueError(
+                f"in world {worlds[p]} the body of particle {one} starts {deep[p]:.3g} m inside "
+                f"that of particle {other}; the bodies of each world of an ensemble must start apart"
+            )
+        allowed = np.zeros(self._points)
+        allowed[points] = deep
+        self.history.allow(allowed)
+        self.done = data.history.done = wp.zeros(self._points, dtype=wp.float64, device=model.device)
+        self._overlapping = (
+            f"the body of particle {one} starts {deep[p]:.3g} m inside "
+            f"{'itself' if a[p] == b[p] else f'that of particle {other}'} ({len(points)} points of surfaces start "
+            f"inside bodies): they are led apart within {SEPARATION_TIME} s, as far as they are no deeper than "
+            "half a spacing; move them apart, or have them ignore each other by Contact(groups=..., exclude=True)"
+        )
 
     def overlapping(self) -> str | None:
         """Return words about the bodies that overlap most at the start; None where none do but by touching."""
-        kind, rule = self._data.kind.numpy(), self._data.rule.numpy()
-        return initial_containment(self._model.system, self._surfaces, kind, rule) or self._overlapping
-
-    def go_on_from(self, other: Effect) -> None:
-        """Let points stick to what they stuck to in another model of the same bodies."""
-        assert isinstance(other, BodyContact)
-        if other._data.contact_body.shape == self._data.contact_body.shape:
-            wp.copy(self._data.tangential_displacement, other._data.tangential_displacement)
-            wp.copy(self._data.contact_body, other._data.contact_body)
-            wp.copy(self._data.contact_side, other._data.contact_side)
+        return initial_containment(self._model.system, self.surfaces.on_host, self.rules) or self._overlapping
 
     def use_partition(self, partition: Launcher | None) -> None:
         """Have threads of the CPU share the search and the contacts, where there are several."""
-        self._neighbors.partition = partition
+        self.neighbors.partition = partition
 
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps."""
         self._dt = dt
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """Make room for the facets near each point: what is searched between frames is not searched again."""
-        self._neighbors.make_room(x, v)
+        """Make room for the facets near each point: a search between frames is not repeated."""
+        self.neighbors.make_room(x, v)
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch what lists the facets near each point."""
-        self._neighbors.search(x, v, compensation, within)
+        """Launch the search of the facets near each point."""
+        self.neighbors.search(x, v, compensation, within)
 
     @property
     def vertices(self) -> tuple[wp.array, wp.array]:
         """Where vertices were placed last [m], and how fast they moved [m/s], both of shape [vertex_count]."""
-        return self._data.x, self._data.v
+        return self._data.surfaces.x, self._data.surfaces.v
 
     def place_vertices(self, x: wp.array, v: wp.array) -> None:
-        """Launch what puts vertices where particles at x are, which move at v, between frames."""
-        self._neighbors.place(x, v, None, self._neighbors.unread)
+        """Launch the placing of vertices between frames, where particles are at x and move at v."""
+        self.neighbors.place(x, v, None, self.neighbors.unread)
 
     def begin_substep(self, substep: int) -> bool:
-        """Take the time of what is launched in a substep."""
-        self._neighbors.now = substep * self._dt
+        """Take the time of the next launches."""
+        self.neighbors.now = substep * self._dt
         return False
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the contacts of particles at x that move at v."""
-        self._neighbors.place(x, v, compensation)
+        self.neighbors.place(x, v, compensation)
         lag = self._dt if self.steps.lagging else 0.0
         self._evaluate(False, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
 
     def _evaluate(self, measuring: bool, times: list[float], sums: list[wp.array]) -> None:
         """Launch a kernel over the points that are near anything, which adds up their forces or measures."""
-        model, data = self._model, self._data
-        lanes = 1
-        if model.device.is_cuda:
-            lanes = ON_GPU if self._triangles or measuring else FEW_ON_GPU
-        inputs = [data, *times, 1.0 / self.data.unit, self._neighbors.buffer]
-        many = lanes * len(data.share)
-        at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
-        if self._triangles or measuring:
+        model, surfaces, overlapping = self._model, self.surfaces, self.history.overlapping_at_start
+        triangles = surfaces.triangles or measuring
+        lanes = (ON_GPU if triangles else FEW_ON_GPU) if model.device.is_cuda else 1
+        if triangles:
             kernel = contact_energy if measuring else evaluate_contact
-            composed = kernel(model.scalar, self._overlapping_at_start, self._sided, lanes, model.in_worlds)
+            composed = kernel(model.scalar, overlapping, surfaces.sided, lanes, model.in_worlds)
         else:
-            composed, sums = (
-                evaluate_segments_and_spheres(model.scalar, self._overlapping_at_start, lanes, model.in_worlds),
-                [],
-            )
-        self._neighbors.share(composed, many, inputs, [self._flags, *sums], at_a_time, BLOCK)
+            composed = evaluate_segments_and_spheres(model.scalar, overlapping, lanes, model.in_worlds)
+        inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
+        at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
+        self.neighbors.share(composed, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sum of what bodies push each other's particles with, where that is asked for."""
+        """Launch the sum of the forces of bodies on each other's particles, where one is requested."""
         model = self._model
         if self.impulse is not None:
             kernel = add_impulses(model.dim, model.scalar, model.compensated)
             wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
 
     def look(self) -> None:
-        """Launch what tells whether lists held."""
+        """Launch the copies from which `is_void` tells whether lists held."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
-            wp.copy(self._noted, self._data.overrun)
-            self._flags.zero_()
-            self._data.overrun.zero_()
+            wp.copy(self._noted, self._data.tunnelling)
+            self._clear()
+
+    def _clear(self) -> None:
+        self._flags.zero_()
+        self._data.tunnelling.zero_()
 
     def is_void(self) -> bool:
         """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
-        flags = self._found.numpy().copy()
-        self.deepest, self._overrun = float(flags[DEEPEST]), np.array(self._noted.numpy(), dtype=np.float64)
+        flags = self._found.numpy().reshape(-1, FLAGS).copy()
+        self.deepest, self._tunnelling = float(flags[:, DEEPEST].max()), self._noted.numpy().copy()
         if self._found is self._flags:
-            self._flags.zero_()
-            self._data.overrun.zero_()
-        void = self._neighbors.judge(flags, self.steps.substeps)
-        self.rebuild_interval = self._neighbors.rebuild_interval
+            self._clear()
+        void = self.neighbors.judge(flags[~self.frozen], self.steps.substeps)
+        self.rebuild_interval = self.neighbors.rebuild_interval
         return void
 
     def warnings(self) -> str | None:
-        """Return words about the first contact that was overrun in the frame that was waited for."""
-        found = Tunnelling.of(self._overrun, self._data, self._surfaces, self._rules)
-        return found and found.described(self._model.system, self._surfaces, self.steps.substeps, self._dt)
+        """Return words about the first contact of the last frame that may come out on the wrong side."""
+        noted, surfaces, in_worlds = self._tunnelling.copy(), self.surfaces, self._model.in_worlds
+        world, noted[POINT] = divmod(int(noted[POINT]), len(surfaces.on_host.share))
+        noted[FACET] %= len(surfaces.on_host.corner)
+        if not noted[COUNT] or self.frozen[world]:
+            return None
+        found = Tunnelling.of(noted, surfaces, self.rules)
+        words = found.described(self._model.system, surfaces.on_host, self.steps.substeps, self._dt)
+        return f"in world {world} {words}" if in_worlds else words
+
+    def forget(self) -> None:
+        """Forget which bodies points stick to: all worlds start again."""
+        self.history.forget()
+        self.frozen[:] = False
+
+    def checkpoints(self) -> list[dict[str, NDArray]]:
+        """Return the checkpoint of each world, by the numbers of its own bodies and facets."""
+        surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
+        if not self._model.in_worlds:
+            return [arrays]
+        points, bodies, facets = len(surfaces.share), len(surfaces.closed), len(surfaces.corner)
+        for world in range(self._model.worlds):
+            own = {name: values[:, world * points : (world + 1) * points] for name, values in arrays.items()}
+            contact_body = own["touch.partner"]
+            own["touch.partner"] = np.where(contact_body >= 0, contact_body - world * bodies, contact_body)
+            if "touch.seen" in own:
+                own["touch.seen"] = own["touch.seen"] - np.sign(own["touch.seen"]) * (world * facets)
+            found.append(own)
+        return found
 
     @property
-    def changing(self) -> list[wp.array]:
-        """How points stick, and on which sides of sheets they are."""
-        return [
-            self._data.tangential_displacement,
-            self._data.contact_body,
-            self._data.contact_side,
-            self._data.initial_overlap,
-        ]
+    def units(self) -> wp.array:
+        """The unit in which the forces of each world of an ensemble are summed [N], shape [worlds]."""
+        return self._data.surfaces.unit
 
-    def checkpoint(self) -> dict[str, NDArray]:
-        """Return how points stick, and on which sides of sheets they are."""
-        names = ["tangential_displacement", "contact_body"]
-        names += ["contact_side"] if self._sided else []
-        names += ["initial_overlap"] if self._overlapping_at_start else []
-        arrays = {f"touch.{STORED[name]}": getattr(self._data, name).numpy().copy() for name in names}
-        if self._overlapping_at_start:
-            arrays["touch.outwards"] = np.array([self._data.overlap_release_speed])
-        return arrays
-
-    def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
-        self._data.tangential_displacement.assign(arrays["touch.slip"])
-        self._data.contact_body.assign(arrays["touch.partner"])
-        if "touch.seen" in arrays:  # files of earlier versions have none
-            self._data.contact_side.assign(arrays["touch.seen"])
-        else:
-            self._data.contact_side.zero_()
-        self._overlapping_at_start = "touch.allowed" in arrays
-        self._model.generation += 1  # it launches other kernels
-        if self._overlapping_at_start:
-            self._data.initial_overlap.assign(arrays["touch.allowed"])
-            self._data.overlap_release_speed = float(arrays["touch.outwards"][0])
+    def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [worlds, particle_count]."""
+        stiffness, damping = self.blocks
+        each = np.arange(worlds) % len(stiffness)
+        return stiffness[each], damping[each]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add what contacts hold particles with: all points of a surface may be in contact at a time."""
+        """Add the stiffness and damping of contacts: all points of a surface may be in contact at a time."""
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what contacts store [J], and what they turn to heat [W], by world."""
+        """Return the energy that contacts store [J], and turn to heat [W], by world."""
         each = (one.numpy().reshape(self._model.worlds, -1) for one in self._stored_and_heated(x, v))
         energies, powers = (one.sum(axis=1) for one in each)
         return energies, powers
 
     def _stored_and_heated(self, x: wp.array, v: wp.array) -> list[wp.array]:
-        """Return what the contacts of each point store [J], and turn to heat [W]."""
+        """Return the energy that the contacts of each point store [J], and turn to heat [W]."""
         self.search(x, v, None, False)
-        count, device = len(self._data.share), self._model.device
-        sums = [wp.zeros(count, dtype=wp.float64, device=device) for _ in range(2)]
+        sums = [wp.zeros(self._points, dtype=wp.float64, device=self._model.device) for _ in range(2)]
         self._evaluate(True, [0.0, 0.0], sums)
         return sums

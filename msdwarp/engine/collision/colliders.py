@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ... import checks
 from ...kernels.basis import vector
-from ...kernels.colliders import KINDS, ColliderTerm, Needed, fixed_contact, moving_contact
+from ...kernels.colliders import KINDS, ColliderTerm, Needed, collider_contact
 from ...world import Capsule, Collider, Cone, Motion, Plane, poses
 from ..device.frame_tables import InFrames, Tables
 from ..model.effect import Effect
@@ -20,7 +20,7 @@ LARGEST = 1e30
 """The largest number of a solid [m]: `msdwarp.kernels.colliders.signed_distance` takes it for deeper than any
 place."""
 DEPENETRATION_TIME = 0.5
-"""In how many seconds what starts inside an obstacle is led out of it: slowly enough for what hangs on it."""
+"""Particles that start inside an obstacle are moved out within this time [s]: slowly, as others hang on them."""
 COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 
 
@@ -35,8 +35,8 @@ class Colliders(Effect):
         Obstacles, in the order in which a particle meets them; one at least.
     rule
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`.
-    felt
-        Whether what they push particles with is summed, in `data.impulse`.
+    contact_forces
+        Whether their forces on particles are summed, in `data.impulse`.
 
     Raises
     ------
@@ -64,11 +64,11 @@ class Colliders(Effect):
         inside, self.leads_out = _deepest(model, colliders), rule == "coulomb"
         self._deepest = inside if self.leads_out else 0.0
         self._put_out = _put_out(model, colliders) if inside > self._deepest else None
-        compose = moving_contact if self._moves else fixed_contact
         self.piece = ColliderTerm(
-            *compose(
+            *collider_contact(
                 *(model.dim, model.scalar, rule, kinds, contact_forces),
                 Needed(self._bounces, several=len(colliders) > 1, overlapping_at_start=self._deepest > 0.0),
+                self._moves,
             ),
             moving=self._moves,
             contact_forces=contact_forces,
@@ -96,7 +96,7 @@ class Colliders(Effect):
             setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))
         if self._deepest > 0.0:
             data.surface.slack = touching(model.system)
-        # What a motion gets wrong is said before anything runs.
+        # A wrong motion is reported before anything runs.
         self._moving: list[tuple[int, Motion, NDArray]] = []
         for k, collider in enumerate(colliders):
             if collider.motion is not None:
@@ -110,11 +110,11 @@ class Colliders(Effect):
 
     @property
     def planes_only(self) -> bool:
-        """Whether all obstacles are planes, which no way is swept for."""
+        """Whether all obstacles are planes: for those no motion is swept."""
         return all(isinstance(one, Plane) for one in self._colliders)
 
     def brings_in(self, model: Model) -> NDArray[np.float64]:
-        """Return how much energy what started inside an obstacle gets in each row of a model [J], about."""
+        """Return about how much energy depenetration adds in each row of a model [J]."""
         mass = model.row_of("mass")
         moving = np.where(np.isfinite(mass), mass, 0.0).sum(axis=1) * (self._deepest / DEPENETRATION_TIME) ** 2
         if self._put_out is None:
@@ -124,7 +124,7 @@ class Colliders(Effect):
         return 0.5 * model.row_of("stiffness") @ stretch**2
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the poses of a frame of so many substeps of `dt` seconds."""
+        """Make room for the poses of a frame."""
         if self._bounces:  # velocities half a substep behind are those of the ways
             self.data.surface.onward = 2.0 * self.steps.lag
         if self._deepest > 0.0:
@@ -135,24 +135,24 @@ class Colliders(Effect):
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
         layout = {name: (shape, kind) for name, kind in kinds.items()}
         self._frames = InFrames(layout, self._scalar, self._device, self._fill)
-        self._frames.tables["turn"][:] = np.eye(self._dim)  # what does not turn, or stand still, has it for good
+        self._frames.tables["turn"][:] = np.eye(self._dim)  # it stays for obstacles that do not turn
         for name, array in self._frames.arrays.items():
             setattr(self.data, name, array)
         self.data.inverse_mass = self._inverse_mass
         self._dt, self._times = dt, dt * np.arange(-1, max(substeps, 2) + 1)
 
     def begin_frame(self, time: float) -> None:
-        """Put what moves where it is in the frame that begins at `time` [s]."""
+        """Move obstacles to the frame that begins at `time` [s]."""
         if self._moves:
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
-        """Find out where what moves is in the frame that begins at `time` [s], while another is running."""
+        """Prepare the poses of the frame that begins at `time` [s], while another is running."""
         if self._moves:
             self._frames.prepare(time)
 
     def _fill(self, time: float, tables: Tables) -> None:
-        """Write where what moves is in the frame that begins at `time`, and how fast it has come there."""
+        """Write the poses in the frame that begins at `time`, and the velocities that led to them."""
         for k, motion, centre in self._moving:
             turn, shift = self._poses(k, motion, centre, time)
             tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
@@ -169,18 +169,18 @@ class Colliders(Effect):
         return turn, shift
 
     def hold_still(self, time: float) -> None:
-        """Put what moves where it is at `time` [s] until a frame begins: for what looks at it between frames."""
+        """Keep obstacles where they are at `time` [s] until a frame begins: for measurements between frames."""
         if self._moves:
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
-        """Write where what moves is at `time`, in all rows, and how fast it has come there."""
+        """Write the poses at `time` to all rows, and the velocities that led to them."""
         self._fill(time, tables)
         for table in tables.values():
             table[1:] = table[:1]
 
     def begin_substep(self, substep: int) -> bool:
-        """Have what is launched next find colliders where they are in this substep, where any move."""
+        """Give the next launches the poses of this substep, where any obstacle moves."""
         if self._moves:
             self.data.substep = substep
         return self._moves
@@ -209,13 +209,13 @@ def _with_a_past(poses: NDArray) -> NDArray:
 
 
 def _furthest(model: Model) -> float:
-    """Return the largest coordinate of a solid, and the furthest way of what moves, in this precision [m]."""
+    """Return the largest coordinate of a solid, and the furthest way of a motion, in this precision [m]."""
     # A distance is the root of a sum of at most 4 squares of sums of 2 numbers.
     return min(LARGEST, math.sqrt(float(np.finfo(model.dtype).max)) / 4)
 
 
 def _check_range(name: str, collider: Collider, model: Model) -> None:
-    """Raise ValueError for a rod whose ends are one point in this precision: it would keep nobody out."""
+    """Raise ValueError for a rod whose ends are one point in this precision: it would keep nothing out."""
     least, where = float(np.finfo(model.dtype).tiny), f"in {model.precision}"
     if isinstance(collider, Capsule | Cone):
         geometry = collider.geometry(model.dim)

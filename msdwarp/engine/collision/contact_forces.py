@@ -1,4 +1,4 @@
-"""ContactForces: what contacts push particles with in a frame, for probes, pictures and files."""
+"""ContactForces: the forces of contacts on particles in a frame, for probes, pictures and files."""
 
 import numpy as np
 import warp as wp
@@ -13,14 +13,14 @@ from .colliders import Colliders
 
 
 class ContactForces:
-    """What obstacles and other bodies push each particle of a model with, summed since a frame began.
+    """The impulses of obstacles and other bodies on each particle, summed since a frame began.
 
     Parameters
     ----------
     model
         The system on a device.
     colliders, body_contact
-        The effects that sum what they push with, where the scene has them.
+        The effects that sum their forces, where the scene has them.
     seconds
         Length of a frame [s].
     """
@@ -38,7 +38,7 @@ class ContactForces:
             self._summed.append(self._by_obstacles)
         if body_contact is not None and body_contact.impulse is not None:
             self.by_bodies = body_contact.impulse
-            """What other bodies push with [N s], float64, shape [particle_count]."""
+            """The impulses of other bodies [N s], float64, shape [particle_count]."""
             self._summed.append(self.by_bodies)
         self._sum = self._zeros()
 
@@ -47,19 +47,19 @@ class ContactForces:
         return wp.zeros(self._model.particle_count, dtype=wide, device=self._model.device)
 
     def begin(self) -> None:
-        """Launch what a frame begins with; it may be recorded."""
+        """Launch the beginning of a frame; it may be recorded."""
         for impulse in self._summed:
             impulse.zero_()
 
     def by_all(self) -> wp.array:
-        """Launch the sum of what obstacles and bodies push with, and return it [N s]; it may be recorded."""
+        """Launch the sum of the impulses of obstacles and bodies, and return it [N s]; it may be recorded."""
         model = self._model
         inputs = [self._mass, self._by_obstacles, self.by_bodies]
         wp.launch(sum_impulses(model.dim), model.particle_count, inputs, [self._sum], device=model.device)
         return self._sum
 
     def write_force(self, force: wp.array) -> None:
-        """Launch what writes the mean of all contact forces on each particle over the last frame [N]."""
+        """Launch the mean of all contact forces on each particle over the last frame [N]."""
         model = self._model
         inputs = [self.by_all(), self._seconds]
         kernel = mean_forces(model.dim, model.scalar)

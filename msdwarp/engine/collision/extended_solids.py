@@ -1,4 +1,4 @@
-"""What stands on a plane, continued below it: so that the way out of both is never down into the plane."""
+"""Solids that stand on a plane, continued below it: so that the way out is never down into the plane."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,18 +11,18 @@ from ...world import Box, Collider, Cone, Plane
 LEVEL = 1e-9
 """How far the cosine of a face's direction may be from that of the plane that it stands on."""
 ON = 1e-6
-"""How far above a plane still is on it, as a share of what stands there: the rounding of float32, and more."""
+"""The height above a plane that still counts as on it, by the size of the solid: more than float32 rounds."""
 
 
 def geometries(colliders: Sequence[Collider], dim: int) -> list[dict[str, Any]]:
-    """Return what kernels read of colliders, boxes and cones that stand on a plane continued below it.
+    """Return the geometry of colliders for kernels; boxes and cones that stand on a plane are continued below it.
 
     A particle at the foot of a box, on the plane, is nearer to the box's underside than to its side, and would be
     let in between the two. What is added lies below the plane, where all is inside anyway: together both keep the
     same places free, and the nearest way out of the box leads to where none of them is. No place in a box or a
     cone is further than twice its `inradius` from all faces but the one it stands on: so deep that one is put.
 
-    Only what stands still, on a plane that does: else what is on the plane now may be above it later.
+    Only solids and planes that stand still: a moving one may leave the plane later.
     """
     planes = [one for one in colliders if isinstance(one, Plane) and one.motion is None and not one.fits(dim)]
     found = []
@@ -37,7 +37,7 @@ def geometries(colliders: Sequence[Collider], dim: int) -> list[dict[str, Any]]:
 
 
 def _continued(collider: Collider, geometry: dict[str, Any], up: NDArray, offset: float) -> dict[str, Any]:
-    """Return the geometry of a box or a cone, what it stands on a plane with moved below that."""
+    """Return the geometry of a box or a cone, with the face that stands on a plane moved below it."""
     deep = 2.0 * collider.inradius()
     a, b = np.asarray(geometry["a"], dtype=np.float64), np.asarray(geometry["b"], dtype=np.float64)
     if isinstance(collider, Cone):
@@ -58,14 +58,10 @@ def _continued(collider: Collider, geometry: dict[str, Any], up: NDArray, offset
 
 
 def _missing(height: float, level: float, size: float, deep: float) -> float:
-    """Return by how much to move a face down to have it `deep` below a plane [m]; 0 where it is above that.
+    """Return by how much to move a face down to have it `deep` below a plane [m]; 0 where it is not on that.
 
-    height
-        Of the face above the plane [m].
-    level
-        The cosine of the angle between its way out and that down into the plane.
-    size
-        Of what the face belongs to [m].
+    The face is so high above the plane, on a solid of a size [m]; `level` is the cosine of the angle between its
+    normal and that down into the plane.
     """
     if level < 1.0 - LEVEL or height > ON * size:
         return 0.0

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ...bodies import System, TouchingSurfaces
 from ...kernels.filling import find_depths
+from .contact_rules import ContactRules
 
 DEEP = 0.45
 """Spacings below the surface: from half a spacing on nothing pushes a point out."""
@@ -15,18 +16,8 @@ SAMPLES = 64
 """Particles of a body that are tried, at most."""
 
 
-def initial_containment(
-    system: System, surfaces: TouchingSurfaces, kind: NDArray[np.integer], rule: NDArray[np.integer]
-) -> str | None:
-    """Return words about the body that starts deepest inside a closed one that it touches; None where none does.
-
-    Parameters
-    ----------
-    system, surfaces
-        The bodies, and what of them can touch.
-    kind, rule
-        The kind of each body, and by kinds the number of the rule that holds, −1 where none does.
-    """
+def initial_containment(system: System, surfaces: TouchingSurfaces, rules: ContactRules) -> str | None:
+    """Return words about the body that starts deepest inside a closed one that it touches, or None."""
     x, body = system.position, surfaces.body_of_particle
     bodies = len(surfaces.closed)
     if not surfaces.closed.any() or bodies < 2:
@@ -42,7 +33,8 @@ def initial_containment(
     for outer in np.flatnonzero(surfaces.closed):
         deep = DEEP * surfaces.spacing[outer]
         inner_low, inner_high = low[outer] + deep, high[outer] - deep
-        near = ((low < inner_high) & (high > inner_low)).all(axis=1) & (rule[kind, kind[outer]] >= 0)
+        near = ((low < inner_high) & (high > inner_low)).all(axis=1)
+        near &= rules.between(np.arange(bodies), outer) >= 0
         near[outer] = False
         tried = [_sample(x, by_body[begin[k] : begin[k + 1]], inner_low, inner_high) for k in np.flatnonzero(near)]
         if not (particles := np.concatenate([*tried, np.zeros(0, dtype=int)])).size:
@@ -64,7 +56,7 @@ def initial_containment(
 
 
 def _sample(x: NDArray, particles: NDArray, low: NDArray, high: NDArray) -> NDArray[Any]:
-    """Return at most so many of the particles that are in a box, evenly chosen."""
+    """Return at most SAMPLES of the particles in a box, evenly chosen."""
     within = particles[((x[particles] > low) & (x[particles] < high)).all(axis=1)]
     return within[:: -(-len(within) // SAMPLES)] if len(within) else within
 

@@ -1,4 +1,4 @@
-"""NeighborList: which facets are near which points of bodies that touch, in lists that hold for some substeps."""
+"""NeighborList: the facets near each point of bodies that touch, in lists that hold for some substeps."""
 
 import math
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import TouchingSurfaces
+from ...bodies import places_along_curve
 from ...kernels.collision import (
     BLOCK,
     FLAGS,
@@ -26,12 +26,17 @@ from ...kernels.collision import (
 )
 from ...kernels.compensation import compensated_sum
 from ..device.launcher import Launcher
+from ..device.vector_arrays import in_records
 from ..model.model import Model
-from .contact_parameters import PIECE, curve, pieces
+from .contact_surfaces import ContactSurfaces
 from .tables_by_world import Repeated
 
+PIECE = 32
+"""Facets that are boxed together, on a GPU by a warp."""
+MORTON_BITS = 16
+"""Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
-"""Facets that a row has room for at first, and bodies beside one."""
+"""Facets that a row has room for at first, and bodies near one."""
 ROOM_TO_SPARE = 0.8
 """Share of it that may be taken."""
 MOST_ROOM = 2**30
@@ -43,23 +48,25 @@ SKIN_BY_WAY = 3.0
 WIDEST_SKIN = (0.5, 0.4)
 """The skin at most, by how far off bodies touch and by the least spacing: with more, rows are long."""
 FARTHEST_WAY = 16.0
-"""What moves further in a substep, by how far off bodies touch, is flying apart."""
+"""A body that moves further in a substep, by how far off bodies touch, is flying apart."""
 PATIENCE = 4
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 32
-"""That doubles when it was too early, as what followed within as many frames tells, up to this."""
+"""That doubles, up to this, when it was too early: when searches were needed again within as many frames."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
 BETWEEN = (1, 2, 4, 8, 16, 32)
-"""Substeps from one search to the next: a frame is recorded anew for each. With more of them piles take longer."""
+"""Substeps from one search to the next: a frame is recorded for each. With more of them piles take longer."""
 
 
 class NeighborList:
     """Lists the facets near each point.
 
-    A list holds until something has moved by half of its skin. Lists are made anew before every few substeps, as
-    many as the fastest motion allows; a frame in which that was not often enough is to be repeated. What is listed
-    and not touched changes nothing, so that results depend neither on the skin nor on how often is searched.
+    A list holds until something has moved by half of its skin. Lists are made again before every few substeps,
+    as often as the fastest motion needs; a frame in which that was too seldom must be repeated. Facets that are
+    listed and not touched change nothing: results depend neither on the skin nor on how often lists are made.
+
+    It alone replaces arrays that recorded launches write to, and counts that in `Model.generation`.
 
     Parameters
     ----------
@@ -67,24 +74,25 @@ class NeighborList:
         The system on a device.
     surfaces
         What may touch.
-    data
-        The same on the device, whose lists are kept here.
-    farthest
-        How far off a facet may push a point [m].
+    contact
+        The struct of contact on the device; its `neighbors` are kept here.
+    each
+        Uploads tables for all worlds.
     thickest
-        How far off it may from outside a body [m].
-    sided
-        Whether points remember on which side of sheets they are, down to the `depth` of these.
+        From how far outside a body a facet may push a point [m].
     """
 
     def __init__(
-        self, model: Model, surfaces: TouchingSurfaces, data: Any, farthest: float, thickest: float, sided: bool
+        self, model: Model, surfaces: ContactSurfaces, contact: Any, each: Repeated, thickest: float
     ) -> None:
-        self._model, self._data, self._farthest, self._sided = model, data, farthest, sided
-        self._around = max(farthest, float(data.depth.numpy().max()))
-        scalar, device, each = model.scalar, model.device, Repeated(model)
-        bodies, points = len(data.kind), len(data.share)
-        spacing = surfaces.spacing[surfaces.spacing > 0]
+        self._model, self._contact, self.data, self._sided = model, contact, contact.neighbors, surfaces.sided
+        on_host, data = surfaces.on_host, self.data
+        scalar, device, closed = model.scalar, model.device, on_host.closed
+        bodies, self._points = model.worlds * len(closed), model.worlds * len(on_host.share)
+        self.farthest = farthest = max(thickest, *(one[closed].max(initial=0.0) for one in surfaces.depth))
+        """From how far a facet may push a point [m]."""
+        self._around = max(farthest, float(surfaces.data.depth.numpy().max()))
+        spacing = on_host.spacing[on_host.spacing > 0]
         off, by_spacing = WIDEST_SKIN
         self._widest = max(
             off * farthest, by_spacing * float(spacing.min(initial=np.inf)) if len(spacing) else 0.0
@@ -95,38 +103,39 @@ class NeighborList:
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
         self._since_rarer = MOST_PATIENCE
         self.partition: Launcher | None = None
-        """What has threads of the CPU share what a frame launches; None where one thread does it all."""
+        """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
         self.now = self._found_at = 0.0
-        """When in a frame what is launched next takes place [s]."""
+        """The time in the frame of the next launches [s]."""
         self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
-        """By how much more than it touches a point is looked around [m], shape [1]."""
+        """How much farther than it touches a point searches [m], shape [1]."""
         self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
-        """What has been found out since they were read, in each world: see
-        `kernels.collision.contact_surfaces`."""
+        """What launches have found since they were read, in each world: see `kernels.collision.contact_data`."""
         self.unread = wp.zeros_like(self.flags)
-        owner, a, b = data.owner.numpy(), *surfaces.ends.T
-        x, share = data.x.numpy()[: len(surfaces.particle)], surfaces.share[:, None]
-        in_order = curve(surfaces.body[a], x[a] + share * (x[b] - x[a]))
-        data.in_order = each.alike(in_order, int, len(surfaces.share))
+        owner, x_first = surfaces.data.owner.numpy(), surfaces.data.x.numpy()[: len(on_host.particle)]
+        a, b = (x_first[end] for end in on_host.ends.T)
+        on_curve = places_along_curve(a + on_host.share[:, None] * (b - a), MORTON_BITS)
+        in_order = np.lexsort([on_curve, surfaces.body_of_point]).astype(np.int32)
+        data.in_order = each.alike(in_order, int, len(on_host.share))
+        data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
         self._lower, self._upper = (wp.zeros(len(owner), dtype=wp.vec3, device=device) for _ in "lu")
         boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
         self._boxes, self._limits = boxes[:2], boxes[2:]
         self._widest_facet = wp.zeros(bodies, dtype=float, device=device)
-        # What comes from afar may come so much nearer than it is looked for, and does not touch yet.
+        # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
         self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
         self._box()
-        candidate_body = wp.array(np.arange(bodies) // (bodies // model.worlds), dtype=int, device=device)
-        self._bodies = wp.Bvh(boxes[0], boxes[1], groups=candidate_body if model.in_worlds else None)
+        worlds = wp.array(np.arange(bodies) // len(closed), dtype=int, device=device)
+        self._bodies = wp.Bvh(boxes[0], boxes[1], groups=worlds if model.in_worlds else None)
         if model.in_worlds:
             data.root_of_world = wp.zeros(model.worlds, dtype=int, device=device)
             wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
-        # A point is looked for among the facets of the bodies beside its own, one body after the other.
-        self._tree = wp.Bvh(self._lower, self._upper, groups=data.owner)
+        # Each point is searched for in the facets of one body after the other.
+        self._tree = wp.Bvh(self._lower, self._upper, groups=surfaces.data.owner)
         data.root = wp.zeros(bodies, dtype=int, device=device)
         wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
         data.candidate_count, data.search_points, data.active_points = (
-            wp.zeros(points, dtype=int, device=device) for _ in "lcb"
+            wp.zeros(self._points, dtype=int, device=device) for _ in "lcb"
         )
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
@@ -137,7 +146,7 @@ class NeighborList:
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
-        """Launch a kernel whose threads share so many things: a thread for each, on the CPU one for each part.
+        """Launch a kernel whose threads share `many` items: a thread for each, on the CPU one for each part.
 
         There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
         """
@@ -153,43 +162,42 @@ class NeighborList:
             launch(0, 1)
 
     def place(
-        self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, anew: bool = False
+        self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, listing: bool = False
     ) -> None:
-        """Launch what puts vertices where particles at x are; without `compensation` these have lost nothing.
+        """Launch the placing of vertices where particles are at x; without `compensation` x is all there is.
 
-        Where lists are made `anew`, it is from there on that ways are measured.
+        Where lists are made here (`listing`), motion is measured from there on.
         """
-        model, data = self._model, self._data
+        model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
         if compensation is None:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
-        inputs = [data, compensation, x, v, self.now - self._found_at, self.buffer, self._more, self._widest_facet]
-        inputs += [*self._limits, anew]
-        self.share(kernel, len(data.x), inputs, [self.flags[MOVED:] if moved is None else moved])
+        inputs = [contact, compensation, x, v, self.now - self._found_at, self.buffer, self._more]
+        inputs += [self._widest_facet, *self._limits, listing]
+        self.share(kernel, len(contact.surfaces.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch what lists the facets near each point.
+        """Launch the search of the facets near each point.
 
-        Within a frame, how far anything has moved since the last search tells how often it is to be made.
+        Within a frame, the furthest motion since the last search decides how often to search.
         """
-        data = self._data
-        self._place_anew(x, v, compensation, self.flags[WAY:] if within else self.unread)
+        self._place_and_box(x, v, compensation, self.flags[WAY:] if within else self.unread)
         self._find_rows()
-        if not self._model.in_worlds:  # what bodies in contact have in common, those of many worlds have not
+        if not self._model.in_worlds:  # bodies of different worlds have no common drift
             device = self._model.device
-            lanes, threads = (PIECE, min(len(data.share), MOST_THREADS)) if device.is_cuda else (1, 1)
-            wp.launch(range_of_speeds(self._model.scalar, lanes), threads, [data, threads], device=device)
+            lanes, threads = (PIECE, min(self._points, MOST_THREADS)) if device.is_cuda else (1, 1)
+            wp.launch(range_of_speeds(self._model.scalar, lanes), threads, [self._contact, threads], device=device)
         self._found_at = self.now
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and make room for all."""
-        self._place_anew(x, v, None, self.unread)
+        self._place_and_box(x, v, None, self.unread)
         self._find_rows_with_room()
 
-    def _place_anew(self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array) -> None:
-        """Launch what puts vertices and the boxes around facets and bodies where particles at x are."""
-        self.place(x, v, compensation, moved, anew=True)
+    def _place_and_box(self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array) -> None:
+        """Launch the placing of vertices, and of the boxes around facets and bodies, where particles are at x."""
+        self.place(x, v, compensation, moved, listing=True)
         self._box()
         self._tree.refit()
         self._bodies.refit()
@@ -205,29 +213,34 @@ class NeighborList:
         self.flags.zero_()
 
     def _find_rows(self) -> None:
-        """Launch what lists the facets near each point, by the boxes that there are."""
-        data, device, kinds = self._data, self._model.device, (self._model.scalar, self._model.in_worlds)
+        """Launch the search of the facets near each point, by the present boxes."""
+        contact, device, kinds = self._contact, self._model.device, (self._model.scalar, self._model.in_worlds)
         around = [self._around, self.buffer]
-        inputs = [data, self._bodies.id, *self._boxes, *around, self.flags, data.active_count]
-        wp.launch(box_neighbours(*kinds), len(data.kind), inputs, self._limits, device=device)
-        self.share(find_candidates(*kinds), len(data.share), [data, *self._limits], [])
-        inputs = [data, self._tree.id, *self._boxes, *around]
-        self.share(find_rows(kinds[0], self._sided, kinds[1]), len(data.share), inputs, [self.flags], block=BLOCK)
+        inputs = [contact, self._bodies.id, *self._boxes, *around, self.flags, self.data.active_count]
+        wp.launch(box_neighbours(*kinds), len(self._boxes[0]), inputs, self._limits, device=device)
+        self.share(find_candidates(*kinds), self._points, [contact, *self._limits], [])
+        inputs = [contact, self._tree.id, *self._boxes, *around]
+        self.share(find_rows(kinds[0], self._sided, kinds[1]), self._points, inputs, [self.flags], block=BLOCK)
 
     def _box(self) -> None:
-        """Launch what finds the boxes around facets and bodies."""
+        """Launch the boxes around facets and bodies."""
         device, boxes = self._model.device, [*self._boxes, self._widest_facet]
         wp.launch(clear_boxes(), len(boxes[0]), outputs=boxes, device=device)
         lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
         kernel = box_facets(self._model.scalar, lanes, self._model.in_worlds)
         threads = lanes * len(self._piece)
-        wp.launch(kernel, threads, [self._data, self._piece], outputs, device=device)
+        wp.launch(kernel, threads, [self._contact, self._piece], outputs, device=device)
 
     def judge(self, flags: NDArray[Any], substeps: int) -> bool:
-        """Choose how often to search, by the flags of a frame; return whether the frame must be repeated."""
-        moved, way, longest, body_pairs = (float(flags[k]) for k in (MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS))
-        if not moved < FARTHEST_WAY * self._farthest * self.rebuild_interval:
-            return False  # it flies apart, which the watch sees
+        """Choose how often to search, by the flags of a frame; return whether the frame must be repeated.
+
+        Worlds that fly apart do not count: divergence is found elsewhere.
+        """
+        flags = flags.reshape(-1, FLAGS).astype(np.float64)
+        flags = flags[flags[:, MOVED] < FARTHEST_WAY * self.farthest * self.rebuild_interval]
+        if not len(flags):
+            return False
+        moved, way, longest, body_pairs = flags.max(axis=0)[[MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS]].tolist()
         held, before = moved <= 0.5 * self._skin_now, self.rebuild_interval
         # `way` is that of all substeps between two searches, `moved` lacks the last one.
         per_substep = max(
@@ -247,7 +260,7 @@ class NeighborList:
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted
             self.buffer.fill_(wanted)
-        overflown = longest > self._data.candidates.shape[1] or body_pairs > self._data.body_pairs.shape[1]
+        overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
         self._make_room(int(longest), int(body_pairs))
         if self.rebuild_interval != before:
             self._model.generation += 1  # it launches more searches in a frame, or fewer
@@ -258,7 +271,7 @@ class NeighborList:
 
         Some is kept to spare: between frames rows are found too, and nothing is repeated there.
         """
-        data = self._data
+        data = self.data
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
         if longest <= ROOM_TO_SPARE * room and (
             body_pairs <= ROOM_TO_SPARE * room_beside or room_beside >= bodies
@@ -271,8 +284,8 @@ class NeighborList:
         return True
 
     def _give_room(self, room: int, body_pairs: int) -> None:
-        """Make lists that have room for so many facets, and bodies beside one."""
-        data, device = self._data, self._model.device
+        """Make lists with room for `room` facets near a point, and `body_pairs` bodies near one."""
+        data, device = self.data, self._model.device
         points, bodies = len(data.candidate_count), len(data.body_pair_count)
         data.candidates, data.candidate_body = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
         data.candidate_distance = wp.zeros((points, room), dtype=self._model.scalar, device=device)
@@ -283,5 +296,14 @@ class NeighborList:
 
 
 def room_for(many: int) -> int:
-    """Return room for so many entries, with some to spare: a power of 2."""
+    """Return room for `many` entries, with some to spare: a power of 2."""
     return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()
+
+
+def pieces(owner: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return pieces of at most PIECE facets of one body each: its body, the first, and the one behind the last."""
+    begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+    ends = np.append(begins[1:], len(owner))
+    firsts = np.concatenate([np.arange(a, b, PIECE) for a, b in zip(begins, ends, strict=True)])
+    lasts = np.minimum(firsts + PIECE, ends[np.searchsorted(begins, firsts, side="right") - 1])
+    return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)

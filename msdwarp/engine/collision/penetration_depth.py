@@ -16,7 +16,7 @@ from .extended_solids import geometries
 TOUCHING = 0.01
 """Depth that counts as touching, over the shortest rest length: the strain that putting back a particle makes."""
 TOUCHING_ALONE = 1e-3
-"""The same without connections [m]: about what a particle falls from rest in a frame."""
+"""The same without connections [m]: about how far a particle falls from rest in a frame."""
 
 
 def describe(data: Any, colliders: Sequence[Collider], dim: int, scalar: Any, device: Any) -> None:

@@ -1,16 +1,15 @@
-"""SurfaceContact: what keeps obstacles from coming in between the particles of bodies that touch."""
+"""SurfaceContact: keeps obstacles from coming in between the particles of bodies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import TouchingSurfaces, contact_surfaces
+from ...bodies import TouchingSurfaces
 from ...kernels.colliders import KINDS
 from ...kernels.collision import (
-    HISTORY,
     QUADRATURE_POINTS,
     SurfaceContactData,
     add_energies,
@@ -20,11 +19,12 @@ from ...kernels.collision import (
     surface_contact_term,
 )
 from ...world import Box, Collider, Contact, Load, Plane
-from ..model.effect import Effect
 from ..model.model import Model
-from .body_contact import OVERLAP, SEPARATION_TIME, UNITS, BodyContact
+from .body_contact import OVERLAP, UNITS, BodyContact
 from .colliders import LARGEST, Colliders
-from .contact_parameters import STORED, given_stiffness, rules_by_kind
+from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
+from .contact_rules import spread_to_particles
+from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
 
 HARDER = 8.0
@@ -32,11 +32,9 @@ HARDER = 8.0
 SLACK = 1e-4
 """How deep is none yet, by the spacing: particles on an obstacle lie on its surface but for roundings."""
 THIN = 0.25
-"""What is deeper in an obstacle than by this share of `inradius` is led out of the side that it came in by."""
-KEPT = ("tangential_displacement", "contact_body", "way", "level")
-"""What facets keep from one substep to the next."""
+"""A place deeper in an obstacle than this share of `inradius` is pushed out of the side that it came in by."""
 LEAST_RESTITUTION = 0.3
-"""What bounces less is damped as this: particles bear most of a blow, and harder dampers need shorter steps."""
+"""Lower restitutions are damped as this: particles bear most of a blow, and harder dampers need shorter steps."""
 
 
 def surface_contact_of(
@@ -46,19 +44,19 @@ def surface_contact_of(
     colliders: Sequence[Collider],
     loads: Sequence[Load],
 ) -> "SurfaceContact | None":
-    """Return the effect of obstacles that come in between particles, where that is asked for and any could.
+    """Return the effect of obstacles that come in between particles, where that is requested and any could.
 
-    The half-space below a plane cannot: what has its corners above it lies above it.
+    The half-space below a plane cannot: a facet with its corners above it lies above it.
     """
     rules = [one for one in loads if isinstance(one, Contact)]
     if contact.planes_only or not any(one.surface_colliders for one in rules):
         return None
-    surfaces = contact_surfaces(model.system)
-    spread = np.flatnonzero((surfaces.corner != surfaces.corner[:, :1]).any(axis=1))
-    return SurfaceContact(model, contact, touching, colliders, rules, surfaces, spread) if len(spread) else None
+    corner = touching.surfaces.on_host.corner
+    corner = corner[(corner != corner[:, :1]).any(axis=1)]
+    return SurfaceContact(model, contact, touching, colliders, corner) if len(corner) else None
 
 
-class SurfaceContact(Effect):
+class SurfaceContact(WithHistory):
     """Keeps the facets of bodies off obstacles, as `Colliders` keeps their particles off.
 
     See `kernels.collision.surface_contact`.
@@ -73,10 +71,8 @@ class SurfaceContact(Effect):
         Contact between its bodies, which places the vertices of their surfaces.
     colliders
         The obstacles.
-    rules
-        How bodies touch; where several hold for a body, the last.
-    surfaces, facets
-        What can touch, and the numbers of its facets that are more than points.
+    corner
+        The vertices of each facet that is more than a point, shape [facet_count, 3].
     """
 
     def __init__(
@@ -85,9 +81,7 @@ class SurfaceContact(Effect):
         contact: Colliders,
         touching: BodyContact,
         colliders: Sequence[Collider],
-        rules: Sequence[Contact],
-        surfaces: TouchingSurfaces,
-        facets: NDArray[np.int64],
+        corner: NDArray[np.int32],
     ) -> None:
         self._model, self._contact, self._touching = model, contact, touching
         scalar, device = model.scalar, model.device
@@ -98,25 +92,22 @@ class SurfaceContact(Effect):
         def array(values: Any, kind: Any) -> wp.array:
             return wp.array(np.ascontiguousarray(values), dtype=kind, device=device)
 
-        corner, data = surfaces.corner[facets], SurfaceContactData(scalar, contact.moves)()
-        self._data, body = data, surfaces.body[corner[:, 0]]
+        surfaces, vertices = touching.surfaces.on_host, touching.surfaces.data
+        data = self._data = SurfaceContactData(scalar, contact.moves)()
+        body, count = surfaces.body[corner[:, 0]], len(corner)
         data.place = array(quadrature_weights(), model.vector)
-        data.x, data.v = touching.vertices
-        each = surfaces.weight != 0
-        data.first = array(np.append(0, np.cumsum(each.sum(axis=1))), int)
-        data.particle, data.weight = array(surfaces.particle[each], int), array(surfaces.weight[each], scalar)
-        inverse = np.broadcast_to(1.0 / model.mass, model.particle_count)
-        mobility = (surfaces.weight**2 * inverse[surfaces.particle]).sum(axis=1)
-        data.mobility, data.corner = array(mobility, scalar), array(corner, wp.vec3i)
-        whole = HARDER * _rigid_stiffness(model, surfaces, rules)
-        stiffness = (whole / _places_to_a_vertex(surfaces, corner))[body]
+        for name in ("x", "v", "first", "particle", "weight", "mobility"):
+            setattr(data, name, getattr(vertices, name))
+        data.corner = array(corner, wp.vec3i)
+        # With a rigid body a contact is twice as stiff as with one alike, unless its stiffness is given.
+        given = touching.rules.given_stiffness(*[np.arange(len(surfaces.closed))] * 2)
+        whole = HARDER * np.where(given < 0, 2.0 * surfaces.stiffness, given)
+        facets = np.bincount(body, minlength=len(whole))
+        points = QUADRATURE_POINTS * np.maximum(facets, 1) / np.maximum(bearing_vertices(surfaces), 1)
+        stiffness = (whole / points)[body]
         data.stiffness, data.whole = array(stiffness, scalar), array(whole[body], scalar)
         data.slack = array(SLACK * surfaces.spacing[body], scalar)
-        count = len(corner)
-        data.tangential_displacement = wp.zeros((HISTORY, count), dtype=model.vector, device=device)
-        data.way = wp.zeros((HISTORY, count), dtype=model.vector, device=device)
-        data.level = wp.zeros((HISTORY, count), dtype=scalar, device=device)
-        data.contact_body = wp.full((HISTORY, count), -1, dtype=int, device=device)
+        self.history = ContactHistory(model, data, count, "straddle", {"way": model.vector, "level": scalar})
         data.solid = array([k for k, one in enumerate(colliders) if not isinstance(one, Plane)], int)
         data.solids, data.friction = contact.data.solids, contact.data.surface.friction
         boxes = np.array([_box_around(one) for one in colliders])
@@ -136,24 +127,15 @@ class SurfaceContact(Effect):
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
         self._blocks = _blocks(model, surfaces, corner, stiffness, whole[body], max(damping))
 
-        depth = _start_depths(surfaces.weight, model.system.position[surfaces.particle], corner, colliders)
-        deepest = float(depth.max(initial=0.0))
-        self._overlapping_at_start = bool((depth > OVERLAP * surfaces.spacing[body]).any())
-        data.initial_overlap = array(depth if self._overlapping_at_start else np.zeros(count), scalar)
-        data.overlap_release_speed = deepest / SEPARATION_TIME if self._overlapping_at_start else 0.0
-        self._deepest = (int(np.argmax(depth)), deepest)
-        if self._overlapping_at_start or contact.moves:
+        depth = _start_depths(surfaces, model.system.position, corner, colliders)
+        if (depth > OVERLAP * surfaces.spacing[body]).any():
+            self.history.allow(depth)
+        self._deepest = (int(np.argmax(depth)), float(depth.max(initial=0.0)))
+        if self.history.overlapping_at_start or contact.moves:
             data.power = wp.zeros(count, dtype=wp.float64, device=device)
             self.done = wp.zeros(count, dtype=wp.float64, device=device)
         self._stage = 0
         self._substep = 0
-
-    def go_on_from(self, other: Effect) -> None:
-        """Let facets stick to what they stuck to in another model of the same bodies."""
-        assert isinstance(other, SurfaceContact)
-        if other._data.contact_body.shape == self._data.contact_body.shape:
-            for name in KEPT:
-                wp.copy(getattr(self._data, name), getattr(other._data, name))
 
     def begin(self, substeps: int, dt: float) -> None:
         """Take the length of substeps, and where obstacles will be."""
@@ -188,7 +170,7 @@ class SurfaceContact(Effect):
         """Launch the kernel over all facets: on a GPU a thread for each, on the CPU one for all."""
         device = self._model.device
         kernel = evaluate_surface(
-            self._model.scalar, self._kinds, self._contact.moves, self._overlapping_at_start, measuring
+            self._model.scalar, self._kinds, self._contact.moves, self.history.overlapping_at_start, measuring
         )
         threads = len(self._data.corner) if device.is_cuda else 1
         wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
@@ -206,7 +188,7 @@ class SurfaceContact(Effect):
 
     def overlapping(self) -> str | None:
         """Return words about the facet that an obstacle is in deepest at the start; None where none is."""
-        if not self._overlapping_at_start:
+        if not self.history.overlapping_at_start:
             return None
         facet, deep = self._deepest
         vertex = int(self._data.corner.numpy()[facet][0])
@@ -215,29 +197,6 @@ class SurfaceContact(Effect):
             f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is led "
             f"out within {SEPARATION_TIME} s; move the body or the obstacle apart"
         )
-
-    @property
-    def changing(self) -> list[wp.array]:
-        """How facets stick."""
-        return [*(getattr(self._data, name) for name in KEPT), self._data.initial_overlap]
-
-    def checkpoint(self) -> dict[str, NDArray]:
-        """Return how facets stick."""
-        names = (*KEPT, *(("initial_overlap",) if self._overlapping_at_start else ()))
-        arrays = {f"straddle.{STORED[name]}": getattr(self._data, name).numpy().copy() for name in names}
-        if self._overlapping_at_start:
-            arrays["straddle.outwards"] = np.array([self._data.overlap_release_speed])
-        return arrays
-
-    def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
-        for name in KEPT:
-            getattr(self._data, name).assign(arrays[f"straddle.{STORED[name]}"])
-        self._overlapping_at_start = "straddle.allowed" in arrays
-        self._model.generation += 1  # it launches other kernels
-        if self._overlapping_at_start:
-            self._data.initial_overlap.assign(arrays["straddle.allowed"])
-            self._data.overlap_release_speed = float(arrays["straddle.outwards"][0])
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add what obstacles hold facets with, by what that is more than other bodies do: nothing is in both."""
@@ -266,26 +225,6 @@ def _box_around(collider: Collider) -> tuple[NDArray[np.float64], NDArray[np.flo
     return ends.min(axis=0) - geometry["radius"], ends.max(axis=0) + geometry["radius"]
 
 
-def _rigid_stiffness(model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> NDArray[np.float64]:
-    """Return the stiffness of a contact of each body with one that is rigid [N/m]: twice that with one alike.
-
-    What a scene gives for a body and others of its kind holds as it is.
-    """
-    kind, rule = rules_by_kind(model, surfaces, rules)
-    given = given_stiffness(rules, rule[kind, kind])
-    return np.where(given < 0, 2.0 * surfaces.stiffness, given)
-
-
-def _places_to_a_vertex(surfaces: TouchingSurfaces, corner: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return how many places on facets there are of each body for each vertex that bears by itself."""
-    bodies = len(surfaces.closed)
-    vertices = np.bincount(surfaces.body, minlength=bodies)
-    carriers = np.unique(surfaces.particle[surfaces.weight != 0])
-    carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
-    facets = np.bincount(surfaces.body[corner[:, 0]], minlength=bodies)
-    return QUADRATURE_POINTS * np.maximum(facets, 1) / np.maximum(np.minimum(vertices, carrying), 1)
-
-
 def _blocks(
     model: Model,
     surfaces: TouchingSurfaces,
@@ -309,30 +248,18 @@ def _blocks(
     for values in (stiff, damped):
         on_vertices = np.zeros(len(surfaces.particle))
         np.add.at(on_vertices, corner, np.repeat(values[:, None], 3, axis=1))
-        total = np.zeros(model.particle_count)
-        np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * on_vertices[:, None])
-        totals.append(total)
+        totals.append(spread_to_particles(surfaces, on_vertices, model.particle_count))
     return totals[0], totals[1]
 
 
 def _start_depths(
-    weight: NDArray[np.float64],
+    surfaces: TouchingSurfaces,
     position: NDArray[np.float64],
     corner: NDArray[np.int32],
     colliders: Sequence[Collider],
 ) -> NDArray[np.float64]:
-    """Return how deep an obstacle is in each facet at the start [m], 0 where none is, shape [facet_count].
-
-    Parameters
-    ----------
-    weight, position
-        Of the particles that each vertex is a mixture of, shapes [vertex_count, k] and [vertex_count, k, 3].
-    corner
-        The vertices of each facet.
-    colliders
-        The obstacles.
-    """
-    places = np.einsum("vk,vkd->vd", weight, position)[corner]
+    """Return how deep an obstacle is in each facet at the start [m], 0 where none is, shape [facet_count]."""
+    places = np.einsum("vk,vkd->vd", surfaces.weight, position[surfaces.particle])[corner]
     depth, solids = np.zeros(len(corner)), [one for one in colliders if not isinstance(one, Plane)]
     middle = places.mean(axis=1)
     far = np.linalg.norm(places - middle[:, None], axis=2).max(axis=1)

@@ -4,7 +4,6 @@ The worlds' surfaces follow each other in the tables of contact, as their bodies
 looks have a branch for each world. So all worlds are searched at once, and none ever looks at another.
 """
 
-from collections.abc import Callable
 from math import lcm
 from typing import Any
 
@@ -58,28 +57,3 @@ def surfaces_by_row(model: Model, surfaces: TouchingSurfaces) -> list[TouchingSu
     means = [spring_means(system, body, one) for one in rows["stiffness"]]
     count = lcm(len(of_lengths), len(means))
     return [of_lengths[k % len(of_lengths)]._replace(stiffness=means[k % len(means)]) for k in range(count)]
-
-
-def blocks_by_row(
-    model: Model,
-    by_row: list[TouchingSurfaces],
-    blocks_of: Callable[[NDArray[np.float64], TouchingSurfaces], tuple[NDArray, NDArray]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each.
-
-    Parameters
-    ----------
-    model
-        The worlds, whose masses may differ.
-    by_row
-        What may touch, as worlds have it.
-    blocks_of
-        `contact_blocks` of masses [kg] and surfaces.
-    """
-    masses = model.row_of("mass")
-    masses = np.broadcast_to(masses, (len(masses), model.particle_count))
-    rows = range(lcm(len(by_row), len(masses)))
-    stiffness, damping = zip(
-        *(blocks_of(masses[k % len(masses)], by_row[k % len(by_row)]) for k in rows), strict=True
-    )
-    return np.array(stiffness), np.array(damping)

@@ -1,16 +1,15 @@
-"""Words about contacts between bodies that were overrun, and what would help."""
+"""Words about tunnelling: contacts that may come out on the wrong side, and what would help."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...bodies import System, TouchingSurfaces
-from ...kernels.collision import COUNT, FACET, GAP, PLACE, POINT, SPEED
-from ...world import Contact
-from .contact_parameters import stiffness_of_pairs
+from ...kernels.collision import FACET, GAP, PLACE, POINT, SPEED
+from .contact_rules import ContactRules
+from .contact_surfaces import ContactSurfaces
 
 
 class Tunnelling(NamedTuple):
@@ -32,30 +31,17 @@ class Tunnelling(NamedTuple):
     """Whether the facet's body has an inside, out of which points are pushed."""
 
     @classmethod
-    def of(
-        cls, noted: NDArray[np.float64], data: Any, surfaces: TouchingSurfaces, rules: Sequence[Contact]
-    ) -> Self | None:
-        """Return what `kernels.collision.tunnelling` has noted of a frame; None where that is nothing.
-
-        Parameters
-        ----------
-        noted, data
-            What was noted, and the struct of the surfaces that touch.
-        surfaces, rules
-            The same on the host, and how they touch.
-        """
-        if not noted[COUNT]:
-            return None
-        a, b = int(data.body.numpy()[int(noted[POINT])]), int(data.owner.numpy()[int(noted[FACET])])
-        kind, own, other = data.kind.numpy(), np.array([a]), np.array([b])
-        rule = data.rule.numpy()[kind[own], kind[other]]
-        thickness, closed, gap = rules[rule[0]].thickness, bool(surfaces.closed[b]) and a != b, float(noted[GAP])
-        if thickness is None:
-            thickness = float(surfaces.radius[a] + surfaces.radius[b])
-        most = max(thickness, float(data.depth.numpy()[b])) if closed else thickness
-        stiffness = float(stiffness_of_pairs(surfaces, rules, rule, own, other)[0])
-        deep = -gap if closed else thickness - gap
-        return cls((a, b), noted[PLACE:], deep, most, float(noted[SPEED]), stiffness, closed)
+    def of(cls, noted: NDArray[np.float64], surfaces: ContactSurfaces, rules: ContactRules) -> Self:
+        """Return what `kernels.collision.tunnelling` has noted of a frame, by the numbers of one world."""
+        on_host = surfaces.on_host
+        a, b = int(surfaces.body_of_point[int(noted[POINT])]), int(surfaces.body_of_facet[int(noted[FACET])])
+        thickness, closed = float(rules.thickness[rules.between(a, b)]), bool(on_host.closed[b]) and a != b
+        if thickness < 0:
+            thickness = float(on_host.radius[a] + on_host.radius[b])
+        most = max(thickness, float(surfaces.depth[0][b])) if closed else thickness
+        stiffness = float(rules.pair_stiffness(a, b, on_host.stiffness[a], on_host.stiffness[b]))
+        gap, speed = float(noted[GAP]), float(noted[SPEED])
+        return cls((a, b), noted[PLACE:], -gap if closed else thickness - gap, most, speed, stiffness, closed)
 
     def described(self, system: System, surfaces: TouchingSurfaces, substeps: int, dt: float) -> str:
         """Return words about it: who, where, how deep, how fast, and what would help.

@@ -30,7 +30,6 @@ from ...world import (
     driven_particles,
 )
 from ..collision.body_contact import BodyContact
-from ..collision.body_contact_worlds import BodyContactWorlds
 from ..collision.colliders import Colliders
 from ..collision.penetration_depth import start_depths, touching
 from ..collision.surface_contact import SurfaceContact, surface_contact_of
@@ -74,9 +73,8 @@ def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
     rules = [one for one in around.loads if isinstance(one, Contact)]
     if all(one.exclude for one in rules):
         return None
-    if model.in_worlds:
-        return BodyContactWorlds(model, rules)
-    return BodyContact(model, rules, around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE))
+    sums_forces = not model.in_worlds and around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
+    return BodyContact(model, rules, sums_forces)
 
 
 def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:

@@ -1,0 +1,123 @@
+"""ContactHistory: which bodies touch and how far they have moved along each other, also in checkpoints."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.collision import HISTORY
+from ..model.effect import Effect
+from ..model.model import Model
+
+SEPARATION_TIME = 0.5
+"""Bodies that overlap at the start are moved apart within this time [s]."""
+STORED = {
+    "tangential_displacement": "slip",
+    "contact_body": "partner",
+    "contact_side": "seen",
+    "initial_overlap": "allowed",
+    "way": "way",
+    "level": "level",
+}
+"""The names that arrays have in checkpoints: those of version 0.1."""
+
+
+class ContactHistory:
+    """Which bodies points or facets touch, how far they moved along them, and how deep they may still overlap.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    data
+        The struct whose arrays these are.
+    count
+        How many points or facets there are.
+    prefix
+        What the names in checkpoints begin with.
+    more
+        The types of the other arrays that are remembered, by name.
+    """
+
+    def __init__(self, model: Model, data: Any, count: int, prefix: str, more: Mapping[str, Any]) -> None:
+        self._model, self._prefix = model, prefix
+        self.data = data
+        types = {"tangential_displacement": model.vector, "contact_body": int, **more}
+        for name, dtype in types.items():
+            setattr(data, name, wp.zeros((HISTORY, count), dtype=dtype, device=model.device))
+        data.initial_overlap = wp.zeros(count, dtype=model.scalar, device=model.device)
+        self.overlapping_at_start = False
+        """Whether anything overlapped at the start: then other kernels are launched."""
+        self._names = tuple(types)
+        self.stored: Sequence[str] = self._names
+        """What checkpoints hold, beside the initial overlap."""
+        self.forget()
+
+    def allow(self, overlap: NDArray[np.float64]) -> None:
+        """Let each point or facet overlap by so much [m] at the start, and less and less."""
+        self.overlapping_at_start = True
+        self.data.initial_overlap.assign(overlap.astype(self._model.dtype))
+        self.data.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
+
+    def forget(self) -> None:
+        """Forget all but the initial overlap."""
+        for name in self._names:
+            getattr(self.data, name).fill_(-1 if name == "contact_body" else 0)
+
+    def go_on_from(self, other: "ContactHistory") -> None:
+        """Take over the history of another model of the same bodies."""
+        if other.data.contact_body.shape == self.data.contact_body.shape:
+            for name in self._names:
+                wp.copy(getattr(self.data, name), getattr(other.data, name))
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """The arrays that substeps change."""
+        return [getattr(self.data, name) for name in (*self._names, "initial_overlap")]
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return the history by the names that it has in checkpoints."""
+        names = (*self.stored, *("initial_overlap",) * self.overlapping_at_start)
+        arrays = {f"{self._prefix}.{STORED[name]}": getattr(self.data, name).numpy().copy() for name in names}
+        if self.overlapping_at_start:
+            arrays[f"{self._prefix}.outwards"] = np.array([self.data.overlap_release_speed])
+        return arrays
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave."""
+        self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
+        self._model.generation += 1  # other kernels are launched
+        for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
+            stored = f"{self._prefix}.{STORED[name]}"
+            if name == "contact_side" and stored not in arrays:  # without sheets, and in files of earlier versions
+                self.data.contact_side.zero_()
+            else:
+                getattr(self.data, name).assign(arrays[stored])
+        if self.overlapping_at_start:
+            self.data.overlap_release_speed = float(arrays[f"{self._prefix}.outwards"][0])
+
+
+class WithHistory(Effect):
+    """An effect that changes nothing but its history."""
+
+    history: ContactHistory
+
+    def go_on_from(self, other: Effect) -> None:
+        """Take over the history of another model of the same bodies."""
+        assert isinstance(other, WithHistory)
+        self.history.go_on_from(other.history)
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """The arrays of the history."""
+        return self.history.changing
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """Return the history by the names that it has in checkpoints."""
+        return self.history.checkpoint()
+
+    def restore(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take back what `checkpoint` gave."""
+        self.history.restore(arrays)

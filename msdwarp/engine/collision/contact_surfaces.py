@@ -1,0 +1,122 @@
+"""ContactSurfaces: vertices, points, facets and bodies that may touch, and their constants on a device."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import TouchingSurfaces
+from ..device.csr import rows
+from ..device.vector_arrays import in_records
+from ..model.model import Model
+from .tables_by_world import Repeated, surfaces_by_row
+
+
+class ContactSurfaces:
+    """The surfaces of the bodies of a system, in one world or many.
+
+    Parameters
+    ----------
+    model
+        The system on a device.
+    surfaces
+        Its surfaces.
+
+    Attributes
+    ----------
+    on_host
+        The surfaces, as they were given.
+    by_row
+        The same with the stiffness and the thickness that bodies have in each row of worlds.
+    depth
+        How deep a point may be in each body, or behind it, and still be pushed out [m], by row.
+    density
+        Vertices that bear by themselves, by points, of each body.
+    sided
+        Whether any body is a sheet on whose sides points stay.
+    triangles
+        Whether any facet is a triangle.
+    data
+        The struct of their arrays; None before `upload`.
+    """
+
+    data: Any = None
+
+    def __init__(self, model: Model, surfaces: TouchingSurfaces) -> None:
+        self.on_host, self.by_row = surfaces, surfaces_by_row(model, surfaces)
+        bodies, corner = len(surfaces.closed), surfaces.corner
+        # Of itself a sheet is on both sides.
+        self._sided = surfaces.sided & (bodies > 1)
+        self.sided, self.triangles = bool(self._sided.any()), bool((corner[:, 1] != corner[:, 2]).any())
+        # A lattice is one spacing thick at least: a point past its middle has come from the other side.
+        self.depth = [np.where(one.closed | self._sided, 0.5 * one.spacing, 0.0) for one in self.by_row]
+        self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
+        on_points = np.bincount(self.body_of_point, minlength=bodies)
+        self.density = bearing_vertices(surfaces) / np.maximum(on_points, 1)
+
+    def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
+        """Fill in the struct that kernels read; within `hops` edges of a vertex its body does not touch it."""
+        self.data, surfaces, scalar = data, self.on_host, model.scalar
+        vertices, bodies = len(surfaces.particle), len(surfaces.closed)
+        present = surfaces.weight != 0
+        data.first = each.starts(present.sum(axis=1))
+        data.particle = each.alike(surfaces.particle[present], int, model.stride)
+        data.weight = each.alike(surfaces.weight[present], scalar)
+        inverse = np.broadcast_to(1.0 / model.row_of("mass"), (len(model.row_of("mass")), model.particle_count))
+        data.mobility = each.by_row((surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2), scalar)
+        first, near = neighbourhoods(surfaces, hops)
+        data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
+        data.body_of = each.alike(surfaces.body, int, bodies)
+        data.x, data.v = (in_records(model.worlds * vertices, model.dim, scalar, model.device) for _ in "xv")
+        start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
+        wp.copy(data.x, each.by_row(start.astype(model.dtype), model.vector))
+        data.force = wp.zeros((model.worlds * vertices, 3), dtype=wp.int64, device=model.device)
+        data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
+        data.body = each.alike(self.body_of_point, int, bodies)
+        data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
+        data.owner = each.alike(self.body_of_facet, int, bodies)
+        data.closed = each.alike(surfaces.closed.astype(np.int32), int)
+        data.sided = each.alike(self._sided.astype(np.int32), int)
+        data.depth, data.density = each.by_row(np.array(self.depth), scalar), each.alike(self.density, scalar)
+        for name in ("stiffness", "radius"):
+            setattr(data, name, each.by_row(np.array([getattr(one, name) for one in self.by_row]), scalar))
+
+    def by_particle(self, data: Any, model: Model) -> NDArray[np.bool_]:
+        """Fill in which vertices each particle of a world carries; return which carry any."""
+        surfaces, device = self.on_host, model.device
+        present = surfaces.weight != 0
+        order, first = rows(surfaces.particle[present], model.particle_count)
+        vertex = np.repeat(np.arange(len(present)), present.sum(axis=1))
+        data.first, data.vertex = (wp.array(one, dtype=int, device=device) for one in (first, vertex[order]))
+        data.weight = wp.array(surfaces.weight[present][order], dtype=model.scalar, device=device)
+        return np.diff(first) > 0
+
+
+def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
+    """Return how many vertices of each body bear by themselves: no more than particles carry them."""
+    bodies = len(surfaces.closed)
+    carriers = np.unique(surfaces.particle[surfaces.weight != 0])
+    carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
+    return np.minimum(carrying, np.bincount(surfaces.body, minlength=bodies))
+
+
+def neighbourhoods(
+    surfaces: TouchingSurfaces, hops: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where the neighbours of each vertex begin, and these: itself, and those within `hops` of its body."""
+    count, corner = len(surfaces.particle), surfaces.corner
+    edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
+    edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    degree = np.bincount(edges[:, 0], minlength=count)
+    first = np.append(0, np.cumsum(degree))
+    vertex = near = np.arange(count)
+    for hop in range(1, int(hops.max(initial=0)) + 1):
+        on = hops[surfaces.body[vertex]] >= hop
+        further = degree[near[on]]
+        begins = np.repeat(first[near[on]] - np.append(0, np.cumsum(further)[:-1]), further)
+        added = edges[begins + np.arange(len(begins)), 1]
+        both = np.concatenate([vertex, np.repeat(vertex[on], further)]), np.concatenate([near, added])
+        vertex, near = np.divmod(np.unique(both[0] * count + both[1]), count)
+    return np.append(0, np.cumsum(np.bincount(vertex, minlength=count))), near
