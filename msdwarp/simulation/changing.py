@@ -1,4 +1,4 @@
-"""Changing: what can be changed of a simulation between two frames."""
+"""Changing: changes of a simulation between two frames."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -32,17 +32,17 @@ class Changing(PresentWorld):
     """The properties of a simulation that can change between two frames."""
 
     _surroundings: dict[str, Any]
-    """What the system is in: arguments of `Model`."""
-    _acting: tuple[Load, ...]
-    """The loads that act, as they were given."""
-    _pace: StepController | None
+    """Arguments of `assemble` for gravity, colliders, loads, probes and the device."""
+    _active_loads: tuple[Load, ...]
+    """The present loads, as given."""
+    _step_controller: StepController | None
     _due: list[Change]
-    """The changes of the schedule that are still to come."""
+    """Scheduled changes that are still to come."""
 
     @property
     def loads(self) -> tuple[Load, ...]:
         """The loads on the system, as given."""
-        return self._acting
+        return self._active_loads
 
     @property
     def colliders(self) -> tuple[Collider, ...]:
@@ -54,29 +54,29 @@ class Changing(PresentWorld):
         """Acceleration of free fall [m/s²], as given."""
         return self._surroundings["gravity"]
 
-    def _change_as_due(self) -> None:
+    def _apply_scheduled_change(self) -> None:
         """Apply the next change of the schedule."""
         try:
             self._apply(self._due[0])
         except UnstableStep as error:
             raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
-        del self._due[0]  # now that it has been possible
+        del self._due[0]  # not before the change has succeeded
 
-    def _stick(self, arrays: Mapping[str, NDArray]) -> None:
-        """Begin with bodies that stick to each other as `BodyContact.checkpoint` says, where they may touch."""
+    def _restore_contact(self, arrays: Mapping[str, NDArray]) -> None:
+        """Start with the contacts between bodies of a checkpoint (`BodyContact.checkpoint`)."""
         if self.assembly.body_contact is not None:
             self.assembly.body_contact.restore(arrays)
-        self.stepping.begin_anew()
-        if self._pace is not None:
-            self._pace.begin(self.stepping)
+        self.stepping.reset_baseline()
+        if self._step_controller is not None:
+            self._step_controller.begin(self.stepping)
 
     @abstractmethod
     def _load(self, system: System) -> None:
-        """Upload a system and prepare to advance it, with substeps chosen anew."""
+        """Upload a system, choose substeps and prepare to advance it."""
 
     @abstractmethod
-    def _choose_anew(self) -> None:
-        """Change the number of substeps if the system as it is now asks for another one."""
+    def _update_choice(self) -> None:
+        """Choose the substeps again, for the present state."""
 
     @in_turn
     def change(
@@ -91,7 +91,7 @@ class Changing(PresentWorld):
         colliders: Sequence[Collider] | None = None,
         **parameters: Any,
     ) -> None:
-        """Change gravity, loads, touch, colliders, velocities, mass, stiffness, damping or rest_length.
+        """Change gravity, loads, contact, colliders, velocities, mass, stiffness, damping or rest_length.
 
         A mass of inf pins a particle. A new velocity may add energy, which does not count as divergence. Automatic
         substeps and the automatic algorithm are chosen again.
@@ -112,7 +112,7 @@ class Changing(PresentWorld):
         colliders
             All obstacles from now on, such as the same ones with another friction. Checkpoints do not include
             them.
-        group, freeze, release, gravity, parameters
+        group, set_rest_shape, unpin, gravity, parameters
             See `msdwarp.at`.
 
         Raises
@@ -128,112 +128,112 @@ class Changing(PresentWorld):
                     "colliders takes the place of all obstacles; nothing else may change in that call"
                 )
             given = checks.sequence("colliders", colliders, Collider, "Plane()")
-            self._go_on_with(self.snapshot(), {"colliders": given})
+            self._reload(self.snapshot(), {"colliders": given})
             return
         if loads is None and contact is None:
             self._apply(change)
             return
         if set_rest_shape or parameters or unpin is not None or gravity is not None:
-            name, whose = ("loads", "loads") if loads is not None else ("contact", "rules of contact")
+            name, replaced = ("loads", "loads") if loads is not None else ("contact", "rules of contact")
             raise ValueError(
-                f"{name} takes the place of all {whose}; nothing but loads and contact may change in that call"
+                f"{name} takes the place of all {replaced}; nothing but loads and contact may change in that call"
             )
-        given = self._acting if loads is None else checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
+        given = self._active_loads if loads is None else checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
         if contact is None and not any(isinstance(one, Contact) for one in given):
-            contact = tuple(one for one in self._acting if isinstance(one, Contact))
+            contact = tuple(one for one in self._active_loads if isinstance(one, Contact))
         self._replace_loads(given if contact is None else with_contact(given, contact))
 
     def _apply(self, change: Change) -> None:
-        """Go on with the system, its gravity and its loads, as a change makes them."""
+        """Make a change of the system, gravity or loads."""
         if change.of_gravity_alone and not callable(change.gravity) and self.model.falling is None:
-            self._fall(change.gravity)
+            self._set_gravity(change.gravity)
             return
         if change.of_velocity_alone:
-            self._throw(change)
+            self._set_velocity(change)
             return
         system = self.snapshot()
         other: dict[str, Any] = {"loads": change.released_from(self._surroundings["loads"], system)}
         if change.gravity is not None:
             other["gravity"] = change.gravity
-        self._go_on_with(change.applied_to(system), other)
+        self._reload(change.applied_to(system), other)
 
-    def _go_on_with(self, system: System, other: dict[str, Any]) -> None:
-        """Go on with a system in other surroundings."""
-        around = self._surroundings
-        self._surroundings = around | other
+    def _reload(self, system: System, other: dict[str, Any]) -> None:
+        """Upload a system with changed surroundings."""
+        before = self._surroundings
+        self._surroundings = before | other
         try:
             self._load(system)
         except Exception:
-            self._surroundings = around
+            self._surroundings = before
             raise
 
-    def _fall(self, gravity: Any) -> None:
-        """Go on under another constant gravity."""
+    def _set_gravity(self, gravity: Any) -> None:
+        """Set another constant gravity in place."""
         self.model.check_range(checks.gravity("gravity", gravity, self.model.dim), "gravity")
         before = self._energy()
-        self.stepping.fall(gravity)
+        self.stepping.set_gravity(gravity)
         self._surroundings = self._surroundings | {"gravity": gravity}
-        if self._pace is not None:
-            self._pace.fall(self.stepping, self._energy() - before)
+        if self._step_controller is not None:
+            self._step_controller.set_gravity(self.stepping, self._energy() - before)
 
-    def _throw(self, change: Change) -> None:
-        """Go on with other velocities."""
+    def _set_velocity(self, change: Change) -> None:
+        """Set other velocities in place."""
         held = ~np.isfinite(self.model.mass)
         before = self.frame().velocity
         velocity = change.velocities(self.system, before, held)
         self.model.check_range(velocity, "velocity")
         chosen = change.particles(self.system) & ~held
         energy = self._energy()
-        self.stepping.throw(velocity, chosen)
+        self.stepping.set_velocity(velocity, chosen)
         added = self._energy() - energy
-        if resists(self.assembly):  # forces that depend on speed may be steeper now
+        if resists(self.assembly):  # forces that depend on speed may have become steeper
             try:
-                self._choose_anew()
+                self._update_choice()
             except UnstableStep:
-                self.stepping.throw(before.astype(np.float64), chosen)
+                self.stepping.set_velocity(before.astype(np.float64), chosen)
                 raise
-        if self._pace is not None:
-            self._pace.bring_in(self.stepping, added)
+        if self._step_controller is not None:
+            self._step_controller.add_energy(self.stepping, added)
 
     def _energy(self) -> float:
-        """Return the energy that the method conserves [J], where it is watched.
+        """Return the energy that the method conserves [J]; 0 without a step controller.
 
-        Where velocities lag, other velocities or forces change it by more than what physics has: by a share of
-        the step.
+        If velocities lag, a change of velocities or forces changes it, too, by a term proportional to the step.
         """
-        return 0.0 if self._pace is None else self.stepping.balance().energy
+        return 0.0 if self._step_controller is None else self.stepping.balance().energy
 
     def _replace_loads(self, given: tuple[Load, ...]) -> None:
-        """Go on with other loads: in place where they differ in values alone."""
-        check_bears_touch(self.integrator, given)
+        """Replace the loads, in place if they differ only in values."""
+        check_supports_contact(self.integrator, given)
         before = self._surroundings["loads"]
-        # Those that were there have taken what they take from a start.
-        known = {id(one): acting for one, acting in zip(self._acting, before, strict=True)}
-        after = [known.get(id(one), one) for one in given]
-        others = differ_in_values(before, after)
-        if others is None:
+        # Previous loads are already bound to the state in which they began.
+        bound_loads = {id(one): load for one, load in zip(self._active_loads, before, strict=True)}
+        after = [bound_loads.get(id(one), one) for one in given]
+        replacements = differ_in_values(before, after)
+        if replacements is None:
             system = self.snapshot()
-            self._go_on_with(system, {"loads": bound(after, system)})
+            self._reload(system, {"loads": bound(after, system)})
         else:
             check_loads(after, self.system)
-            pulled = self._pace if any(isinstance(one, MouseSpring) for one in others) else None
-            above, energy = 0.0 if pulled is None else pulled.above(self.stepping), self._energy()
+            controller, pulled = self._step_controller, any(isinstance(one, MouseSpring) for one in replacements)
+            above = controller.above_floor(self.stepping) if controller is not None and pulled else 0.0
+            energy = self._energy()
             try:
-                self.stepping.exchange(others)
+                self.stepping.exchange(replacements)
                 added = self._energy() - energy
-                self._choose_anew()
-            except (UnstableStep, ValueError):  # what some effects have taken, all give back
-                self.stepping.exchange({new: old for old, new in others.items()})
+                self._update_choice()
+            except (UnstableStep, ValueError):  # some effects may have taken the new values
+                self.stepping.exchange({new: old for old, new in replacements.items()})
                 raise
-            if pulled is not None:  # what the springs of a hand store jumps as it moves
-                pulled.begin(self.stepping, above)
-            elif self._pace is not None:
-                self._pace.bring_in(self.stepping, added)
+            if controller is not None and pulled:  # the energy of mouse springs jumps when the mouse moves
+                controller.begin(self.stepping, above)
+            elif controller is not None:
+                controller.add_energy(self.stepping, added)
             self._surroundings = self._surroundings | {"loads": tuple(after)}
-        self._acting = given
+        self._active_loads = given
 
 
-def check_bears_touch(method: Integrator, loads: Sequence[Load]) -> None:
-    """Raise ValueError where bodies are to touch, and the method's steps are too long for that."""
+def check_supports_contact(method: Integrator, loads: Sequence[Load]) -> None:
+    """Raise ValueError if bodies may touch, and the method's steps are too long for contact."""
     if not method.supports_contact and any(isinstance(one, Contact) for one in loads):
         raise ValueError(f"integrator is {method}; where bodies touch it must be another, such as Leapfrog()")

@@ -16,7 +16,7 @@ from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
 from ..runtime import in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
 from .arguments import frame_count
-from .changing import check_bears_touch
+from .changing import check_supports_contact
 from .checkpoint import saved_drives, saved_system, saved_worlds
 from .divergence import SimulationDiverged
 from .ensemble_parameters import parameter_rows, taken_from
@@ -26,8 +26,8 @@ from .simulation import Simulation
 from .stepping import Stepping
 
 STATUS = ("running", "not finite", "energy")
-"""What has become of a world."""
-OF_SYSTEM = ("stiffness", "damping", "rest_length", "mass", "position", "velocity")
+"""Names of the numbers in `WorldStatus.status`."""
+SYSTEM_FIELDS = ("stiffness", "damping", "rest_length", "mass", "position", "velocity")
 
 
 class Ensemble(Present):
@@ -120,18 +120,18 @@ class Ensemble(Present):
         self.worlds = int(checks.count("worlds", worlds, 1))
         self._set_up_steps(integrator, fps, substeps, safety, allow_unstable, energy_limit)
         system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, contact)
-        check_bears_touch(self._method, self._loads)
+        check_supports_contact(self._method, self._loads)
         if self._method.solves:
             raise ValueError(
                 f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
             )
         self._observe = scene.observe if isinstance(scene, Scene) else {}
-        given = dict(zip(OF_SYSTEM, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
+        given = dict(zip(SYSTEM_FIELDS, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
         self._base = system.replace(**alike)
         by_world = {name: value for name, value in given.items() if name not in alike}
         by_world |= {"friction": friction}
-        if gravity is None or np.ndim(gravity) == 0:  # a function has no dimensions either
+        if gravity is None or np.ndim(gravity) == 0:  # the ndim of a function is 0, too
             own_gravity = own_gravity if gravity is None else gravity
         else:
             by_world["gravity"] = gravity
@@ -153,7 +153,7 @@ class Ensemble(Present):
     @in_turn
     def reset(self) -> None:
         """Go back to the start."""
-        self.frame_index, self._overrun_told = 0, False
+        self.frame_index, self._warned_tunnelling = 0, False
         assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
         state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
         choices = list[StepChoice]()
@@ -165,8 +165,8 @@ class Ensemble(Present):
         how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}
         self.stepping = Stepping(Dynamics(assembly), state, self._method, choices, **how)
 
-    def _of_world(self, name: str, world: int) -> NDArray[np.float64]:
-        """Return a parameter as a world has it."""
+    def _parameter_of(self, name: str, world: int) -> NDArray[np.float64]:
+        """Return a world's entry of a parameter."""
         rows = self.model.row_of(name)
         return rows[world % len(rows)]
 
@@ -182,9 +182,9 @@ class Ensemble(Present):
         for _ in range(checks.count("frames", frames, 1)):
             self.stepping.advance(self.time)
             self.frame_index += 1
-            if not self._overrun_told and (doubt := self.stepping.warnings()):
-                self._overrun_told = True
-                warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.TunnellingWarning, stacklevel=3)
+            if not self._warned_tunnelling and (warning := self.stepping.warnings()):
+                self._warned_tunnelling = True
+                warnings.warn(f"up to {self.time:.4g} s {warning}", checks.TunnellingWarning, stacklevel=3)
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.
@@ -215,18 +215,18 @@ class Ensemble(Present):
         frames, every = frame_count(duration, self.fps), int(checks.count("every", every, 1))
         if frames < every:
             raise ValueError(f"every is {every}; it must be at most the {frames} frames of the duration")
-        import_xarray()  # what is missing is said before anything runs
+        import_xarray()  # raise before anything runs
         everyone = np.ones(self.model.particle_count, dtype=bool)
         centre = {what: Probe(everyone, what) for what in (POSITION, VELOCITY)}
-        seen, times = observations(self, (self._observe or centre) if observe is None else observe), []
+        observed, times = observations(self, (self._observe or centre) if observe is None else observe), []
         for frame in range(frames + 1):
             if frame:
                 self.step()
             if frame % every == 0:
                 times.append(self.time)
-                for one in seen:
+                for one in observed:
                     one.look()
-        return dataset(self, seen, times)
+        return dataset(self, observed, times)
 
     @property
     def numbers(self) -> dict[str, NDArray[np.float64]]:
@@ -234,7 +234,7 @@ class Ensemble(Present):
         each, found = np.arange(self.worlds), {}
         for name, rows in self._rows.items():
             if name == "gravity":
-                rows = -rows[:, -1:] if not rows[:, :-1].any() else rows  # downwards it is one number
+                rows = -rows[:, -1:] if not rows[:, :-1].any() else rows  # downward gravity is one number
             if rows.ndim == 2 and rows.shape[1] and (rows == rows[:, :1]).all():
                 found[name] = rows[each % len(rows), 0]
         return found
@@ -245,35 +245,35 @@ class Ensemble(Present):
         return self.stepping.velocity()
 
     @in_turn
-    def _found(self) -> WorldStatus:
-        """Return what has become of each world."""
+    def _world_status(self) -> WorldStatus:
+        """Return the status of each world."""
         assert self.stepping.frozen is not None
         return self.stepping.frozen.found()
 
     @property
     def status(self) -> NDArray[np.str_]:
         """The status of each world: "running", "not finite" or "energy" (it grew without a cause)."""
-        return np.array(STATUS)[self._found().status]
+        return np.array(STATUS)[self._world_status().status]
 
     @property
     def diverged_at(self) -> NDArray[np.float64]:
         """End of the last good frame of each diverged world [s], where it stopped; NaN for the others."""
-        frames = self._found().good_frames
+        frames = self._world_status().good_frames
         return np.where(frames >= 0, frames / self.fps, np.nan)
 
     @property
     def diverged_particle(self) -> NDArray[np.int32]:
         """The first particle of each world that was no longer finite; −1 if there is none."""
-        return self._found().particle
+        return self._world_status().particle
 
     @in_turn
     def system_of(self, world: int, *, start: bool = False) -> System:
         """Return a world's system with its parameters, in its current or initial state."""
-        world = self._number(world)
-        fields = {name: self._of_world(name, world) for name in OF_SYSTEM if name in self._rows}
+        world = self._checked_index(world)
+        fields = {name: self._parameter_of(name, world) for name in SYSTEM_FIELDS if name in self._rows}
         if not start:
-            now = self.frame()
-            fields |= {"position": now.position[world], "velocity": now.velocity[world]}
+            frame = self.frame()
+            fields |= {"position": frame.position[world], "velocity": frame.velocity[world]}
             changed = self.assembly.checkpoints()[world]
             if "rest_length" in changed:
                 fields["original_length"] = fields.get("rest_length", self._base.original_length)
@@ -286,7 +286,7 @@ class Ensemble(Present):
 
         `options` are further arguments of `Simulation`.
         """
-        world = self._number(world)
+        world = self._checked_index(world)
         own: dict[str, Any] = self._surroundings | {
             "contact": [one for one in self._loads if isinstance(one, Contact)],
             "integrator": self.integrator,
@@ -298,13 +298,13 @@ class Ensemble(Present):
             "force_algorithm": self.model.force_algorithm,
         }
         if "gravity" in self._rows:
-            own["gravity"] = self._of_world("gravity", world)
+            own["gravity"] = self._parameter_of("gravity", world)
         if "friction" in self._rows:
-            each, obstacles = self._of_world("friction", world).tolist(), list[Any](self._colliders)
-            own["colliders"] = [replace(one, friction=rubs) for one, rubs in zip(obstacles, each, strict=True)]
+            each, obstacles = self._parameter_of("friction", world).tolist(), list[Any](self._colliders)
+            own["colliders"] = [replace(one, friction=mu) for one, mu in zip(obstacles, each, strict=True)]
         alone = Simulation(self.system_of(world, start=start), **(own | options))
         if not start and self.assembly.body_contact is not None:
-            alone._stick(self.assembly.body_contact.checkpoints()[world])
+            alone._restore_contact(self.assembly.body_contact.checkpoints()[world])
         return alone
 
     @in_turn
@@ -314,7 +314,7 @@ class Ensemble(Present):
         The simulation must have the world's parameters and the ensemble's `integrator`, `fps`, `substeps`,
         precision and algorithm, as `simulation_of` returns it. A diverged world is where it stopped.
         """
-        frames = self._found().good_frames
+        frames = self._world_status().good_frames
         shared = {"fps": self.fps, "integrator": repr(self.integrator), "changes": 0}
         found = []
         for world, (arrays, numbers) in enumerate(saved_worlds(self.stepping)):
@@ -322,12 +322,12 @@ class Ensemble(Present):
             frame = int(frames[world])
             numbers |= shared | {"frame_index": self.frame_index if frame < 0 else frame}
             if "gravity" in self._rows:
-                numbers["gravity"] = self._of_world("gravity", world).tolist()
+                numbers["gravity"] = self._parameter_of("gravity", world).tolist()
             found.append((arrays, numbers))
         return found
 
-    def _number(self, world: int) -> int:
-        """Return the number of a world; raise ValueError if there is none."""
+    def _checked_index(self, world: int) -> int:
+        """Return the index of a world as an int; raise ValueError if there is no such world."""
         if checks.count("world", world, 0) >= self.worlds:
             raise ValueError(f"world is {world}; it must be below {self.worlds}, the number of worlds")
         return int(world)
@@ -343,7 +343,7 @@ class Ensemble(Present):
         ValueError
             If the world has not diverged.
         """
-        world = self._number(world)
+        world = self._checked_index(world)
         if self.status[world] == STATUS[0]:
             raise ValueError(f"world {world} has not diverged")
         alone = self.simulation_of(world)

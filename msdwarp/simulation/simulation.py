@@ -37,7 +37,7 @@ from ..world import (
 )
 from . import checkpoint
 from .arguments import frame_count, in_order
-from .changing import Changing, check_bears_touch
+from .changing import Changing, check_supports_contact
 from .divergence import SimulationDiverged, describe
 from .readings import Readings
 from .step_controller import StepControlFailed, StepController
@@ -150,7 +150,7 @@ class Simulation(Changing):
         self._refresh = refresh and self._forced is None
         self._given = with_contact(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), contact)
         self._loads, self._gravity = bound(self._given, system), gravity
-        check_bears_touch(self._method, self._given)
+        check_supports_contact(self._method, self._given)
         self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
@@ -185,7 +185,7 @@ class Simulation(Changing):
         return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
 
     def __reduce__(self) -> NoReturn:
-        """Refuse copies and pickles: what is on the device and recorded there has no copy."""
+        """Refuse copies and pickles: memory and graphs of the device cannot be copied."""
         raise TypeError("a Simulation cannot be copied or pickled; use checkpoint and restore")
 
     def __repr__(self) -> str:
@@ -204,36 +204,38 @@ class Simulation(Changing):
         """Go back to time 0, with the initial state and parameters."""
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-        self._due, self._overrun_told, self._rounding_told = list(self._schedule), False, False
+        self._due, self._warned_tunnelling, self._warned_drift = list(self._schedule), False, False
         self._surroundings |= {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
-        self._acting = self._given
-        watched = self._forced is None and math.isfinite(self._energy_limit)
-        self._pace = StepController() if watched else None
+        self._active_loads = self._given
+        automatic = self._forced is None and math.isfinite(self._energy_limit)
+        self._step_controller = StepController() if automatic else None
         self._load(self._initial)
         self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
         """From when on [s] a frame took how many substeps."""
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
-        """Upload a system and prepare to advance it, with substeps chosen anew unless they are given."""
-        assembly = assemble(system, **self._surroundings)
+        """Upload a system and prepare to advance it by the given substeps, or choose them."""
+        assembly, controller = assemble(system, **self._surroundings), self._step_controller
         if self.time > 0.0:
-            assembly.go_on_from(self.assembly, self.state.x, self.state.v)
+            assembly.take_over(self.assembly, self.state.x, self.state.v)
         check_blocks(self._blocks, on_gpu=assembly.model.device.is_cuda)
         state = starting_state(system, assembly, self._method.method_state, self.time, self.fps)
         refinement, above = 1.0, 0.0
-        if self._pace is not None and self._pace.scale > 0:
-            refinement, above = self._pace.refinement, self._pace.above(self.stepping)
+        if controller is not None and controller.scale > 0:
+            refinement, above = controller.refinement, controller.above_floor(self.stepping)
         choice = choice or self._choose(rate_bounds(system, assembly, state)).refined(refinement)
-        how: Any = (
+        self.stepping = Stepping(
             Dynamics(assembly, threads=threads_for(assembly, self._threads)),
             state,
             self._method,
             [choice],
+            energy_limit=self._energy_limit,
+            blocks=self._blocks,
+            watch_energy=controller is not None,
+            time=self.time,
         )
-        limits: Any = {"energy_limit": self._energy_limit, "paced": self._pace is not None}
-        self.stepping = Stepping(*how, **limits, blocks=self._blocks, time=self.time)
-        if self._pace is not None:
-            self._pace.begin(self.stepping, above)
+        if controller is not None:
+            controller.begin(self.stepping, above)
 
     @in_turn
     def step(self, frames: int = 1) -> None:
@@ -256,62 +258,63 @@ class Simulation(Changing):
         try:
             for left in reversed(range(count)):
                 self._step(left > 0)
-        finally:  # where anything was raised another frame may be on its way
-            self.stepping.land()
+        finally:  # if anything was raised, the next frame may have been launched
+            self.stepping.discard_ahead()
 
-    def _step(self, goes_on: bool) -> None:
-        """Advance by a frame; `goes_on` tells whether another one follows at once."""
+    def _step(self, continues: bool) -> None:
+        """Advance by a frame; `continues` is whether another one follows immediately."""
         while self._due and self._due[0].is_due(self.frame_index, self.fps):
-            self._change_as_due()
+            self._apply_scheduled_change()
         if self._refresh:
-            self._choose_anew()
-        comes_between = self._refresh or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
-        self._advance((self.frame_index + 1) / self.fps if goes_on and not comes_between else None)
+            self._update_choice()
+        interrupted = self._refresh or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
+        self._advance((self.frame_index + 1) / self.fps if continues and not interrupted else None)
         if self.substeps != self.substep_history[-1][1]:
             self.substep_history.append((self.time, self.substeps))
         self.frame_index += 1
         if self.readings:
             self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
-        if not self._overrun_told and (doubt := self.stepping.warnings()):
-            self._overrun_told = True
-            warnings.warn(f"up to {self.time:.4g} s {doubt}", checks.TunnellingWarning, stacklevel=4)
-        if not self._rounding_told and self._pace is not None and self._pace.warnings:
-            self._rounding_told = True
+        if not self._warned_tunnelling and (warning := self.stepping.warnings()):
+            self._warned_tunnelling = True
+            warnings.warn(f"up to {self.time:.4g} s {warning}", checks.TunnellingWarning, stacklevel=4)
+        controller = self._step_controller
+        if not self._warned_drift and controller is not None and controller.warnings:
+            self._warned_drift = True
             warnings.warn(
-                f"up to {self.time:.4g} s {self._pace.warnings}", checks.EnergyDriftWarning, stacklevel=4
+                f"up to {self.time:.4g} s {controller.warnings}", checks.EnergyDriftWarning, stacklevel=4
             )
 
-    def _advance(self, then: float | None) -> None:
-        """Advance by a frame, behind which one at `then` [s] follows at once; as many substeps as it takes."""
-        if self._pace is None:
-            if not self.stepping.advance(self.time, then):
+    def _advance(self, next_time: float | None) -> None:
+        """Advance by a frame; `next_time` [s] is as for `Stepping.advance`."""
+        if self._step_controller is None:
+            if not self.stepping.advance(self.time, next_time):
                 raise self._divergence()
             return
         try:
-            self.stepping = self._pace.advance(self.stepping, self.time, self._bound, then)
-        except StepControlFailed as end:
-            self.stepping = end.stepping
-            raise self._divergence(end.gained) from None
+            self.stepping = self._step_controller.advance(self.stepping, self.time, self._stable_choice, next_time)
+        except StepControlFailed as failure:
+            self.stepping = failure.stepping
+            raise self._divergence(failure.gained) from None
 
-    def _bound(self) -> StepChoice:
-        """Return the substeps that the system as it is now asks for; raise UnstableStep if there are none."""
+    def _stable_choice(self) -> StepChoice:
+        """Return the substeps for the present state; raise UnstableStep if there are none."""
         return self._choose(rate_bounds(self.system, self.assembly, self.state))
 
-    def _choose_anew(self) -> None:
-        """Change the number of substeps if the system as it is now asks for another one."""
-        choice = self._bound()
-        if self._pace is not None:
-            self.stepping = self._pace.follow(self.stepping, choice)
+    def _update_choice(self) -> None:
+        """Choose the substeps again, for the present state."""
+        choice = self._stable_choice()
+        if self._step_controller is not None:
+            self.stepping = self._step_controller.follow(self.stepping, choice)
         elif choice.substeps != self.substeps:
             self.stepping = self.stepping.with_choice(choice)
 
     def _divergence(self, gained: float | None = None) -> SimulationDiverged:
-        """Find out what went wrong in the frame just simulated, and go back to its start."""
-        trouble = self.stepping.find_trouble()
+        """Return the error for the last frame, and go back to its start."""
+        divergence = self.stepping.locate_divergence()
         rates = rate_bounds(self.system, self.assembly, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
-        return describe(system, trouble, self.time, self.dt, self.substeps, needed, self._inside, gained)
+        return describe(system, divergence, self.time, self.dt, self.substeps, needed, self._inside, gained)
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the current frame and every frame of the next `duration` seconds.
@@ -342,7 +345,7 @@ class Simulation(Changing):
         if gravity is not self._gravity and not callable(gravity):
             own["gravity"] = np.asarray(gravity, dtype=float).tolist()
         own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.substep_history]}
-        return arrays, own | numbers | (self._pace.saved() if self._pace is not None else {})
+        return arrays, own | numbers | (self._step_controller.saved() if self._step_controller is not None else {})
 
     @in_turn
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
@@ -357,29 +360,30 @@ class Simulation(Changing):
         frame_index, changes, chosen = checkpoint.restored_progress(numbers)
         system = checkpoint.restored_system(self._initial, arrays)
         choice = checkpoint.restored_choice(numbers, self.fps)
-        pace = self._pace and StepController.restored(numbers)
+        controller = self._step_controller and StepController.restored(numbers)
         baseline = checkpoint.restored_baseline(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
         gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes])
         gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
         loads = checkpoint.restored_loads(self._loads, system, arrays)
-        as_made = self._pace is None and self.frame_index == 0 and system is self.system and choice == self.choice
-        as_made = as_made and loads is self._surroundings["loads"] and gravity is self._surroundings["gravity"]
+        reusable = self._step_controller is None and self.frame_index == 0
+        reusable = reusable and system is self.system and choice == self.choice
+        reusable = reusable and loads is self._surroundings["loads"] and gravity is self._surroundings["gravity"]
         self._surroundings |= {"loads": loads, "gravity": gravity}
-        self._acting = self._given
-        self._pace = self._pace and StepController()
+        self._active_loads = self._given
+        self._step_controller = self._step_controller and StepController()
         self.frame_index = frame_index
         self.readings = Readings(self._surroundings["probes"], system.dim)
-        if as_made:  # many worlds of a sweep are restored: to upload all again would take as long as to make one
+        if reusable:  # a sweep restores many worlds: another upload would take as long as a new simulation
             self.stepping.begin_at(self.time)
         else:
             self._load(system, choice)
         self._due = self._schedule[changes:]
-        checkpoint.take_back(self.stepping, arrays)
+        checkpoint.restore_arrays(self.stepping, arrays)
         for effect in self.assembly.all:
             effect.make_room(self.state.x, self.state.v)
         self.substep_history = chosen or [(0.0, self.substeps)]
         if baseline is not None:
             self.stepping.watch.compare_with(baseline)
-        if pace is not None:  # an older checkpoint has none, and goes on as if the run began here
-            self._pace = pace
+        if controller is not None:  # older checkpoints have none: the control begins here
+            self._step_controller = controller

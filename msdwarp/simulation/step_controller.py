@@ -1,7 +1,8 @@
-"""StepController: how many automatic substeps a frame gets, so that no energy comes from nothing."""
+"""StepController: chooses the automatic substeps of each frame so that energy does not grow."""
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -11,107 +12,109 @@ from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
 from .stepping import Stepping
 
 SHARE = 0.02
-"""Energy may rise by this share of its scale above the least so far.
+"""Energy may rise above its minimum by this share of the scale.
 
-The energy that a method conserves swings by less where steps are short enough for a strongly stretched body; where
-they are not, it rises by more within a second.
+The conserved energy swings by less if steps are short enough for a strongly stretched body. Otherwise it rises by
+more within a second.
 """
 MOST_SWING = 0.04
-"""What a method conserves may differ from the energy there is by this share of the scale.
+"""The energy that a method conserves may differ from the physical energy by this share of the scale.
 
-Energy that goes over to the fastest modes grows by 1/(1 − h²λ/4), 2.8 times at 0.8 of the limit, though the method
-has gained nothing.
+Energy that moves to the fastest modes grows by 1/(1 − h²λ/4), 2.8 times at 0.8 of the limit, though the method has
+gained nothing.
 """
 ENOUGH_FOR_SWING = 8.0
-"""Beyond this refinement that is less than 1/64 of what it was, and comes from what presses, not from the step."""
+"""At this refinement the swing due to the step is 1/64 of the original; the rest comes from contact and loads."""
 MOST_GAINED = 0.08
-"""A run ends when its energy is above the least ever by so large a share of its scale, from nothing."""
+"""A run ends when its energy has risen above the floor by this share of the scale."""
 ROUNDED = 1e-4
-"""Rounding errors make less than this share of what is allowed for them, unless they add up: ten times one's."""
+"""Rounding errors make less than this share of their allowance, unless they add up: ten times a single one's."""
 MOST_REFINEMENT = 64.0
-"""More times the substeps that small motions need are not tried."""
+"""The largest refinement that is tried."""
 SAME = 0.7
-"""A rise of which more than this is left when steps are halved is none of their doing: at order 1 half is left."""
+"""A rise is not due to the step if halving the step leaves more than this share. At order 1 half of it is left."""
 SLOW = 0.25
-"""A frame with a smaller share of what is allowed is not what has let energy rise too far: those before it are."""
+"""A frame that used less than this share of the allowance did not cause the rise; earlier frames did."""
 LONGEST_INTERVAL = 64
-"""Frames from one look to the next, at most. A look costs as much as a few substeps."""
+"""The most frames between two checks. A check costs as much as a few substeps."""
 OFTEN = 8
-"""Frames from one look to the next up to which each frame on a GPU tells its balance."""
+"""At shorter intervals each frame on a GPU sums its energy balance."""
 LARGE_STRAIN = 0.3
-"""Beyond it the limit of small motions says little, and every frame is looked at."""
+"""Above this strain the limit of small motions says little, and every frame is checked."""
 PATIENCE = 60
-"""Frames without a rise after which fewer substeps are tried."""
+"""Quiet frames before fewer substeps are tried."""
 MOST_PATIENCE = 4096
-"""Patience doubles when fewer substeps were too few, up to this."""
+"""Patience doubles, up to this, when fewer substeps were too few."""
 EASING = 1.25
-"""How many times fewer substeps are tried."""
+"""Fewer substeps means divided by this."""
 
 
 class StepControlFailed(Exception):
-    """No number of substeps does: the frame diverges, or energy rises all the same."""
+    """No number of substeps is enough: the frame diverges, or the energy still rises."""
 
     def __init__(self, stepping: Stepping, gained: float | None = None) -> None:
         super().__init__()
         self.stepping = stepping
-        """What the last try was made with."""
+        """The stepping of the last attempt."""
         self.gained = gained
-        """The share of its scale by which energy has risen; None if the frame diverged."""
+        """The rise of energy as a share of its scale; None if the frame diverged."""
+
+
+_STORED = {"quiet_frames": "calm", "coarsen_after": "patience", "rechoose": "anew"}
 
 
 def _stored(name: str) -> str:
     """Return the name that a field has in checkpoints: that of version 0.1."""
-    return f"pace.{ {'quiet_frames': 'calm', 'coarsen_after': 'patience'}.get(name, name) }"
+    return f"pace.{_STORED.get(name, name)}"
 
 
 @dataclass
 class StepController:
-    """Decides on automatic substeps: as many as the stability limit asks for, times `refinement`.
+    """Chooses automatic substeps: the number that stability requires, times `refinement`.
 
-    After a frame the energy that the method conserves, less work from outside, is looked at. It can only fall:
-    where it has risen above the least so far by more than `SHARE` of its scale, the run goes back to the frame's
-    start and takes twice the substeps. When all has been calm for a while, fewer are tried. Looks are rare while
-    nothing new happens. Counts and energies decide, never the time that something takes, so that runs repeat and
-    resume to the last bit.
+    After a frame it checks the energy that the method conserves, less external work. This can only fall. If it
+    has risen above its minimum by more than `SHARE` of its scale, the run goes back to the frame's start and takes
+    twice the substeps. After quiet frames it tries fewer. Checks become rare while nothing new happens. Only
+    counts and energies decide, never wall-clock time, so runs repeat and resume to the last bit.
     """
 
     refinement: float = 1.0
-    """Times the substeps that the stability limit asks for."""
+    """Factor on the substeps that stability requires."""
     least: float = 0.0
-    """What the next rise counts from: the least energy since the last one [J]."""
+    """The least energy since the last rise [J]; the next rise counts from here."""
     floor: float = 0.0
-    """Least energy so far, and what has come in by work since [J]."""
+    """The least energy so far, plus accepted gains that physics explains [J]."""
     scale: float = 0.0
     """Largest energy of motion and stretching so far [J]."""
     rounding: float = 0.0
-    """What of the scale is for rounding to float32 [J]; 0 if there is nothing else, as for a body at rest."""
+    """The part of the scale for rounding to float32 [J]; 0 if that is all there is, as for a body at rest."""
     low: float = 0.0
-    """Least kinetic and gravitational energy that has been looked at [J]."""
+    """Least kinetic and gravitational energy at a check [J]."""
     high: float = 0.0
-    """The most of it [J]."""
+    """Largest kinetic and gravitational energy at a check [J]."""
     strain: float = 0.0
-    """The largest strain that the stability limit was computed at."""
+    """Largest strain when the stability limit was computed."""
     interval: int = 1
-    """Frames from one look to the next."""
+    """Frames between two checks."""
     since: int = 0
-    """Frames since the last look."""
+    """Frames since the last check."""
     quiet_frames: int = 0
-    """Frames since substeps were last refined, or eased."""
+    """Frames since the refinement last changed."""
     coarsen_after: int = PATIENCE
-    """Frames of calm after which fewer substeps are tried."""
-    anew: bool = False
-    """Whether the next frame begins with a new choice: fewer substeps, or those of a body stretched otherwise."""
+    """Quiet frames after which fewer substeps are tried."""
+    rechoose: bool = False
+    """Whether substeps are chosen again before the next frame: the refinement or the strain has changed."""
 
     warnings = ""
-    """Words about energy that rounding errors have added."""
+    """A warning about energy that rounding errors have added."""
 
     def saved(self) -> dict[str, float]:
-        """Return what a checkpoint keeps."""
+        """Return the numbers for a checkpoint."""
         return {_stored(field.name): getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def restored(cls, numbers: Mapping[str, Any]) -> Self | None:
-        """Return the pace that a checkpoint keeps; None if it keeps none, raise ValueError if it is none."""
+        """Return the controller that a checkpoint holds, or None; raise ValueError if a number is invalid."""
         if "pace.refinement" not in numbers:
             return None
         values = {}
@@ -131,140 +134,137 @@ class StepController:
         return cls(**values)
 
     def begin(self, stepping: Stepping, above: float = 0.0) -> None:
-        """Begin, or go on after a change, from a state whose energy is `above` the least [J]."""
-        now, model, state = stepping.balance(), stepping.model, stepping.state
-        # Rounding errors of ten seconds add up to hundreds of times what one of them makes.
+        """Begin, or continue after a change, from a state whose energy is `above` the floor [J]."""
+        balance, model, state = stepping.balance(), stepping.model, stepping.state
+        # Rounding errors of ten seconds add up to hundreds of times a single one.
         fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(model, state)
         self.scale = fall + rounding
-        told = model.precision != "float64" and max(fall, now.inner) > ROUNDED * rounding
-        self.rounding = rounding if told else 0.0
-        self.least, self.floor, self.strain = now.energy, now.energy - above, now.strain
-        self.low = self.high = now.free
+        separable = model.precision != "float64" and max(fall, balance.inner) > ROUNDED * rounding
+        self.rounding = rounding if separable else 0.0
+        self.least, self.floor, self.strain = balance.energy, balance.energy - above, balance.strain
+        self.low = self.high = balance.free
         self.interval, self.since = 1, 0
-        self._see(now)
+        self._update_extremes(balance)
 
-    def fall(self, stepping: Stepping, added: float) -> None:
-        """Go on under another gravity, which has added so much to the energy [J]."""
-        self.bring_in(stepping, added)
+    def set_gravity(self, stepping: Stepping, added: float) -> None:
+        """Continue under another gravity, which has added energy [J]."""
+        self.add_energy(stepping, added)
         self.scale = max(self.scale, 0.05 * weight(stepping.model) * size(stepping.state))
 
-    def bring_in(self, stepping: Stepping, added: float) -> None:
-        """Go on after a change that has added so much to the energy watched [J]: places are as before."""
+    def add_energy(self, stepping: Stepping, added: float) -> None:
+        """Continue after a change that has added energy [J] but has not moved particles."""
         self.least, self.floor, self.low, self.high = (
             one + added for one in (self.least, self.floor, self.low, self.high)
         )
         self.interval, self.since = 1, 0
-        self._see(stepping.balance())
+        self._update_extremes(stepping.balance())
 
-    def above(self, stepping: Stepping) -> float:
-        """Return by how much the present energy is above the least [J]."""
+    def above_floor(self, stepping: Stepping) -> float:
+        """Return by how much the present energy exceeds the floor [J]."""
         return max(0.0, stepping.balance().energy - self.floor)
 
     def advance(
-        self, stepping: Stepping, time: float, bound: Callable[[], StepChoice], then: float | None = None
+        self,
+        stepping: Stepping,
+        time: float,
+        stable_choice: Callable[[], StepChoice],
+        next_time: float | None = None,
     ) -> Stepping:
-        """Advance by the frame that begins at `time` [s], and return what it was done with.
+        """Advance by the frame that begins at `time` [s]; return the `Stepping` that has done it.
 
-        `bound` returns the substeps that the stability limit asks for in the present state; `then` is when the
-        next frame begins [s], where one follows at once. StepControlFailed is raised if no number of substeps
-        does; the state is then that after the last try.
+        `stable_choice` returns the substeps that stability requires in the present state. `next_time` is as for
+        `Stepping.advance`. If no number of substeps is enough, StepControlFailed is raised, with the state of the
+        last attempt.
         """
-        if self.anew:
-            stepping.land()
-            stepping = self._begun_anew(stepping, bound)
-        usual, tried = self.refinement, list[float]()
-        # Where looks are rare, only frames that are to be looked at by count tell: this one, or the one behind it.
-        stepping.telling = self.interval < OFTEN or self.since + 2 >= self.interval
-        fine = stepping.advance(time, then)
+        if self.rechoose:
+            stepping.discard_ahead()
+            self.rechoose = False
+            with suppress(UnstableStep):  # the old substeps serve while they can
+                stepping = self.follow(stepping, stable_choice())
+        usual, rises = self.refinement, list[float]()
+        # If checks are rare, balances are needed only near the next one: in this frame or the one after it.
+        stepping.sum_balance = self.interval < OFTEN or self.since + 2 >= self.interval
+        fine = stepping.advance(time, next_time)
         self.since += 1
         if fine and not self._is_due(stepping):
             return stepping
         start = None
         while True:
-            now = stepping.balance_of_frame() if fine else None
-            if now is not None and self._is_well(stepping, now):
-                if start is not None:  # refined for what has risen by now: the next rise counts from here
-                    self.least = max(self.least, now.energy - SLOW * self._allowed(now))
-                return self._go_on(stepping, now)
-            if now is not None and start is not None:
-                tried.append(now.energy - start.energy)
-                slow = tried[-1] <= SLOW * self._allowed(now)
-                if _is_real(stepping, tried):
-                    self.refinement, self.floor = usual, self.floor + now.energy - self.least
-                    self.least = now.energy
-                    return self._go_on(stepping, now)
-                if slow:
-                    return self._bear(stepping, now)
+            balance = stepping.balance_of_frame() if fine else None
+            if balance is not None and self._is_acceptable(balance):
+                if start is not None:  # the refinement answers this rise: the next one counts from here
+                    self.least = max(self.least, balance.energy - SLOW * self._allowed(balance))
+                return self._accept(stepping, balance)
+            if balance is not None and start is not None:
+                rises.append(balance.energy - start.energy)
+                if _is_physical(stepping, rises):
+                    self.refinement, self.floor = usual, self.floor + balance.energy - self.least
+                    self.least = balance.energy
+                    return self._accept(stepping, balance)
+                if rises[-1] <= SLOW * self._allowed(balance):
+                    return self._accept_gain(stepping, balance)
             if self.refinement >= MOST_REFINEMENT or 2 * stepping.choice.substeps > MOST_SUBSTEPS:
-                if now is None:
+                if balance is None:
                     raise StepControlFailed(stepping)
-                return self._bear(stepping, now)
-            stepping, start = self._finer(stepping, bound)
+                return self._accept_gain(stepping, balance)
+            stepping, start = self._refine(stepping, stable_choice)
             fine = stepping.advance(time)
 
-    def follow(self, stepping: Stepping, bound: StepChoice) -> Stepping:
-        """Return what goes on with the substeps that the stability limit now asks for."""
-        return self._with(stepping, bound.refined(self.refinement))
-
-    def _begun_anew(self, stepping: Stepping, bound: Callable[[], StepChoice]) -> Stepping:
-        """Return what begins a frame with a new choice; where there is none it goes on as it is, while it can."""
-        self.anew = False
-        try:
-            return self.follow(stepping, bound())
-        except UnstableStep:
-            return stepping
+    def follow(self, stepping: Stepping, choice: StepChoice) -> Stepping:
+        """Return the `Stepping` for the substeps that stability requires now."""
+        return self._with_choice(stepping, choice.refined(self.refinement))
 
     def _is_due(self, stepping: Stepping) -> bool:
-        """Tell whether the frame is to be looked at: by count, or as something happens that has not been seen."""
+        """Return whether the frame is checked: by count, or because its energies are new."""
         free, margin = stepping.watch.energy, 0.05 * self.scale
         if self.since >= self.interval or not self.low - margin <= free <= self.high + margin:
             return True
-        return free > self.least + self._allowed()  # stretching only adds to it
+        return free > self.least + self._allowed()  # elastic energy only adds to it
 
-    def _is_well(self, stepping: Stepping, now: EnergyBalance) -> bool:
-        """Tell whether energy has risen by no more than is allowed, and is what physics has, or almost."""
-        if now.swing > MOST_SWING * self._scale_of(now) and self.refinement < ENOUGH_FOR_SWING:
+    def _is_acceptable(self, balance: EnergyBalance) -> bool:
+        """Return whether the energy has hardly risen and hardly differs from the physical energy."""
+        if balance.swing > MOST_SWING * self._scale_of(balance) and self.refinement < ENOUGH_FOR_SWING:
             return False
-        return now.energy <= self.least + self._allowed(now)
+        return balance.energy <= self.least + self._allowed(balance)
 
-    def _allowed(self, now: EnergyBalance | None = None) -> float:
-        """Return by how much energy may exceed the least so far [J]."""
-        return SHARE * self._scale_of(now)
+    def _allowed(self, balance: EnergyBalance | None = None) -> float:
+        """Return by how much energy may exceed the least [J]."""
+        return SHARE * self._scale_of(balance)
 
-    def _scale_of(self, now: EnergyBalance | None) -> float:
-        """Return the scale of energies [J]: at least the work from outside, known to first order in the step."""
-        return self.scale if now is None else max(self.scale, abs(now.work))
+    def _scale_of(self, balance: EnergyBalance | None) -> float:
+        """Return the scale of energies [J]: at least the external work, which has an error of first order."""
+        return self.scale if balance is None else max(self.scale, abs(balance.work))
 
-    def _bear(self, stepping: Stepping, now: EnergyBalance) -> Stepping:
-        """Let energy that came from nothing stand, as long as it is little in all."""
-        gained = (now.energy - self.floor) / self._scale_of(now)
+    def _accept_gain(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
+        """Accept a frame with an unexplained rise of energy if the total rise is small."""
+        gained = (balance.energy - self.floor) / self._scale_of(balance)
         if gained > MOST_GAINED:
             raise StepControlFailed(stepping, gained)
-        self.least = now.energy
-        return self._go_on(stepping, now)
+        self.least = balance.energy
+        return self._accept(stepping, balance)
 
-    def _go_on(self, stepping: Stepping, now: EnergyBalance) -> Stepping:
-        """Note what was seen of a frame that stands, and whether the next one begins with a new choice."""
-        self._see(now)
-        self._doubt_rounding(stepping, now)
+    def _accept(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
+        """Accept a frame: record its energies, and decide when to check and to choose substeps again."""
+        self._update_extremes(balance)
+        self._check_rounding(stepping, balance)
         self.quiet_frames += self.since
         self.since = 0
-        quiet = now.energy <= self.least + 0.5 * self._allowed(now) and now.strain <= LARGE_STRAIN
+        quiet = balance.energy <= self.least + 0.5 * self._allowed(balance) and balance.strain <= LARGE_STRAIN
         quiet = quiet and self.refinement == 1.0 and not stepping.integrator.long_steps
         self.interval = min(2 * self.interval, LONGEST_INTERVAL) if quiet else 1
         if self.refinement > 1.0 and self.quiet_frames >= self.coarsen_after:
             self.refinement, self.quiet_frames = max(1.0, self.refinement / EASING), 0
-        # The limit moves with the stretching: it is computed again where that has changed by much.
-        stretched = not 0.5 * self.strain - 0.05 <= now.strain <= 1.2 * self.strain + 0.05
+        # The stability limit depends on the strain: compute it again after a large change.
+        stretched = not 0.5 * self.strain - 0.05 <= balance.strain <= 1.2 * self.strain + 0.05
         if stretched or self.refinement != stepping.choice.refinement:
-            self.strain, self.anew = now.strain, True
+            self.strain, self.rechoose = balance.strain, True
         return stepping
 
-    def _doubt_rounding(self, stepping: Stepping, now: EnergyBalance) -> None:
-        """Note if energy has risen by much that is allowed only since rounding errors might add so much."""
-        gained = now.energy - self.floor
-        apart = max(self.scale - self.rounding, now.inner + 0.05 * now.kinetic)
-        if max(MOST_GAINED * apart, ROUNDED * self.rounding) < gained < self.rounding:
+    def _check_rounding(self, stepping: Stepping, balance: EnergyBalance) -> None:
+        """Set `warnings` if a large rise of energy is allowed only because it may be rounding."""
+        gained = balance.energy - self.floor
+        without_rounding = max(self.scale - self.rounding, balance.inner + 0.05 * balance.kinetic)
+        if max(MOST_GAINED * without_rounding, ROUNDED * self.rounding) < gained < self.rounding:
             better = "float64" if stepping.model.compensated else "float32-compensated"
             self.warnings = (
                 f"the energy has risen by {gained:.3g} J, and rounding to float32 may be why: the springs are so "
@@ -272,50 +272,50 @@ class StepController:
                 f"use precision={better!r}"
             )
 
-    def _see(self, now: EnergyBalance) -> None:
-        """Take what was seen into the least and the most so far."""
-        self.least, self.floor = min(self.least, now.energy), min(self.floor, now.energy)
-        self.low, self.high = min(self.low, now.free), max(self.high, now.free)
-        # Of a motion as a whole little counts, for it is not what heats.
-        self.scale = max(self.scale, now.inner + 0.05 * now.kinetic, abs(now.work))
+    def _update_extremes(self, balance: EnergyBalance) -> None:
+        """Update the least and the largest energies."""
+        self.least, self.floor = min(self.least, balance.energy), min(self.floor, balance.energy)
+        self.low, self.high = min(self.low, balance.free), max(self.high, balance.free)
+        # Motion of the whole body counts little: it does not heat.
+        self.scale = max(self.scale, balance.inner + 0.05 * balance.kinetic, abs(balance.work))
 
-    def _finer(self, stepping: Stepping, bound: Callable[[], StepChoice]) -> tuple[Stepping, EnergyBalance]:
-        """Go back to the frame's start; return what takes twice the substeps at least, and the balance there."""
+    def _refine(
+        self, stepping: Stepping, stable_choice: Callable[[], StepChoice]
+    ) -> tuple[Stepping, EnergyBalance]:
+        """Go back to the frame's start and at least double the substeps; return the stepping and its balance."""
         stepping.go_back()
         try:
-            choice = bound()
+            choice = stable_choice()
         except UnstableStep as error:
             raise StepControlFailed(stepping) from error
-        if not math.isfinite(stepping.balance().energy):  # so it was not this frame that spoilt it
+        if not math.isfinite(stepping.balance().energy):  # an earlier frame has diverged
             raise StepControlFailed(stepping)
-        self.coarsen_after = (
-            min(2 * self.coarsen_after, MOST_PATIENCE) if self.quiet_frames < self.coarsen_after else PATIENCE
-        )
+        too_early = self.quiet_frames < self.coarsen_after
+        self.coarsen_after = min(2 * self.coarsen_after, MOST_PATIENCE) if too_early else PATIENCE
         self.quiet_frames = 0
         self.refinement = max(2 * self.refinement, 2 * stepping.choice.substeps / choice.substeps)
-        stepping = self._with(stepping, choice.refined(self.refinement))
+        stepping = self._with_choice(stepping, choice.refined(self.refinement))
         return stepping, stepping.balance()
 
-    def _with(self, stepping: Stepping, choice: StepChoice) -> Stepping:
-        """Return what goes on with another choice; the energy that it conserves is another one."""
+    def _with_choice(self, stepping: Stepping, choice: StepChoice) -> Stepping:
+        """Return the `Stepping` with another choice, and correct for the change of the conserved energy."""
         if choice.substeps == stepping.choice.substeps:
             stepping.choice = choice
             return stepping
-        if stepping.at_start:  # nothing has happened yet
+        if stepping.at_start:
             stepping = stepping.with_choice(choice)
             self.begin(stepping)
             return stepping
         before = stepping.balance().energy
         stepping = stepping.with_choice(choice)
-        other = stepping.balance().energy - before
-        self.least, self.floor = self.least + other, self.floor + other
+        added = stepping.balance().energy - before
+        self.least, self.floor = self.least + added, self.floor + added
         return stepping
 
 
-def _is_real(stepping: Stepping, rises: list[float]) -> bool:
-    """Tell whether a rise is none of the steps' doing: much of it is left when they are halved, again and again.
+def _is_physical(stepping: Stepping, rises: list[float]) -> bool:
+    """Return whether a rise is not due to the step: much of it remains as the step is halved again and again.
 
-    A body with nothing around it has no source of energy. An obstacle that stands still is one where it puts back
-    what starts inside it.
+    An isolated body has no source of energy. A fixed obstacle is a source if a body starts inside it.
     """
     return bool(stepping.assembly.all) and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])

@@ -1,4 +1,4 @@
-"""Stepping: the worlds on a device, and how they are advanced by one frame after the other."""
+"""Stepping: advances the worlds on a device frame by frame."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -37,42 +37,42 @@ from ..runtime import in_turn
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .divergence import Divergence
 from .pinned_staging import CAPTURE_LOCK, PinnedStaging, to_host
-from .track import Track, Tracks, tells_all
+from .track import Track, Tracks, can_judge_late
 
 
 class Stepping:
-    """The worlds on a device, and how they are advanced: by which method, with how many substeps a frame.
+    """The worlds on a device, the method that advances them, and the substeps of a frame.
 
-    It is replaced as a whole when anything of that changes: who holds one never sees half of a change. In an
-    ensemble worlds that diverge are frozen, and the others go on.
+    Any change of these makes a new `Stepping`, so callers never see half of a change. In an ensemble worlds that
+    diverge are frozen, and the others continue.
 
     Parameters
     ----------
     dynamics, method
         The equation of motion, and how it is integrated.
     state
-        What moves, with velocities at the instant of the positions.
+        The moving state, with velocities at the time of the positions.
     choices
-        The substeps of a frame that worlds ask for, of those that differ: all take the most of them.
+        The substeps that each world needs, one choice if all worlds are alike. All worlds take the largest number.
     energy_limit, blocks
-        See `Simulation`; in place of blocks an ensemble has `threads`.
-    paced
-        Whether the balance is asked for behind frames.
+        See `Simulation`. For an ensemble `blocks` is the number of threads of a world.
+    watch_energy
+        Whether a `StepController` reads the energy balance of frames.
     baseline
-        What the energy is compared with; by default the present state's.
+        The reference for energies; by default the present state's.
     time
-        When it begins [s].
+        Time of the state [s].
 
     Attributes
     ----------
     assembly, model, state, dynamics, stepper, watch, frozen
-        The parts of `msdwarp.engine` that it is made of; what freezes worlds is None outside of ensembles.
+        Parts from `msdwarp.engine`. `frozen` freezes worlds; it is None outside of ensembles.
     choice
-        The substeps of all.
+        The substeps that all worlds take.
     integrator
-        The method as it is best used with these substeps.
+        The method, fitted to these substeps.
     contact_forces
-        What contacts have pushed particles with in the last frame; None where nobody asks for it.
+        Sums the contact forces of a frame; None if nobody reads them.
     """
 
     def __init__(
@@ -84,118 +84,122 @@ class Stepping:
         *,
         energy_limit: float,
         blocks: Blocks | int | str,
-        paced: bool = False,
+        watch_energy: bool = False,
         baseline: Baseline | None = None,
         time: float = 0.0,
     ) -> None:
         self.dynamics, self.assembly, self.model = dynamics, dynamics.assembly, dynamics.model
         self.state, self.choices = state, choices
         choice = self.choice = max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
-        self._how = {"method": method, "energy_limit": energy_limit, "blocks": blocks, "paced": paced}
+        self._options = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
+        self._options |= {"watch_energy": watch_energy}
         self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
-        self._time, self._begun, own = time, time, self.integrator
+        self._time, self._frame_start, own = time, time, self.integrator
         dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
         dynamics.hold(time)
-        self._landing = PinnedStaging()
+        self._staging = PinnedStaging()
         swings = np.array([replace(one, substeps=choice.substeps).energy_swing for one in choices])
         limit = energy_limit * self.model.of_each(swings)
         self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
         self.frozen = FrozenWorlds(self.assembly, self.watch, dynamics.frozen) if self.model.in_worlds else None
         self._tracks = Tracks(self.assembly, state, self.frozen.changing if self.frozen is not None else ())
         self._velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
-        pushed_by, seconds = (self.assembly.colliders, self.assembly.body_contact), 1.0 / choice.fps
+        contacts, seconds = (self.assembly.colliders, self.assembly.body_contact), 1.0 / choice.fps
         summed = self.assembly.sums_contact_forces
-        self.contact_forces = ContactForces(self.model, *pushed_by, seconds) if summed else None
-        self._sensors = sensors_of(dynamics, state, FRAME, 1, seconds, self.contact_forces)
-        self._by_substep = sensors_of(dynamics, state, SUBSTEP, choice.substeps, seconds, self.contact_forces)
+        forces = self.contact_forces = ContactForces(self.model, *contacts, seconds) if summed else None
+        self._frame_sensors = sensors_of(dynamics, state, FRAME, 1, seconds, forces)
+        self._substep_sensors = sensors_of(dynamics, state, SUBSTEP, choice.substeps, seconds, forces)
         self.stepper = Stepper(
             dynamics,
             state,
             partial(own.substep, state, own.workspace(state), choice.step),
-            behind_each=None if self._by_substep is None else self._look_behind,
+            after_substep=None if self._substep_sensors is None else self._measure_substep,
             blocks=blocks,
         )
-        self._sums: Any = None
+        self._balance_graph: Any = None
         self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
-        """How often a frame, and a balance, are launched before they are recorded."""
+        """How many more frames, and balances, are launched before they are recorded."""
         small = is_told_by_frames(dynamics)
-        self._tells, self.telling = paced and small, True
-        """Whether frames can tell their balance; whether the next ones do, else it is summed when asked for."""
-        self._runs_ahead = small and tells_all(self.assembly, self.contact_forces, self._sensors, self._by_substep)
-        """Whether a frame can be judged while the next one is under way."""
-        self._open_ledger = partial(EnergySums, dynamics, state, own.lag * choice.step)
-        self._ledger = self._open_ledger() if self._tells else None
+        self._can_sum_balance, self.sum_balance = watch_energy and small, True
+        """Whether frames can sum their energy balance; whether the next ones do. Otherwise requests sum it."""
+        self.runs_ahead = small and can_judge_late(
+            self.assembly, forces, self._frame_sensors, self._substep_sensors
+        )
+        """Whether a frame can be judged while the next one runs."""
+        self._new_energy_sums = partial(EnergySums, dynamics, state, own.lag * choice.step)
+        self._energy_sums = self._new_energy_sums() if self._can_sum_balance else None
         self._velocities.start()
 
     @property
     def backup(self) -> Backup:
-        """The state where the frame began that was advanced by last."""
-        return self._tracks.now.backup
+        """The state at the start of the last frame."""
+        return self._tracks.current.backup
 
     @property
     def graph(self) -> Any:
-        """A frame as it was recorded with the first one; None before."""
+        """The graph that recorded the first frame; None before."""
         return next(iter(self._tracks.first.graphs.values()), None)
 
     def with_choice(self, choice: StepChoice) -> Self:
-        """Return what goes on from the present state with other substeps; this one is not used any longer."""
+        """Return a `Stepping` with other substeps that continues from the present state in place of this one."""
         own = self.integrator
         if own.staggered or not self.at_start:
-            self._velocities.hand_over(own.lag * choice.step)
-        how = self._how | {"baseline": self.watch.baseline, "time": self._time}
-        return type(self)(self.dynamics, self.state, choices=[choice], **how)
+            self._velocities.change_lag(own.lag * choice.step)
+        options = self._options | {"baseline": self.watch.baseline, "time": self._time}
+        return type(self)(self.dynamics, self.state, choices=[choice], **options)
 
     @property
     def at_start(self) -> bool:
-        """Whether velocities are as they were given, and not yet those of substeps of some length."""
+        """Whether velocities are still those given, before any substep."""
         return self._time == 0.0
 
-    def fall(self, gravity: ArrayLike) -> None:
-        """Go on under another constant gravity [m/s²]: only what was recorded with the old one is made anew."""
-        heavy, before = weight(self.model), potential(self.model, self.state)
-        with self._between():
+    def set_gravity(self, gravity: ArrayLike) -> None:
+        """Set another constant gravity [m/s²]. Only graphs recorded with the old one are recorded again."""
+        weight_before, energy_before = weight(self.model), potential(self.model, self.state)
+        with self._synchronized_velocities():
             self.model.fall(gravity)
             self.dynamics.scene.gravity = self.model.gravity
-        # Recording costs more than a launch: it is for what comes again before the next change.
+        # Recording costs more than a launch. It pays only if no other change follows soon.
         self._unrecorded, self._unsummed = 1, 4
-        # All that energies are compared with is as much higher as the present one.
-        added = potential(self.model, self.state) - before
-        energy, scale = self.watch.baseline
-        scale += max(0.0, weight(self.model) - heavy) * size(self.state)
-        self.watch.compare_with(Baseline(energy + added, scale))
+        added_energy = potential(self.model, self.state) - energy_before
+        self._shift_baseline(added_energy, max(0.0, weight(self.model) - weight_before) * size(self.state))
 
-    def throw(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
-        """Go on with other velocities of chosen particles [m/s], shape [particle_count, d]; all else stays."""
+    def set_velocity(self, velocity: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Set the velocities of chosen particles [m/s], shape [particle_count, d]."""
         if self.assembly.external_work is not None:
             self.assembly.external_work.settle(self.state.x, self.state.v)
-        with self._between():
+        with self._synchronized_velocities():
             before = self.state.v.numpy()[chosen].astype(np.float64)
             self.state.throw(velocity, chosen)
-        mass = np.broadcast_to(self.model.mass, len(chosen))[chosen]  # of free ones
-        added = 0.5 * float(mass @ (velocity[chosen] ** 2 - before**2).sum(axis=1))
-        energy, scale = self.watch.baseline
-        self.watch.compare_with(Baseline(energy + added, scale + max(0.0, added)))
+        mass = np.broadcast_to(self.model.mass, len(chosen))[chosen]  # of free particles
+        added_energy = 0.5 * float(mass @ (velocity[chosen] ** 2 - before**2).sum(axis=1))
+        self._shift_baseline(added_energy, max(0.0, added_energy))
 
-    def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Go on with other values of the same loads, in place of each key what stands for it."""
+    def _shift_baseline(self, energy: float, scale: float) -> None:
+        """Add to the energy [J], and to the scale of energies [J], that the run is compared with."""
+        baseline = self.watch.baseline
+        self.watch.compare_with(Baseline(baseline.energy + energy, baseline.scale + scale))
+
+    def exchange(self, replacements: Mapping[Load, Load]) -> None:
+        """Replace loads by others that differ only in values, given as {old: new}."""
         work, x = self.assembly.external_work, self.state.x
-        with self._between():
+        with self._synchronized_velocities():
             done = 0.0 if work is None else work.totals(x, self.state.v)
             for effect in self.assembly.all:
-                effect.exchange(others)
+                effect.exchange(replacements)
             self.dynamics.hold(self._time)
-            if work is not None:  # what has been done stays so
+            if work is not None:  # the work done so far does not change
                 work.before += done - work.totals(x, self.state.v)
-        hands = [one for one in others.values() if isinstance(one, MouseSpring)]
-        if hands:  # a pull brings in what its springs store, again and again
+        pulls = [one for one in replacements.values() if isinstance(one, MouseSpring)]
+        if pulls:  # each move of the mouse adds the energy that its springs store
             energy, scale = Baseline.of(self.assembly, self.state)
-            here = x.numpy()
-            self.watch.compare_with(Baseline(energy, scale + sum(one.stored(here) for one in hands)))
+            positions = x.numpy()
+            self.watch.compare_with(Baseline(energy, scale + sum(one.stored(positions) for one in pulls)))
 
     @contextmanager
-    def _between(self) -> Iterator[None]:
-        """Bring velocities to the instant of the positions and, when forces have changed, back to the method's."""
+    def _synchronized_velocities(self) -> Iterator[None]:
+        """Shift velocities to the time of the positions. On exit shift them back, by the forces at that moment."""
         v = self.velocity()
         if v is not self.state.v:
             wp.copy(self.state.v, v)
@@ -204,26 +208,26 @@ class Stepping:
         finally:
             self._velocities.start()
 
-    def advance(self, time: float, then: float | None = None) -> bool:
-        """Advance by the frame that begins at `time` [s]; return whether all went well.
+    def advance(self, time: float, next_time: float | None = None) -> bool:
+        """Advance by the frame that begins at `time` [s]; return whether it went well.
 
-        Where another one follows at once, at `then` [s], the host prepares it while the device is at work, and
-        launches it if it can before it judges the present one. Where the caller comes in between, what functions
-        of time read may change first: then there is none.
+        If another frame follows immediately, at `next_time` [s], the host prepares it while the device works, and
+        if possible launches it before it judges the present one. Omit `next_time` if the caller acts between the
+        frames: functions of time may then return something else.
         """
-        if not self._tracks.go_on():
-            self._take_frame(time, self._tracks.now)
-        fps, track = self.choice.fps, self._tracks.now
-        self._begun, self._time = time, (round(time * fps) + 1) / fps
-        if then is not None:
-            self.dynamics.prepare(then)
-            if self._runs_ahead and not self._unrecorded:
+        if not self._tracks.advance():
+            self._take_frame(time, self._tracks.current)
+        fps, track = self.choice.fps, self._tracks.current
+        self._frame_start, self._time = time, (round(time * fps) + 1) / fps
+        if next_time is not None:
+            self.dynamics.prepare(next_time)
+            if self.runs_ahead and not self._unrecorded:
                 ahead = self._tracks.other()
                 with suppress(Exception):  # it is raised again when that frame begins, if it ever does
-                    self._take_frame(then, ahead)
+                    self._take_frame(next_time, ahead)
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
-        while self._is_void():
+        while sum(effect.is_void() for effect in self.assembly.all):  # every effect is asked
             self.go_back()
             self._take_frame(time, track)
             fine = self._is_fine(track)
@@ -232,15 +236,15 @@ class Stepping:
         return fine
 
     def _is_fine(self, track: Track) -> bool:
-        """Wait for a frame, and tell whether all went well; in an ensemble wait only if its effects are asked."""
+        """Wait for a frame and return whether it went well. An ensemble waits only if bodies touch."""
         if self.frozen is None:
             return not self.watch.finds_trouble(track.found)
         if self.assembly.body_contact is not None:
             track.found.wait()
         return True
 
-    def land(self) -> None:
-        """Undo a frame that was launched ahead: the state is that where the one before it ends."""
+    def discard_ahead(self) -> None:
+        """Undo a frame that was launched ahead."""
         if self._tracks.ahead is not None:
             self._tracks.ahead.backup.restore()
             self._tracks.ahead = None
@@ -248,124 +252,111 @@ class Stepping:
 
     def _take_frame(self, time: float, track: Track) -> None:
         """Launch the frame that begins at `time` [s]."""
-        self._forget_stale()
+        self._forget_outdated()
         partition, graphs = self.dynamics.partition, track.graphs
-        tells = track.tells = self._tells and self.telling
-        if tells not in graphs and (partition is not None or not self._unrecorded):
-            graphs[tells] = self._recorded_frame(track)
+        summed = track.sums_balance = self._can_sum_balance and self.sum_balance
+        if summed not in graphs and (partition is not None or not self._unrecorded):
+            graphs[summed] = self._record(partial(self._launch_frame, track), partition)
         self.dynamics.begin_frame(time)
-        if tells not in graphs:
+        if summed not in graphs:
             self._unrecorded -= 1
             self._launch_frame(track)
         elif partition is not None:
-            graphs[tells].replay()
+            graphs[summed].replay()
         else:
-            wp.capture_launch(graphs[tells])
+            wp.capture_launch(graphs[summed])
         track.found.mark()
 
-    def _forget_stale(self) -> None:
-        """Forget what was recorded with arrays, numbers or kernels that have been replaced since."""
+    def _forget_outdated(self) -> None:
+        """Forget graphs whose arrays, numbers or kernels have been replaced."""
         if self._generation != self.model.generation:
             self._tracks.forget_graphs()
-            self._sums, self._generation = None, self.model.generation
-
-    def _is_void(self) -> bool:
-        """Tell whether the frame just waited for must be repeated: effects have made room for it."""
-        void = [effect.is_void() for effect in self.assembly.all]  # each of them is asked
-        return any(void)
+            self._balance_graph, self._generation = None, self.model.generation
 
     def begin_at(self, time: float) -> None:
-        """Begin at `time` [s] from a state that is written next."""
-        self._time = self._begun = time
+        """Set the time [s] of the state, which the caller writes next."""
+        self._time = self._frame_start = time
         self.dynamics.hold(time)
 
-    def begin_anew(self) -> None:
+    def reset_baseline(self) -> None:
         """Compare energies with those of the present state from now on."""
         self.watch.compare_with(Baseline.of(self.assembly, self.state))
 
     def go_back(self) -> None:
-        """Go back to the start of the frame that was advanced by last."""
+        """Go back to the start of the last frame."""
         self._tracks.ahead = None
         self.backup.restore()
-        self.begin_at(self._begun)
+        self.begin_at(self._frame_start)
 
-    def _recorded_frame(self, track: Track) -> Any:
-        """Record the substeps of a frame, and the watch after them, as one graph."""
-        launch, partition = partial(self._launch_frame, track), self.dynamics.partition
-        if partition is None:
-            return self._recorded(launch)
+    def _record(self, launch: Callable[[], None], partition: Any = None) -> Any:
+        """Record launches as a graph, or as one graph for each CPU thread."""
         with CAPTURE_LOCK:
-            return partition.record(launch)
-
-    def _recorded(self, launch: Callable[[], None]) -> Any:
-        """Record what is launched as a graph."""
-        with CAPTURE_LOCK, wp.ScopedCapture(device=self.model.device) as capture:
-            launch()
+            if partition is not None:
+                return partition.record(launch)
+            with wp.ScopedCapture(device=self.model.device) as capture:
+                launch()
         return capture.graph
 
     def _launch_frame(self, track: Track) -> None:
-        """Launch the substeps of a frame, and what looks at the state behind them."""
+        """Launch the substeps of a frame, and then the checks and sensors at its end."""
         track.backup.save()
         if self.contact_forces is not None:
             self.contact_forces.begin()
         self.stepper.take(self.choice.substeps)
         for effect in self.assembly.all:
             effect.look()
-        if track.tells and self._ledger is not None:
-            self._ledger.launch(track.found)
+        if track.sums_balance and self._energy_sums is not None:
+            self._energy_sums.launch(track.found)
         else:
             self.watch.look(track.found)
         if self.frozen is not None:
             self.frozen.launch(track.found, track.backup)
-        if self._sensors is not None:
-            self._sensors.launch(self.velocity() if self._sensors.moves else self.state.v)
+        if self._frame_sensors is not None:
+            self._frame_sensors.launch(self.velocity() if self._frame_sensors.moves else self.state.v)
 
-    def _look_behind(self, substep: int) -> None:
-        """Launch what probes measure where a substep ends."""
-        assert self._by_substep is not None
-        with self.dynamics.looking(substep):
-            self._by_substep.launch(self.velocity() if self._by_substep.moves else self.state.v, substep)
+    def _measure_substep(self, substep: int) -> None:
+        """Launch the probes that measure at the end of each substep."""
+        assert self._substep_sensors is not None
+        with self.dynamics.measuring(substep):
+            v = self.velocity() if self._substep_sensors.moves else self.state.v
+            self._substep_sensors.launch(v, substep)
 
     def balance(self) -> EnergyBalance:
-        """Return the energies of the present state, summed by a graph of its own."""
-        if self._ledger is None:
-            self._ledger = self._open_ledger()
-        self._forget_stale()
+        """Return the energy balance of the present state, summed by launches of its own."""
+        sums = self._energy_sums = self._energy_sums or self._new_energy_sums()
+        self._forget_outdated()
         found = self._tracks.first.found
         if self._unsummed:
             self._unsummed -= 1
-            self._ledger.launch(found)
+            sums.launch(found)
         else:
-            self._sums = self._sums or self._recorded(partial(self._ledger.launch, found))
-            wp.capture_launch(self._sums)
+            self._balance_graph = self._balance_graph or self._record(partial(sums.launch, found))
+            wp.capture_launch(self._balance_graph)
         found.mark()
-        return self._ledger.balance(found.read())
+        return sums.balance(found.read())
 
     def balance_of_frame(self) -> EnergyBalance:
-        """Return the balance of the frame just advanced by: as that tells it, or summed now."""
-        if self._tracks.now.tells and self._ledger is not None:
-            return self._ledger.balance(self.watch.told)
-        self.land()
+        """Return the energy balance at the end of the last frame; sum it now if the frame did not."""
+        if self._tracks.current.sums_balance and self._energy_sums is not None:
+            return self._energy_sums.balance(self.watch.told)
+        self.discard_ahead()
         return self.balance()
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
-        """Return what probes have told of the frame that was advanced by last, by their names.
-
-        A row for each reading, so many seconds apart that the last one is where the frame ends.
-        """
+        """Return the last frame's readings by probe name: evenly spaced rows, the last at the frame's end."""
         found = {}
-        for sensors in filter(None, (self._sensors, self._by_substep)):
+        for sensors in filter(None, (self._frame_sensors, self._substep_sensors)):
             found |= sensors.read()
         return found
 
-    def find_trouble(self) -> Divergence:
-        """Find out what went wrong in the frame just simulated, and go back to its start.
+    def locate_divergence(self) -> Divergence:
+        """Return where the last frame diverged, and go back to its start.
 
-        The frame is simulated once more, looking after every substep.
+        The frame is simulated again, with a check after each substep.
         """
         self.go_back()
-        self.dynamics.begin_frame(self._begun)
-        found, good, substep = self._tracks.now.found, to_host(self.state.x), 0
+        self.dynamics.begin_frame(self._frame_start)
+        found, good, substep = self._tracks.current.found, to_host(self.state.x), 0
         for substep in range(self.choice.substeps):
             good = to_host(self.state.x)
             self.stepper.take(1, substep)
@@ -373,27 +364,27 @@ class Stepping:
             found.mark()
             if self.watch.finds_trouble(found):
                 break
-        trouble = Divergence(good, substep + 1, self.watch.worst_particle())
+        divergence = Divergence(good, substep + 1, self.watch.worst_particle())
         self.go_back()
-        return trouble
+        return divergence
 
     def velocity(self) -> wp.array:
-        """Return the velocities at the instant of the positions [m/s], on the device."""
+        """Return the velocities at the time of the positions [m/s], on the device."""
         return self._velocities.read()
 
     def frame(self, time: float) -> Frame:
         """Return the present positions and velocities, in an ensemble of shape [worlds, particle_count, d]."""
-        position, velocity = self._landing.host_copies(self.state.x, self.velocity())
-        if self.model.compensated:  # what sums have lost belongs to them
+        position, velocity = self._staging.host_copies(self.state.x, self.velocity())
+        if self.model.compensated:  # subtract the rounding errors of the sums
             position = position.astype(np.float64) - self.state.compensation.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
         return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))
 
     def warnings(self) -> str | None:
-        """Return words about what may have gone wrong in the last frame; None where nothing did."""
+        """Return a warning about the last frame; None if there is none."""
         return next(filter(None, (effect.warnings() for effect in self.assembly.all)), None)
 
     @in_turn
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return the fields of the system that substeps have changed, but for positions and velocities."""
+        """Return the fields of the system that substeps have changed, except positions and velocities."""
         return {name: array for effect in self.assembly.all for name, array in effect.changed_fields().items()}

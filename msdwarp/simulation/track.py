@@ -1,4 +1,4 @@
-"""Tracks: what a frame keeps and tells, so that the next one can be launched before it is judged."""
+"""Tracks: memory of two frames, so that the next one can be launched before the present one is judged."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,50 +7,51 @@ import warp as wp
 
 from ..engine import Assembly, Backup, Effect, Found, State
 
-_ASKED = ("energies_and_powers", "is_void", "warnings")
-"""What the host asks effects about the present state, or the frame that was advanced by last."""
+_READ_AFTER_FRAME = ("energies_and_powers", "is_void", "warnings")
+"""Methods of effects by which the host reads the present state, or the last frame."""
 
 
 class Track:
-    """What a frame keeps and tells. Of two that follow each other closely each has a track of its own."""
+    """Memory of a frame; consecutive frames alternate between two of them."""
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
-        self.backup = Backup(assembly, state, others)  # the state where the frame began
-        self.found = Found(state.model)  # what is told of the state where it ends
-        self.graphs: dict[bool, Any] = {}  # the frame as it was recorded, by whether it tells its balance
-        self.tells = False  # whether the frame that was launched last does
+        self.backup = Backup(assembly, state, others)  # the state at the start of the frame
+        self.found = Found(state.model)  # the check of the state at its end
+        self.graphs: dict[bool, Any] = {}  # the recorded frame, by whether it sums its energy balance
+        self.sums_balance = False  # whether the last frame launched did
 
 
 class Tracks:
-    """The tracks of a run, two at most: of frames before which none was launched ahead it is the `first`.
+    """The tracks of a run. Frames that were not launched ahead use the `first`.
 
-    `now` is that of the frame that was advanced by last; `ahead` that of the next one, if it has been launched.
+    `current` is the track of the last frame; `ahead` is that of the next frame, if it has been launched.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self._assembly, self._state, self._second = assembly, state, list[Track]()
-        self.first = self.now = Track(assembly, state, others)
+        self.first = self.current = Track(assembly, state, others)
         self.ahead: Track | None = None
 
-    def go_on(self) -> bool:
-        """Go on to the next frame; return whether it has been launched already."""
+    def advance(self) -> bool:
+        """Go to the next frame; return whether it has been launched already."""
         launched = self.ahead is not None
-        self.now, self.ahead = self.ahead or self.first, None
+        self.current, self.ahead = self.ahead or self.first, None
         return launched
 
     def other(self) -> Track:
-        """Return the track for a frame behind the present one."""
+        """Return the track for the frame after the present one."""
         if not self._second:
             self._second.append(Track(self._assembly, self._state))
-        return self._second[0] if self.now is self.first else self.first
+        return self._second[0] if self.current is self.first else self.first
 
     def forget_graphs(self) -> None:
-        """Have frames recorded anew."""
+        """Forget all recorded frames."""
         for track in (self.first, *self._second):
             track.graphs.clear()
 
 
-def tells_all(assembly: Assembly, *looks: Any) -> bool:
-    """Tell whether frames are judged by what they tell alone: no effect, and none of `looks`, is asked more."""
-    asked = (getattr(type(one), name) is not getattr(Effect, name) for one in assembly.all for name in _ASKED)
-    return not any(asked) and all(one is None for one in looks)
+def can_judge_late(assembly: Assembly, *measurements: Any) -> bool:
+    """Return whether `Found` alone decides about a frame: the host reads no effect and no measurement after it."""
+    kinds = {type(one) for one in assembly.all}
+    read = (getattr(kind, name) is not getattr(Effect, name) for kind in kinds for name in _READ_AFTER_FRAME)
+    return not any(read) and all(one is None for one in measurements)

@@ -22,7 +22,7 @@ METHODS = [SymplecticEuler(), Leapfrog(damper_extrapolation=0.5), RK4(), RKC2()]
 
 
 def chip_of(ensemble: Ensemble):
-    return ensemble.stepping.stepper._chip
+    return ensemble.stepping.stepper.chip
 
 
 def ensemble_of(name: str, device: str, **how) -> Ensemble:

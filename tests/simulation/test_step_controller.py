@@ -167,7 +167,7 @@ def test_an_older_checkpoint_goes_on_as_a_run_that_begins():
         ("chosen", [[0.0, 0]], "chosen is 0; it must be a whole number of at least 1"),
     ],
 )
-def test_what_is_no_pace_is_named(name, value, message):
+def test_an_invalid_number_of_a_checkpoint_is_named(name, value, message):
     simulation = Simulation(stretched(1.2), **OPTIONS)
     arrays, numbers = simulation.checkpoint()
     with pytest.raises(ValueError, match=message):

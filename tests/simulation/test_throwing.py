@@ -129,9 +129,9 @@ def test_what_falls_is_thrown_on_any_way(method, way):
     simulation = Simulation(body, colliders=[Plane()], integrator=method, device="cpu")
     simulation.step(12)
     simulation.change(velocity=way)
-    assert simulation._pace is not None
-    assert simulation._pace.least == pytest.approx(simulation.stepping.balance().energy, abs=1e-5)
-    assert simulation._pace.scale > 0.04 * 0.27 * 6.0**2  # what moves now counts from now on
+    numbers = simulation.checkpoint()[1]
+    assert numbers["pace.least"] == pytest.approx(simulation.stepping.balance().energy, abs=1e-5)
+    assert numbers["pace.scale"] > 0.04 * 0.27 * 6.0**2  # what moves now counts from now on
     simulation.step(60)
 
 
@@ -142,8 +142,8 @@ def test_another_load_on_what_falls_brings_in_no_energy(direction):
     simulation = Simulation(body, loads=[weak], device="cpu", precision="float64")
     simulation.step(30)
     simulation.change(loads=[strong])
-    assert simulation._pace is not None
-    assert simulation._pace.least == pytest.approx(simulation.stepping.balance().energy, abs=1e-9)  # rounding
+    least = simulation.checkpoint()[1]["pace.least"]
+    assert least == pytest.approx(simulation.stepping.balance().energy, abs=1e-9)  # rounding
     simulation.step(30)
 
 
@@ -203,7 +203,7 @@ def test_a_run_is_compared_with_what_a_throw_gives(plain_device, method, precisi
     simulation.step(2)
     before, chosen = simulation.measure().kinetic_energy, np.arange(27) % 2 == 1
     baseline = simulation.stepping.watch.baseline.energy
-    simulation.stepping.throw(simulation.frame().velocity.astype(float) + 1.5, chosen)
+    simulation.stepping.set_velocity(simulation.frame().velocity.astype(float) + 1.5, chosen)
     added = simulation.stepping.watch.baseline.energy - baseline
     # Rounding of 13 kinetic energies of 1 J each, in float32 of velocities that are kicked back and forth.
     rel = 1e-12 if precision == "float64" else 1e-5

@@ -86,13 +86,13 @@ def test_a_frame_that_is_watched_has_a_device_do_no_more_than_one_that_is_not(
     integrator, device, as_on_a_gpu, calls, monkeypatch
 ):
     looks = collections.Counter()
-    judge = StepController._is_well
+    judge = StepController._is_acceptable
 
     def counted(*args):
         looks["at a balance"] += 1
         return judge(*args)
 
-    monkeypatch.setattr(StepController, "_is_well", counted)
+    monkeypatch.setattr(StepController, "_is_acceptable", counted)
     how = {"integrator": integrator, "device": device, **WATCHED}
     watched, free = (Simulation(whirling(), **how, energy_limit=limit) for limit in (10.0, math.inf))
     for simulation in (watched, free):
@@ -121,14 +121,14 @@ def test_what_frames_tell_decides_as_what_is_asked_for(monkeypatch):
     assert told.checkpoint()[1] == asked.checkpoint()[1]
 
 
-def test_a_body_that_is_rarely_looked_at_rarely_tells(as_on_a_gpu):
+def test_a_body_that_is_rarely_checked_rarely_sums_its_balance(as_on_a_gpu):
     simulation = Simulation(box((3, 3, 3), 0.1, damping=1.0), device="cpu", **WATCHED)
     simulation.step(130)  # it is at rest: the intervals between looks have grown to 64 frames
-    told = []
+    summed = []
     for _ in range(64):
         simulation.step()
-        told.append(simulation.stepping.telling)
-    assert 1 <= sum(told) <= 2  # the frame that is looked at, and the one before it
+        summed.append(simulation.stepping.sum_balance)
+    assert 1 <= sum(summed) <= 2  # the frame that is checked, and the one before it
 
 
 # Frames that are launched before the one before them is judged
@@ -173,7 +173,7 @@ def same(one, other):
 def test_a_batch_of_frames_is_those_frames_one_by_one(name, as_on_a_gpu, monkeypatch):
     body, around = SCENES[name]
     batch, single = (Simulation(body, device="cpu", threads=1, **around) for _ in "bs")
-    assert batch.stepping._runs_ahead
+    assert batch.stepping.runs_ahead
     batch.step(3 * FRAMES)
     one_by_one(single, 3 * FRAMES)
     same(batch, single)

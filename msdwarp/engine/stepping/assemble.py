@@ -1,4 +1,4 @@
-"""Assembly: a model and the effects that a scene has; `assemble` makes it."""
+"""Assembly: a model and the effects of a scene; `assemble` makes it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -52,21 +52,21 @@ COLLIDER_RULES = ("coulomb", "report")
 
 
 class Surroundings(NamedTuple):
-    """What a system is in, as a scene says it."""
+    """The surroundings of a system, as given by a scene."""
 
     colliders: Sequence[Collider] = ()
     """Obstacles, in the order in which a particle meets them."""
     collider_rule: str = "coulomb"
     """The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`."""
     loads: Sequence[Load] = ()
-    """What else acts on the system."""
+    """Loads on the system."""
     probes: Mapping[str, Probe] = MappingProxyType({})
-    """What is measured, by name."""
+    """Probes by name."""
     contact_forces: bool = False
-    """Whether the contact force on each particle is asked for."""
+    """Whether the contact force on each particle is requested."""
 
     def asks_for(self, *quantities: str) -> bool:
-        """Tell whether a probe asks for one of these, or the contact forces are asked for as they are."""
+        """Return whether a probe measures one of these, or all contact forces are requested."""
         return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
@@ -80,7 +80,7 @@ def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
 
 
 def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
-    """Return the effects of wind and pressure, and before them the vertices that they act on."""
+    """Return the effects of wind and pressure, after that of the embedded vertices that they act on."""
     vertices = embedded_vertices_of(model, loads)
     effects: list[Effect] = [] if vertices is None else [vertices]
     return effects + winds_of(model, loads) + pressures_of(model, loads, vertices)
@@ -102,7 +102,7 @@ EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]]
     lambda model, around: actuators_of(model, around.loads),
     _body_contact,
 ]
-"""For each kind of effect a function that returns it, or those of its kind, or None where the scene lacks it."""
+"""A function for each kind of effect; it returns one effect, several, or None if the scene has none."""
 
 
 class Assembly:
@@ -110,14 +110,10 @@ class Assembly:
 
     Attributes
     ----------
-    model
-        The system on its device.
     all
         Every effect, in the order in which they act.
     colliders, fracture, plasticity, drives, body_contact, surface_contact, external_work
-        The effect of that kind; None where the scene lacks it.
-    probes
-        What is measured, by name.
+        The effect of that kind; None if the scene has none.
     sums_contact_forces
         Whether effects sum the contact forces on particles.
     """
@@ -127,8 +123,8 @@ class Assembly:
         self.sums_contact_forces = around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
         self.all: list[Effect] = []
         for make in EFFECTS:
-            made = make(model, around)
-            self.all += [made] if isinstance(made, Effect) else made or []
+            effects = make(model, around)
+            self.all += [effects] if isinstance(effects, Effect) else effects or []
         self.colliders = self._one_of(Colliders)
         self.fracture = self._one_of(Fracture)
         self.plasticity = self._one_of(Plasticity)
@@ -136,18 +132,19 @@ class Assembly:
         self.body_contact: Any = self._one_of(BodyContact)
         self.surface_contact: SurfaceContact | None = None
         if self.colliders is not None and self.body_contact is not None:
-            found = surface_contact_of(model, self.colliders, self.body_contact, around.colliders, around.loads)
-            self.surface_contact = found
-            self.all += [found] if found is not None else []
+            self.surface_contact = surface_contact_of(
+                model, self.colliders, self.body_contact, around.colliders, around.loads
+            )
+        self.all += [self.surface_contact] if self.surface_contact is not None else []
         self.external_work = self._work()
         self.all += [self.external_work] if self.external_work is not None else []
 
     def _one_of(self, kind: type) -> Any:
-        """Return the effect of a kind; None where there is none."""
+        """Return the effect of a kind, or None."""
         return next((effect for effect in self.all if isinstance(effect, kind)), None)
 
     def _work(self) -> Work | None:
-        """Return what sums the work of the effects; None where none does any."""
+        """Return the effect that sums the work of others; None if none does work."""
         summed = any(isinstance(effect.piece, ForceTerm) and effect.piece.works for effect in self.all)
         steady = self._one_of(Steady)
         others = [effect for effect in self.all if effect.done is not None]
@@ -157,12 +154,12 @@ class Assembly:
 
     @property
     def begins_substeps(self) -> bool:
-        """Whether anything happens to connections as a substep begins: an effect acts on them, or they break."""
+        """Whether springs change at the start of a substep: an effect changes them, or they break."""
         pieces = [one.piece for one in self.all if isinstance(one.piece, ForceTerm)]
         return self.fracture is not None or any(piece.begin is not None for piece in pieces)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
-        """Return what substeps have changed in the effects of each world, as those of a single run restore it."""
+        """Return for each world the arrays from which the effects of a single run are restored."""
         found: list[dict[str, NDArray]] = [{} for _ in range(self.model.worlds)]
         for effect in self.all:
             if effect is self.body_contact:
@@ -170,11 +167,11 @@ class Assembly:
             else:
                 arrays = {name: np.split(one, self.model.worlds) for name, one in effect.checkpoint().items()}
                 parts = [{name: one[w] for name, one in arrays.items()} for w in range(self.model.worlds)]
-            found = [known | part for known, part in zip(found, parts, strict=True)]
+            found = [others | part for others, part in zip(found, parts, strict=True)]
         return found
 
-    def go_on_from(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
-        """Take over what a run has summed with the same loads, whose particles were at x and moved at v."""
+    def take_over(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
+        """Take over the sums of the same effects in an earlier run, now at positions x and velocities v."""
         if self.external_work is not None and other.external_work is not None:
             self.external_work.before += other.external_work.totals(x, v)
         for effect in self.all:
@@ -195,31 +192,10 @@ def assemble(
     contact_forces: bool = False,
     **options: Any,
 ) -> Assembly:
-    """Return a system on a device with what acts on it.
+    """Return a system on a device with its effects.
 
-    Parameters
-    ----------
-    system
-        What is simulated.
-    gravity
-        See `Model`.
-    colliders
-        Obstacles, in the order in which a particle meets them.
-    collider_rule
-        The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`.
-    loads
-        What else acts on the system, each a `Load`.
-    probes
-        What is measured where a frame ends, by name.
-    contact_forces
-        Whether the contact force on each particle is summed.
-    options
-        Of `Model`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range.
+    See `Model` for `gravity` and `options`, and `Surroundings` for the others. Raises ValueError if an argument is
+    out of range.
     """
     checks.one_of("collider_rule", collider_rule, COLLIDER_RULES)
     check_loads(loads, system)
@@ -230,21 +206,9 @@ def assemble(
 
 
 def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> Assembly:
-    """Return many worlds of a system on a device with what acts on them.
+    """Return many worlds of a system on a device with their effects; see `Model` for `worlds` and `rows`.
 
-    Parameters
-    ----------
-    system
-        What all worlds have.
-    worlds, rows
-        See `Model`.
-    options
-        Of `assemble`.
-
-    Raises
-    ------
-    ValueError
-        If the scene has an effect that worlds cannot have, or a number is out of the range of the precision.
+    Raises ValueError if the scene has a feature that ensembles lack, or a number exceeds the precision's range.
     """
     for k, one in enumerate(options.get("loads", ())):
         if isinstance(one, Contact) and one.surface_colliders:
@@ -266,14 +230,11 @@ def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> 
 
 
 def _check_starts(model: Model, colliders: Sequence[Collider]) -> None:
-    """Raise ValueError where worlds start inside obstacles, each in its own way.
-
-    All worlds share one depenetration. So the scene may start inside an obstacle where all worlds start alike.
-    """
+    """Raise ValueError if worlds start inside obstacles and differ there: all worlds share one depenetration."""
     if not colliders or not {"position", "rest_length", "mass"} & model.rows.keys():
         return
-    places = model.row_of("position")
-    depths = start_depths(places.reshape(-1, model.dim), colliders).max(axis=0).reshape(places.shape[:2])
+    positions = model.row_of("position")
+    depths = start_depths(positions.reshape(-1, model.dim), colliders).max(axis=0).reshape(positions.shape[:2])
     depths = np.where(np.isfinite(model.row_of("mass")).any(axis=0), depths, 0.0)
     if depths.max() > touching(model.system):
         row, particle = np.unravel_index(np.argmax(depths), depths.shape)

@@ -1,4 +1,4 @@
-"""CpuPartition: a body's particles divided among threads of the CPU, each of which has launches of its own."""
+"""CpuPartition: divides a body's particles among CPU threads, each with launches of its own."""
 
 import ctypes
 import os
@@ -17,83 +17,74 @@ from ..model.model import Model
 from .assemble import Assembly
 
 LEAST_SHARE = 5_000
-"""Connections for each thread, at least: some 50 µs of work, of which meeting the others is then a small part."""
+"""The least springs of a thread: some 50 µs of work, against which the barriers are short."""
 MOST_BY_ITSELF = 16
-"""More threads are taken only where they are asked for."""
+"""The most threads of "auto"."""
 THREADS = "MSDWARP_THREADS"
-"""Environment variable: how many threads "auto" takes at most."""
+"""Environment variable: the most threads of "auto"."""
 
 
 class CpuPartition:
-    """A body's particles divided among threads, and the launches of a frame as each thread has them.
+    """Divides a body's particles among threads, at least 2, and records the launches of each thread for a frame.
 
-    The first thread takes the frame as one thread does, but for its stages: of these it takes its share, and the
-    others theirs. All of it is recorded, and then replayed at once; threads wait for each other inside kernels.
-
-    Parameters
-    ----------
-    model
-        The body.
-    composition
-        What its kernels are composed from.
-    threads
-        How many there are, at least 2.
+    The first thread launches the whole frame, but only its part of the stages. The other threads launch their
+    parts. The graphs of all threads run at the same time; threads wait for each other inside kernels.
     """
 
     def __init__(self, model: Model, composition: Composition, threads: int) -> None:
         self._composition, self.threads = composition, threads
         self.is_recording = False
-        """Whether stages are to be launched by shares."""
-        self._meeting = wp.zeros(2 * ABORT, dtype=int, device=model.device)
+        """Whether stages are launched in parts."""
+        self._barrier = wp.zeros(2 * ABORT, dtype=int, device=model.device)
         self._launches: list[Callable[[int], None]] = []
-        """What each thread launches, given its number."""
+        """The launches of each thread, as functions of its number."""
         ends = np.asarray(model.system.connections).reshape(-1, 2)
         bounds = divided(model.particle_count, ends, threads)
         begun = np.linspace(0, len(ends), threads + 1).astype(int)
         scatters = composition.force_algorithm.evaluate is not None
-        self._shares = list[Any]()
+        self._parts = list[Any]()
         self._sums = list[wp.array | None]()
-        """Where each thread sums forces, of an algorithm that scatters."""
+        """Each thread's array of forces, for an algorithm that scatters."""
         for k in range(threads):
-            share: Any = PartOfParticles()
-            share.threads, share.first, share.last = threads, int(bounds[k]), int(bounds[k + 1])
-            share.first_begun, share.last_begun = int(begun[k]), int(begun[k + 1])
-            runs, others = ending_in(ends, share.first, share.last) if scatters else (ends[:0], ends[:0, 0])
-            share.runs = wp.array(runs, dtype=wp.vec2i, device=model.device)
-            share.others = wp.array(others, dtype=int, device=model.device)
-            share.meeting, share.yield_cpu = self._meeting, address_of_letting_others()
-            self._shares.append(share)
+            part: Any = PartOfParticles()
+            part.threads, part.first, part.last = threads, int(bounds[k]), int(bounds[k + 1])
+            part.first_begun, part.last_begun = int(begun[k]), int(begun[k + 1])
+            runs, others = ending_in(ends, part.first, part.last) if scatters else (ends[:0], ends[:0, 0])
+            part.runs = wp.array(runs, dtype=wp.vec2i, device=model.device)
+            part.others = wp.array(others, dtype=int, device=model.device)
+            part.meeting, part.yield_cpu = self._barrier, address_of_yield()
+            self._parts.append(part)
             self._sums.append(model.vectors() if scatters else None)
 
     def kernel(self, method: Any) -> Any:
-        """Return the kernel that takes a method's stages by shares."""
+        """Return the kernel of a method's stages for one part of the particles."""
         return in_partition(self._composition, method)
 
-    def launch(self, method: Any, around: Any, steps: wp.array, count: int) -> None:
-        """Launch the first thread's share of `count` stages, and note it for the others."""
+    def launch(self, method: Any, data: Any, steps: wp.array, count: int) -> None:
+        """Launch the first thread's part of `count` stages, and keep the others' for later."""
         assert self.is_recording
         kernel = self.kernel(method)
-        now = scene(self._composition)()
-        now.assign(around)  # which changes from launch to launch
+        copy = scene(self._composition)()
+        copy.assign(data)  # the original changes from launch to launch
 
         def launch(k: int) -> None:
             if self._sums[k] is not None:
-                now.forces.f = self._sums[k]
-            wp.launch(kernel, 1, [now, steps, count, self._shares[k]], device=self._meeting.device)
+                copy.forces.f = self._sums[k]
+            wp.launch(kernel, 1, [copy, steps, count, self._parts[k]], device=self._barrier.device)
 
         self._launch(launch)
 
     def launch_parts(self, launch_part: Callable[[int, int], None]) -> None:
-        """Launch the first thread's part of something, `launch_part(0, threads)`, and note it for the others.
+        """Launch the first thread's part, `launch_part(0, threads)`, and keep the others' for later.
 
-        It begins when all threads have come, and none goes on before all parts are done.
+        There is a barrier before the parts, and another one after them.
         """
         assert self.is_recording
 
         def launch(k: int) -> None:
-            self._meet(k)
+            self._launch_barrier(k)
             launch_part(k, self.threads)
-            self._meet(k)
+            self._launch_barrier(k)
 
         self._launch(launch)
 
@@ -101,42 +92,42 @@ class CpuPartition:
         self._launches.append(launch)
         launch(0)
 
-    def _meet(self, k: int) -> None:
-        wp.launch(wait_for_all, 1, [self._shares[k]], device=self._meeting.device)
+    def _launch_barrier(self, k: int) -> None:
+        wp.launch(wait_for_all, 1, [self._parts[k]], device=self._barrier.device)
 
     def _launch_all(self, k: int) -> None:
         for launch in self._launches:
             launch(k)
 
-    def record(self, launch_frame: Callable[[], None]) -> "SharedFrame":
-        """Record what a frame launches: the whole of it for the first thread, their shares for the others."""
+    def record(self, launch_frame: Callable[[], None]) -> "PartitionedGraph":
+        """Record a frame: all launches for the first thread, and the parts of the others."""
         self._launches, self.is_recording = [], True
         try:
-            graphs = [_recorded(launch_frame, self._meeting.device)]
+            graphs = [_recorded(launch_frame, self._barrier.device)]
         finally:
             self.is_recording = False
         for k in range(1, self.threads):
-            graphs.append(_recorded(partial(self._launch_all, k), self._meeting.device))
-        return SharedFrame(graphs, self._meeting, self._launches)
+            graphs.append(_recorded(partial(self._launch_all, k), self._barrier.device))
+        return PartitionedGraph(graphs, self._barrier, self._launches)
 
 
-class SharedFrame:
-    """A frame that was recorded for several threads."""
+class PartitionedGraph:
+    """A recorded frame: a graph for each thread."""
 
-    def __init__(self, graphs: list[Any], meeting: wp.array, read: Any) -> None:
-        self._graphs, self._meeting, self._read = graphs, meeting.numpy(), (meeting, read)
+    def __init__(self, graphs: list[Any], barrier: wp.array, launches: Any) -> None:
+        self._graphs, self._barrier = graphs, barrier.numpy()
+        self._alive = barrier, launches  # the graphs read this memory
 
     def replay(self) -> None:
-        """Replay it: the graph of each thread on a thread of its own; return when all are done."""
-        replay_together(self._graphs, self._begin, self._give_up)
+        """Replay all graphs, each on a thread of its own; return when all are done."""
+        replay_together(self._graphs, self._reset_barrier, self._abort)
 
-    def _begin(self) -> None:
-        """Count meetings from the first one on."""
-        self._meeting[:] = 0
+    def _reset_barrier(self) -> None:
+        self._barrier[:] = 0
 
-    def _give_up(self) -> None:
-        """Have threads wait for nobody: one of them will never come."""
-        self._meeting[ABORT] = 1
+    def _abort(self) -> None:
+        """End all waiting: a thread has failed."""
+        self._barrier[ABORT] = 1
 
 
 def _recorded(launch: Callable[[], None], device: Any) -> Any:
@@ -146,51 +137,40 @@ def _recorded(launch: Callable[[], None], device: Any) -> Any:
 
 
 def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:
-    """Return where each thread's particles begin, and the last one's end, shape [threads + 1].
+    """Return the first particle of each thread, and the end of the last thread's, shape [threads + 1].
 
-    Threads get neighbouring numbers, and about as many ends of connections each: `ends`, shape
-    [connection_count, 2].
+    Each thread gets consecutive particles with about the same number of spring ends (`ends`, shape
+    [connection_count, 2]).
     """
-    work = 1 + np.bincount(ends.ravel(), minlength=particle_count)  # a particle alone has some, too
+    work = 1 + np.bincount(ends.ravel(), minlength=particle_count)  # a particle without springs is work, too
     done = np.concatenate(([0], np.cumsum(work)))
     return np.searchsorted(done, done[-1] * np.arange(threads + 1) / threads)
 
 
 def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """Return the connections that end in particles from `first` to before `last`, and where else these end.
+    """Return the springs with an end among particles first … last − 1, and their other particles.
 
-    Connections are in runs, from one to before another, shape [run_count, 2].
+    The springs are ranges [start, stop), shape [range_count, 2].
     """
     within = (ends >= first) & (ends < last)
-    concerned = within.any(axis=1)
-    borders = np.flatnonzero(np.diff(concerned, prepend=False, append=False))
-    return borders.reshape(-1, 2), np.unique(ends[concerned][~within[concerned]])
+    touching = within.any(axis=1)
+    borders = np.flatnonzero(np.diff(touching, prepend=False, append=False))
+    return borders.reshape(-1, 2), np.unique(ends[touching][~within[touching]])
 
 
 def threads_for(assembly: Assembly, threads: int | str) -> int:
-    """Return how many threads a body is advanced by.
+    """Return the number of CPU threads for a body. "auto": one for each core, fewer for small bodies.
 
-    Parameters
-    ----------
-    assembly
-        The body, and what acts on it.
-    threads
-        How many, or "auto": one for each core, fewer for small bodies.
-
-    Raises
-    ------
-    ValueError
-        If it is neither "auto" nor a whole number of at least 1, or more than 1 on a GPU.
+    Raises ValueError if `threads` is neither "auto" nor a whole number of at least 1, or more than 1 on a GPU.
     """
+    on_gpu = assembly.model.device.is_cuda
     if threads != "auto":
         if isinstance(threads, str):
             raise ValueError(f"threads is {threads!r}; it must be a whole number of at least 1, or 'auto'")
-        if checks.count("threads", threads, 1) > 1 and not assembly.model.device.is_cuda:
-            return threads
-        if threads > 1:
+        if checks.count("threads", threads, 1) > 1 and on_gpu:
             raise ValueError(f"threads is {threads}; it must be 1 or 'auto' on a GPU, which has its own")
-        return 1
-    if assembly.model.device.is_cuda:
+        return threads
+    if on_gpu:
         return 1
     most = os.environ.get(THREADS, "")
     if most and not (most.isdecimal() and int(most) > 0):
@@ -199,34 +179,34 @@ def threads_for(assembly: Assembly, threads: int | str) -> int:
 
 
 def _work_to_share(assembly: Assembly) -> int:
-    """Return how many connections, and points that may touch, threads can share."""
+    """Return the number of springs and contact points that threads can share."""
     points = sum(one.shared_points for one in assembly.all)
-    if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # then one thread takes the stages
+    if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # one thread takes the stages
         return points
     return assembly.model.connection_count + points
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(found, _quota())
 
 
 def _quota() -> int:
-    """Return how many cores' time the container that this is in may use, as Linux's control groups say."""
+    """Return the CPU quota of this container in cores, from Linux's control groups."""
     try:
         with open("/sys/fs/cgroup/cpu.max", encoding="ascii") as file:
             share, period = file.read().split()
         return max(1, int(share) // int(period))
-    except (OSError, ValueError):  # not here, or "max": as much as there is
+    except (OSError, ValueError):  # no such file, or "max": no limit
         return os.cpu_count() or 1
 
 
-def address_of_letting_others() -> int:
-    """Return the address of the system's function that lets another thread have the core, if one waits for it.
+def address_of_yield() -> int:
+    """Return the address of the system's function that yields the core to a waiting thread, if there is one.
 
-    Where nobody waits it returns at once. A thread that sleeps wakes some 70 µs late, which is longer than most
-    waits; one that keeps the core may wait for a thread that needs it: two runs at once were 10 times slower.
+    A sleeping thread would wake some 70 µs late, which is longer than most waits. A thread that kept the core
+    might wait for one that needs it: two runs at the same time were 10 times slower.
     """
     if os.name == "nt":
         function: Any = ctypes.WinDLL("kernel32").SwitchToThread

@@ -1,4 +1,4 @@
-"""PerStage: launches each stage by itself, with a thread for each particle or column of particles."""
+"""PerStage: launches one stage at a time, with a thread for each particle or column of particles."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,35 +11,25 @@ from ...kernels.springs import COLUMN
 from ..model.model import Model
 
 LEAST_IN_COLUMNS = 100_000
-"""Fewer particles are too few columns to keep a GPU busy."""
+"""Fewer particles make too few columns to keep a GPU busy."""
 
 
 class PerStage:
-    """Launches a stage at a time.
+    """Launches one stage at a time.
 
-    Where effects act on few particles, these are advanced by a second launch (`each_masked`), and what effects
-    launch before forces runs on a stream of its own beside the first one.
-
-    Parameters
-    ----------
-    model
-        The particles.
-    composition
-        What kernels are composed from.
-    launches_before_forces
-        Whether effects launch anything before forces.
+    If effects act on few particles, a second launch (`each_masked`) advances these, and launches before forces run
+    on a side stream in parallel with the first one.
     """
 
     def __init__(self, model: Model, composition: Composition, launches_before_forces: bool) -> None:
         self._model, self._composition = model, composition
-        self.columns = column_count(model, composition.force_algorithm)
-        """How many columns of particles are advanced at a time; 0 where particles are."""
-        beside = launches_before_forces and composition.second_pass
-        self._side = wp.Stream(model.device, priority=-1) if beside else None
+        self._columns = column_count(model, composition.force_algorithm)
+        parallel = launches_before_forces and composition.second_pass
+        self._side = wp.Stream(model.device, priority=-1) if parallel else None
 
     @contextmanager
-    def beside(self) -> Iterator[None]:
-        """Have launches made meanwhile run beside those made next, up to `each_masked`, if they may."""
+    def side_stream(self) -> Iterator[None]:
+        """Let launches run in parallel with later ones, up to `each_masked`, if the composition allows it."""
         if self._side is None:
             yield
             return
@@ -59,8 +49,8 @@ class PerStage:
                 inputs = [scene.forces, step.compensation, step.x, step.v]
                 kernel = each_connection(composition)
             wp.launch(kernel, threads, inputs, device=model.device, block_dim=1024)
-        if forced and self.columns:
-            kernel, threads = each_column(composition, method), self.columns
+        if forced and self._columns:
+            kernel, threads = each_column(composition, method), self._columns
         else:
             kernel = each_particle(composition, method)
             threads = of_each_world(model, model.particle_count * algorithm.lanes)
@@ -73,12 +63,12 @@ class PerStage:
 
 
 def column_count(model: Model, algorithm: Any) -> int:
-    """Return how many columns of particles are advanced at a time by an algorithm; 0 where particles are."""
+    """Return the number of columns that an algorithm advances; 0 if it advances single particles."""
     return columns(model) if algorithm.column_forces and not model.in_worlds else 0
 
 
 def columns(model: Model) -> int:
-    """Return how many columns the particles of a lattice make; 0 where they are too few, or have no layers."""
+    """Return the number of columns in a lattice; 0 if there are too few particles, or no layers."""
     stride = model.lattice.stride if model.lattice else 0
     if stride <= 0 or not model.device.is_cuda or model.particle_count < LEAST_IN_COLUMNS:
         return 0
@@ -86,5 +76,5 @@ def columns(model: Model) -> int:
 
 
 def of_each_world(model: Model, count: int) -> int | tuple[int, int]:
-    """Return the threads of a launch: `count`, in an ensemble for each world."""
+    """Return the threads of a launch: `count` for each world."""
     return (model.worlds, count) if model.in_worlds else count

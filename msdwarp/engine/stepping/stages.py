@@ -1,4 +1,4 @@
-"""A substep as data: the stages of a method, and the solves between them."""
+"""A substep as data: the stages of a method, and solves between them."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Stage(NamedTuple):
-    """One pass over all particles: forces are evaluated where the method asks for them, then particles advance."""
+    """One pass over all particles: evaluate forces, if the method needs them, and advance."""
 
     method: Any
     """One of the functions of `msdwarp.kernels.integrators`."""
@@ -17,7 +17,7 @@ class Stage(NamedTuple):
     """The fields of its `Step`: arrays that it reads and writes, and its numbers."""
 
     def step(self, composition: Any) -> Any:
-        """Return the fields as the struct that kernels take."""
+        """Return the fields as the kernels' struct."""
         step = self.method(composition).Step()
         for name, value in self.fields.items():
             setattr(step, name, value)
@@ -25,24 +25,24 @@ class Stage(NamedTuple):
 
 
 class Solve(NamedTuple):
-    """Launches of a method's own between two stages, such as those of a linear solver."""
+    """A method's own launches between two stages, such as a linear solver's."""
 
     launch: Callable[[Any], None]
-    """Makes the launches, given the `Dynamics`."""
+    """Function of the `Dynamics` that makes the launches."""
 
 
 class StageArrays:
-    """Arrays of stages that are read later than they are made: memory stays as long as a recorded launch may."""
+    """Arrays of stages for recorded launches; keeps their memory alive."""
 
     def __init__(self) -> None:
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
 
-    def of_one(self, step: Any, kernel: Any, device: Any) -> wp.array:
-        """Return one step as the array that the second argument of a kernel takes."""
-        # Warp has one kernel for all that are alike to the letter: its own type of a step may be that of another
-        # composition, with the same fields.
+    def array_of(self, step: Any, kernel: Any, device: Any) -> wp.array:
+        """Return a step as an array for the second argument of a kernel."""
+        # Warp shares one kernel among identical sources, so its type of a step may come from another composition
+        # with the same fields.
         Step: Any = kernel.adj.args[1].type.dtype
         raw = bytes(step.__ctype__())
-        if raw not in self._kept:  # not copied by Warp, which would record the copy
+        if raw not in self._kept:  # copied by NumPy: Warp would record the copy
             self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
         return wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=device)

@@ -1,4 +1,4 @@
-"""Stepper: takes the substeps of a frame, by a launch for each stage or by one for all."""
+"""Stepper: takes the substeps of a frame, with a launch for each stage or one for all."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -15,25 +15,21 @@ from .stages import Solve, Stage
 from .worlds import threads_of_world
 
 Blocks = tuple[int, int] | Literal["auto"] | None
-"""How many blocks of threads, and threads in each, take the substeps of a frame in one launch."""
+"""Blocks of threads, and threads in each, that take all substeps of a frame in one launch."""
 
 
 class Stepper:
-    """Takes substeps: by a launch for each stage or, where launches would be most of the time, by one for all.
+    """Takes substeps with a launch for each stage or, if the launches would take most of the time, one for all.
 
     Parameters
     ----------
-    dynamics
-        Runs stages.
-    state
-        What they advance.
     stages
-        Returns the stages of a substep that begins at the state's present instant.
-    behind_each
-        Launches what looks at the state behind each substep, given its number in the frame; None for nothing.
+        Returns the stages of a substep from the present `state.state_in`.
+    after_substep
+        Launches measurements after each substep, given its number in the frame; None for none.
     blocks
-        Blocks of threads, and threads in each, that take all substeps in one launch; None for a launch for each
-        stage; "auto" for what was faster where it was measured. In an ensemble the threads of a world's block.
+        See `Blocks`; None for a launch for each stage, "auto" for the faster way. For an ensemble the threads of a
+        world's block.
     """
 
     def __init__(
@@ -42,16 +38,17 @@ class Stepper:
         state: State,
         stages: Callable[[], Sequence[Stage | Solve]],
         *,
-        behind_each: Callable[[int], None] | None = None,
+        after_substep: Callable[[int], None] | None = None,
         blocks: Blocks | int | str = "auto",
     ) -> None:
-        self._dynamics, self._state, self._behind_each = dynamics, state, behind_each
+        self._dynamics, self._state, self._after_substep = dynamics, state, after_substep
         self._substeps = list[Sequence[Stage | Solve]]()
-        """The stages of two substeps: each swaps the instants of the state, so the third equals the first."""
+        """The stages of two substeps. Each swaps `state_in` and `state_out`, so the third equals the first."""
         for _ in range(2):
             self._substeps.append(stages())
             state.flip()
-        self._chip: Chip | None = None
+        self.chip: Chip | None = None
+        """The layout of worlds that stay in shared memory; None if they do not."""
         model, chosen = dynamics.model, blocks == "auto"
         if model.in_worlds:
             assert not isinstance(blocks, tuple)
@@ -60,57 +57,57 @@ class Stepper:
         elif blocks == "auto":
             blocks = persistent_blocks(model, dynamics.composition.force_algorithm.lanes)
         assert not isinstance(blocks, int | str)
-        everything = [one for substep in self._substeps for one in substep]
-        only_stages = [one for one in everything if isinstance(one, Stage)]
-        launches_between = behind_each is not None or dynamics.launches_before_forces
-        one_launch = len(only_stages) == len(everything) and not launches_between
+        both = [one for substep in self._substeps for one in substep]
+        stages_only = [one for one in both if isinstance(one, Stage)]
+        launches_between = after_substep is not None or dynamics.launches_before_forces
+        one_launch = len(stages_only) == len(both) and not launches_between
         self.blocks: tuple[int, int] | None = blocks if one_launch else None
-        """How many blocks of threads, and threads in each, take all substeps in one launch; None where none do."""
+        """Blocks of threads, and threads in each, of the only launch; None if each stage is a launch."""
         if self.blocks is None and not (model.in_worlds and one_launch and chosen):
             return
-        self._method, self._per_substep = only_stages[0].method, len(only_stages) // 2
-        self._kept = [one.step(dynamics.composition) for one in only_stages]
+        self._method, self._per_substep = stages_only[0].method, len(stages_only) // 2
+        self._kept = [one.step(dynamics.composition) for one in stages_only]
         if model.in_worlds and chosen:
-            self._chip = on_chip(dynamics, state, self._method, self._kept[: self._per_substep])
-        if self._chip is not None:
-            self.blocks = model.worlds, self._chip.threads
+            self.chip = on_chip(dynamics, state, self._method, self._kept[: self._per_substep])
+        if self.chip is not None:
+            self.blocks = model.worlds, self.chip.threads
         elif self.blocks is not None:
             self._kernel = dynamics.persistent(self._method, *self.blocks)
             Step = self._method(dynamics.composition).Step
             self._steps = wp.array(self._kept, dtype=Step, device=model.device)
 
     def take(self, substeps: int, first: int = 0) -> None:
-        """Take substeps, from number `first` of a frame on; the state then lies where it lay before."""
+        """Take substeps from number `first` of a frame on. The result is in the same arrays as the start."""
         if self.blocks is None:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, first + k)
                 for stage in self._substeps[k % 2]:
                     self._dynamics.run(stage)
                 self._state.flip()
-                if self._behind_each is not None:
-                    self._behind_each(first + k)
+                if self._after_substep is not None:
+                    self._after_substep(first + k)
         else:
-            self._take_at_once(*self.blocks, substeps * self._per_substep, first)
-            if substeps % 2 and self._chip is None:
+            self._launch_all(*self.blocks, substeps * self._per_substep, first)
+            if substeps % 2 and self.chip is None:
                 self._state.flip()
-        self._dynamics.rest()
+        self._dynamics.go_to_frame_end()
         self._state.settle()
 
-    def _take_at_once(self, blocks: int, threads: int, stages: int, first: int) -> None:
-        """Take stages from substep number `first` on in one launch, or in one for each thread of the CPU."""
+    def _launch_all(self, blocks: int, threads: int, stages: int, first: int) -> None:
+        """Take stages from substep number `first` on in one launch, or one for each CPU thread."""
         dynamics, partition = self._dynamics, self._dynamics.partition
-        dynamics.go_to(first)
+        dynamics.go_to_substep(first)
         if partition is not None and partition.is_recording:
             partition.launch(self._method, dynamics.scene, self._steps, stages)
-        elif self._chip is not None:
-            self._chip.launch(dynamics, self._method, stages)
+        elif self.chip is not None:
+            self.chip.launch(dynamics, self._method, stages)
         else:
             launch_persistent(self._kernel, dynamics.model, dynamics.scene, self._steps, stages, blocks, threads)
-        dynamics.have_begun()
+        dynamics.stop_fracture()
 
 
 def check_blocks(blocks: Blocks, *, on_gpu: bool) -> None:
-    """Raise ValueError unless `blocks` is "auto", None, or two numbers that the device can do with."""
+    """Raise ValueError unless `blocks` is "auto", None, or two numbers that the device supports."""
     if blocks is None or blocks == "auto":
         return
     if not isinstance(blocks, tuple) or len(blocks) != 2:

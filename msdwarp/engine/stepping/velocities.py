@@ -1,4 +1,4 @@
-"""Velocities at the instant of the positions, and at that at which a method keeps them."""
+"""Velocities at the time of the positions, and at the method's own time."""
 
 import warp as wp
 
@@ -9,16 +9,14 @@ from .stages import Stage
 
 
 class Velocities:
-    """Shifts velocities between the instant of the positions and that at which a method keeps them.
+    """Shifts velocities between the time of the positions and the method's own time.
 
     Parameters
     ----------
-    dynamics, state
-        What runs stages, and what moves.
     lag
-        By how much the method's velocities lag behind positions [s]; may be negative where time runs back.
+        Time by which the method's velocities lag behind positions [s]; negative if time runs backwards.
     staggered
-        Whether velocities are given, and read, at the instant of the positions; else they are taken as they are.
+        Whether velocities are given and read at the time of the positions; otherwise they are not shifted.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float, staggered: bool) -> None:
@@ -26,22 +24,22 @@ class Velocities:
         (self._v,) = state.empty_vectors(1) if staggered else (state.v,)
 
     def start(self) -> None:
-        """Shift velocities given at the instant of the positions to that at which the method keeps them."""
-        now = self._state.state_in
+        """Shift velocities from the time of the positions to the method's own time."""
+        state = self._state.state_in
         if self._staggered:
-            for seen in now.method_state:
-                wp.copy(seen, now.v)
-            wp.copy(now.v, kicked(self._dynamics, self._state, -self._lag, self._v))
+            for dampers_v in state.method_state:
+                wp.copy(dampers_v, state.v)
+            wp.copy(state.v, kicked(self._dynamics, self._state, -self._lag, self._v))
 
     def read(self) -> wp.array:
-        """Return velocities at the instant of the positions [m/s]."""
+        """Return velocities at the time of the positions [m/s]."""
         return kicked(self._dynamics, self._state, self._lag, self._v) if self._staggered else self._state.v
 
-    def hand_over(self, lag: float) -> None:
-        """Have the state hold velocities from which substeps with another lag [s] start.
+    def change_lag(self, lag: float) -> None:
+        """Shift the state's velocities for a start of substeps with another lag [s].
 
-        Velocities that are taken as they are stay as far behind as the next ones will be. Else each change of the
-        step would change the energy: (h/2) Σ v·f is up to 0.8 of the energy of the fastest mode.
+        Without the shift each change of the step would change the energy: (h/2) Σ v·f is up to 0.8 of the energy
+        of the fastest mode.
         """
         if self._staggered:
             wp.copy(self._state.v, self.read())
@@ -51,12 +49,12 @@ class Velocities:
 
 
 def kicked(dynamics: Dynamics, state: State, seconds: float, v_out: wp.array) -> wp.array:
-    """Run the stage that writes velocities `seconds` later than those of the state to `v_out` [m/s]; return that.
+    """Write to `v_out`, and return, the state's velocities shifted by `seconds` [m/s].
 
-    Forces are those at the state's positions. Contact is left out.
+    The forces are those at the state's positions, without contact.
     """
-    now = state.state_in
-    v = now.method_state[0] if now.method_state else now.v  # those that dampers use
-    fields = {"compensation": now.compensation, "x": now.x, "v": v, "v_half": now.v, "v_out": v_out}
+    start = state.state_in
+    v = start.method_state[0] if start.method_state else start.v  # dampers use these
+    fields = {"compensation": start.compensation, "x": start.x, "v": v, "v_half": start.v, "v_out": v_out}
     dynamics.run(Stage(kick, {"h": seconds, **fields}))
     return v_out
