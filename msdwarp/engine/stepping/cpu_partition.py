@@ -120,10 +120,7 @@ class PartitionedGraph:
 
     def replay(self) -> None:
         """Replay all graphs, each on a thread of its own; return when all are done."""
-        replay_together(self._graphs, self._reset_barrier, self._abort)
-
-    def _reset_barrier(self) -> None:
-        self._barrier[:] = 0
+        replay_together(self._graphs, partial(self._barrier.fill, 0), self._abort)
 
     def _abort(self) -> None:
         """End all waiting: a thread has failed."""
