@@ -173,7 +173,7 @@ def restore_arrays(stepping: Stepping, arrays: Arrays) -> None:
 def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
     """Return the effects that a checkpoint holds.
 
-    Older versions did not sum the work of moving obstacles, and had no contact of surfaces.
+    Older versions did not sum the work of moving obstacles, and had no contact of surfaces with obstacles.
     """
     work, between = stepping.assembly.external_work, "straddle.partner"
     known = [one for one in stepping.assembly.all if one is not work or "work.before" in arrays]
