@@ -32,9 +32,7 @@ class Part:
     normals: wp.array
     colours: wp.array
     uv: NDArray[np.float64]  # texture coordinates, shape [vertex_count, 2]
-    triangles: NDArray[
-        np.int32
-    ]  # shape [triangle_count, 3], of its own vertices; of the drawing's once it is in one
+    triangles: NDArray[np.int32]  # of its own vertices, shape [triangle_count, 3]; of the drawing's once it joined
     finish: Finish
     radius = 0.0  # how far it reaches around the particles [m]
     moves = True
@@ -62,12 +60,12 @@ class Part:
         shares = np.ones(particle.shape) if weights is None else weights
         self.mixture = wp.array(particle, dtype=int, device=device), wp.array(shares, dtype=float, device=device)
 
-    def _appear(self, since: NDArray, until: NDArray, device: str) -> None:
+    def _show_between(self, since: NDArray, until: NDArray, device: str) -> None:
         """Set when each piece appears and disappears [s]."""
         self._times = [wp.array(each, dtype=float, device=device) for each in (since, until)]
 
     def _collapse(self, time: float) -> None:
-        """Hide the pieces that are not to be seen at this time [s]."""
+        """Hide the pieces that are invisible at this time [s]."""
         if self._times is not None:
             _launch(drawing.collapse, len(self._times[0]), [*self._times, time, self.corners], [self.points])
 
@@ -105,7 +103,7 @@ class SurfacePart(Part):
     ) -> None:
         own = not smooth or parted_at is not None
         if parted_at is not None:
-            self._appear(np.zeros(len(parted_at)) if since is None else since, parted_at, device)
+            self._show_between(np.zeros(len(parted_at)) if since is None else since, parted_at, device)
         use = surface.triangles.ravel() if own else np.arange(len(surface.particle))
         self.uv, self.finish, self.triangles = surface.uv[use], finish, surface.triangles
         self.closed = parted_at is None and is_closed(surface)
@@ -153,7 +151,7 @@ class Tubes(Part):
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
         self._follow_particles(np.tile(connections, (1, sides)).reshape(-1, 1), None, device)  # start, end in turn
         if broken_at is not None:
-            self._appear(np.zeros(len(broken_at)), broken_at, device)
+            self._show_between(np.zeros(len(broken_at)), broken_at, device)
 
     def follow(self, x: wp.array, time: float) -> None:
         """Lay the tubes between their particles."""
