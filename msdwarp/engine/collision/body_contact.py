@@ -172,11 +172,6 @@ class BodyContact(WithHistory):
         """Launch the search of the facets near each point."""
         self.neighbors.search(x, v, compensation, within)
 
-    @property
-    def vertices(self) -> tuple[wp.array, wp.array]:
-        """Where vertices were placed last [m], and how fast they moved [m/s], both of shape [vertex_count]."""
-        return self._data.surfaces.x, self._data.surfaces.v
-
     def place_vertices(self, x: wp.array, v: wp.array) -> None:
         """Launch the placing of vertices between frames, where particles are at x and move at v."""
         self.neighbors.place(x, v, None, self.neighbors.unread)
