@@ -50,21 +50,9 @@ class BodyContact(WithHistory):
     bodies of one world of an ensemble are those of that world alone, to the last bit: they are summed as integers,
     and facets that are listed and not touched change nothing.
 
-    Parameters
-    ----------
-    model
-        The system on a device.
-    rules
-        Which bodies touch, and how; where several hold for a pair, the last.
-    contact_forces
-        Whether the forces of bodies on each other's particles are summed, in `impulse`.
-
-    Attributes
-    ----------
-    surfaces, rules, neighbors, history
-        The owners of the arrays of contact: constants, rules, lists of neighbours, and the history.
-    frozen
-        Whether each world was frozen before the last frame: its lists need not hold.
+    The arrays of contact have four owners: `surfaces` (constants), `rules` (by kinds of bodies), `neighbors`
+    (lists that are made again) and `history` (in checkpoints). With `contact_forces` the forces of bodies on each
+    other's particles are summed, in `impulse`.
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
@@ -117,6 +105,7 @@ class BodyContact(WithHistory):
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
         self.frozen = np.zeros(model.worlds, dtype=bool)
+        """Whether each world was frozen before the last frame: its lists need not hold."""
         self.shared_points = self._points
         self._overlapping: str | None = None
         self._release_initial_overlap()
@@ -182,11 +171,6 @@ class BodyContact(WithHistory):
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
         """Launch the search of the facets near each point."""
         self.neighbors.search(x, v, compensation, within)
-
-    @property
-    def vertices(self) -> tuple[wp.array, wp.array]:
-        """Where vertices were placed last [m], and how fast they moved [m/s], both of shape [vertex_count]."""
-        return self._data.surfaces.x, self._data.surfaces.v
 
     def place_vertices(self, x: wp.array, v: wp.array) -> None:
         """Launch the placing of vertices between frames, where particles are at x and move at v."""

@@ -58,7 +58,9 @@ class Colliders(Effect):
         self._scalar, self._vector = model.scalar, model.vector
         self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
-        self._moves = any(collider.motion is not None for collider in colliders)
+        self.moves = any(collider.motion is not None for collider in colliders)
+        self.planes_only = all(isinstance(one, Plane) for one in colliders)
+        """Whether all obstacles are planes: for those no motion is swept."""
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
         self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
         inside, self.leads_out = _deepest(model, colliders), rule == "coulomb"
@@ -68,9 +70,9 @@ class Colliders(Effect):
             *collider_contact(
                 *(model.dim, model.scalar, rule, kinds, contact_forces),
                 Needed(self._bounces, several=len(colliders) > 1, overlapping_at_start=self._deepest > 0.0),
-                self._moves,
+                self.moves,
             ),
-            moving=self._moves,
+            moving=self.moves,
             contact_forces=contact_forces,
             overlapping_at_start=self._deepest > 0.0,
         )
@@ -78,10 +80,10 @@ class Colliders(Effect):
         data = self.data = self.piece.Colliders()
         if self._deepest > 0.0:
             data.inverse_mass = self._inverse_mass
-        if self._moves:
+        if self.moves:
             count = model.worlds * model.particle_count
             self.done = data.done = wp.zeros(count, dtype=wp.float64, device=self._device)
-        self.by_world = (*("done",) * self._moves, *("impulse",) * contact_forces)
+        self.by_world = (*("done",) * self.moves, *("impulse",) * contact_forces)
         data.count = len(colliders)
         if contact_forces:
             wide = vector(model.dim, wp.float64)
@@ -103,16 +105,6 @@ class Colliders(Effect):
                 collider.pose(0.0, self._dim)
                 self._moving.append((k, collider.motion, collider.centre(self._dim)))
 
-    @property
-    def moves(self) -> bool:
-        """Whether any obstacle moves."""
-        return self._moves
-
-    @property
-    def planes_only(self) -> bool:
-        """Whether all obstacles are planes: for those no motion is swept."""
-        return all(isinstance(one, Plane) for one in self._colliders)
-
     def brings_in(self, model: Model) -> NDArray[np.float64]:
         """Return about how much energy depenetration adds in each row of a model [J]."""
         mass = model.row_of("mass")
@@ -129,7 +121,7 @@ class Colliders(Effect):
             self.data.surface.onward = 2.0 * self.steps.lag
         if self._deepest > 0.0:
             self.data.surface.overlap_release_speed = self._deepest * dt / DEPENETRATION_TIME
-        if not self._moves:
+        if not self.moves:
             return
         shape = (substeps + 1, len(self._colliders))
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
@@ -143,12 +135,12 @@ class Colliders(Effect):
 
     def begin_frame(self, time: float) -> None:
         """Move obstacles to the frame that begins at `time` [s]."""
-        if self._moves:
+        if self.moves:
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
         """Prepare the poses of the frame that begins at `time` [s], while another is running."""
-        if self._moves:
+        if self.moves:
             self._frames.prepare(time)
 
     def _fill(self, time: float, tables: Tables) -> None:
@@ -170,7 +162,7 @@ class Colliders(Effect):
 
     def hold_still(self, time: float) -> None:
         """Keep obstacles where they are at `time` [s] until a frame begins: for measurements between frames."""
-        if self._moves:
+        if self.moves:
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
@@ -181,9 +173,9 @@ class Colliders(Effect):
 
     def begin_substep(self, substep: int) -> bool:
         """Give the next launches the poses of this substep, where any obstacle moves."""
-        if self._moves:
+        if self.moves:
             self.data.substep = substep
-        return self._moves
+        return self.moves
 
 
 def _deepest(model: Model, colliders: Sequence[Collider]) -> float:

@@ -13,17 +13,7 @@ from .colliders import Colliders
 
 
 class ContactForces:
-    """The impulses of obstacles and other bodies on each particle, summed since a frame began.
-
-    Parameters
-    ----------
-    model
-        The system on a device.
-    colliders, body_contact
-        The effects that sum their forces, where the scene has them.
-    seconds
-        Length of a frame [s].
-    """
+    """The impulses of obstacles and other bodies on each particle, summed since a frame of some seconds began."""
 
     def __init__(
         self, model: Model, colliders: Colliders | None, body_contact: BodyContact | None, seconds: float

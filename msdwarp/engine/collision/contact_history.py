@@ -27,18 +27,8 @@ STORED = {
 class ContactHistory:
     """Which bodies points or facets touch, how far they moved along them, and how deep they may still overlap.
 
-    Parameters
-    ----------
-    model
-        The system on a device.
-    data
-        The struct whose arrays these are.
-    count
-        How many points or facets there are.
-    prefix
-        What the names in checkpoints begin with.
-    more
-        The types of the other arrays that are remembered, by name.
+    The arrays are those of the struct `data`, for `count` points or facets; `more` gives the types of further
+    ones. In checkpoints their names begin with `prefix`.
     """
 
     def __init__(self, model: Model, data: Any, count: int, prefix: str, more: Mapping[str, Any]) -> None:

@@ -31,23 +31,9 @@ NOTHING = 1e-30
 class ContactRules:
     """How bodies touch, by pairs of kinds. Bodies in the same groups of those that rules name are of one kind.
 
-    Parameters
-    ----------
-    model
-        The system on a device.
-    surfaces
-        Its surfaces.
-    rules
-        Which bodies touch, and how; where several hold for a pair, the last.
-
-    Attributes
-    ----------
-    kind
-        The kind of each body.
-    table
-        The number of the rule that holds, by the kinds of both bodies; −1 where none does.
-    thickness, stiffness
-        What each rule gives [m], [N/m]; −1 where it gives none.
+    Where several rules hold for a pair, the last counts. `table` has its number by the kinds of both bodies, −1
+    where none holds; `kind` is that of each body. `thickness` [m] and `stiffness` [N/m] of a rule are −1 where not
+    given.
     """
 
     def __init__(self, model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> None:

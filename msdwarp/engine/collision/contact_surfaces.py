@@ -14,46 +14,25 @@ from .tables_by_world import Repeated, surfaces_by_row
 
 
 class ContactSurfaces:
-    """The surfaces of the bodies of a system, in one world or many.
-
-    Parameters
-    ----------
-    model
-        The system on a device.
-    surfaces
-        Its surfaces.
-
-    Attributes
-    ----------
-    on_host
-        The surfaces, as they were given.
-    by_row
-        The same with the stiffness and the thickness that bodies have in each row of worlds.
-    depth
-        How deep a point may be in each body, or behind it, and still be pushed out [m], by row.
-    density
-        Vertices that bear by themselves, by points, of each body.
-    sided
-        Whether any body is a sheet on whose sides points stay.
-    triangles
-        Whether any facet is a triangle.
-    data
-        The struct of their arrays; None before `upload`.
-    """
+    """The surfaces of the bodies of a system, in one world or many."""
 
     data: Any = None
+    """The struct of their arrays; None before `upload`."""
 
     def __init__(self, model: Model, surfaces: TouchingSurfaces) -> None:
         self.on_host, self.by_row = surfaces, surfaces_by_row(model, surfaces)
+        """The surfaces; and with the stiffness and the thickness that bodies have in each row of worlds."""
         bodies, corner = len(surfaces.closed), surfaces.corner
         # Of itself a sheet is on both sides.
         self._sided = surfaces.sided & (bodies > 1)
         self.sided, self.triangles = bool(self._sided.any()), bool((corner[:, 1] != corner[:, 2]).any())
         # A lattice is one spacing thick at least: a point past its middle has come from the other side.
         self.depth = [np.where(one.closed | self._sided, 0.5 * one.spacing, 0.0) for one in self.by_row]
+        """How deep a point may be in each body, or behind it, and still be pushed out [m], by row."""
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
         on_points = np.bincount(self.body_of_point, minlength=bodies)
         self.density = bearing_vertices(surfaces) / np.maximum(on_points, 1)
+        """Vertices that bear by themselves, by points, of each body."""
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
         """Fill in the struct that kernels read; within `hops` edges of a vertex its body does not touch it."""

@@ -68,18 +68,8 @@ class NeighborList:
 
     It alone replaces arrays that recorded launches write to, and counts that in `Model.generation`.
 
-    Parameters
-    ----------
-    model
-        The system on a device.
-    surfaces
-        What may touch.
-    contact
-        The struct of contact on the device; its `neighbors` are kept here.
-    each
-        Uploads tables for all worlds.
-    thickest
-        From how far outside a body a facet may push a point [m].
+    Its arrays are the `neighbors` of `contact`, the struct of contact on the device; `thickest` is the distance
+    from which a facet may push a point outside its body [m].
     """
 
     def __init__(

@@ -59,20 +59,8 @@ def surface_contact_of(
 class SurfaceContact(WithHistory):
     """Keeps the facets of bodies off obstacles, as `Colliders` keeps their particles off.
 
-    See `kernels.collision.surface_contact`.
-
-    Parameters
-    ----------
-    model
-        The system on a device.
-    contact
-        Its contact with obstacles, by which these are where they are.
-    touching
-        Contact between its bodies, which places the vertices of their surfaces.
-    colliders
-        The obstacles.
-    corner
-        The vertices of each facet that is more than a point, shape [facet_count, 3].
+    See `kernels.collision.surface_contact`. `contact` places the obstacles, `touching` the vertices; `corner` has
+    the vertices of each facet that is more than a point, shape [facet_count, 3].
     """
 
     def __init__(

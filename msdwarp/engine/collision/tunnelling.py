@@ -44,15 +44,7 @@ class Tunnelling(NamedTuple):
         return cls((a, b), noted[PLACE:], -gap if closed else thickness - gap, most, speed, stiffness, closed)
 
     def described(self, system: System, surfaces: TouchingSurfaces, substeps: int, dt: float) -> str:
-        """Return words about it: who, where, how deep, how fast, and what would help.
-
-        Parameters
-        ----------
-        system, surfaces
-            What moves, and what of it touches.
-        substeps, dt
-            Substeps in a frame, and the length of one [s].
-        """
+        """Return words about it: who, where, how deep, how fast, and what would help."""
         a, b = (_named(system, surfaces, body) for body in self.bodies)
         where = ", ".join(f"{one:.3g}" for one in self.place)
         way = self.speed * dt
