@@ -276,7 +276,7 @@ def test_folders_stay_small():
 
 LARGE_FUNCTIONS = {
     "integrators/shared_memory.take_steps_on_chip": "6 deep: choices at compile time, in loops over stages",
-    "pictures/raster_shading.shade_square": "6 deep: it returns early from its loop over points",
+    "pictures/raster.shade_square": "6 deep: it returns early from its loop over points",
     "reductions/measure.sum_up_state": "127 lines: all sums in one pass over the state",
     "springs/stencil.forces_at": "8 deep: all its loops, and most choices in them, are unrolled at compile time",
 }
