@@ -20,6 +20,7 @@ from statistics import median, quantiles
 HERE = Path(__file__).parents[2]
 FPS, SUBSTEPS = 1e4, 48
 AROUND = {"fps": FPS, "substeps": SUBSTEPS, "energy_limit": math.inf, "allow_unstable": True}
+SCENES = ("dice", "worm", "waffle", "cloth", "tower", "curtain", "bowl")
 FRAMES = 60
 """Frames of a scene that are timed, again and again from its start: those that follow the first two."""
 
@@ -28,7 +29,7 @@ def cases(on_gpu: bool, quick: bool) -> list[str]:
     """Return what is timed: lattices, scenes, ensembles."""
     sizes = (3, 6, 10, 16, 24, 31, 64, 100) if on_gpu else (3, 10, 16, 31)
     many = {"die": 10_000, "jelly": 132, "cloth": 1_000} if on_gpu else {"die": 100, "jelly": 4, "cloth": 4}
-    names = [f"cube {n}" for n in sizes] + ["scene dice", "scene worm", "scene waffle", "scene cloth"]
+    names = [f"cube {n}" for n in sizes] + [f"scene {name}" for name in SCENES]
     names += [f"worlds {name} {count}" for name, count in many.items()]
     return [*names[:2], names[-3]] if quick else names
 
