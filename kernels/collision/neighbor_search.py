@@ -104,7 +104,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         """List the facets of a body; return where the list ends, how many had no room, and the least distance."""
         count = int(begin)
         missed = int(0)
-        nearest = scalar(nearest_before)
+        nearest = nearest_before
         own = data.surfaces.body[p] == other
         ends = data.surfaces.ends[p]
         close = margin(wp.vec3(x), wp.vec3(x), around)
