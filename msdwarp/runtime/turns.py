@@ -5,12 +5,14 @@ import functools
 import os
 import threading
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
 _turn, _next, _mine = threading.RLock(), threading.Lock(), threading.local()
 """Held by the thread whose turn it is, and by the one that comes next; whether it is this thread's."""
+_dropped = list[Any]()
+"""Objects to release when a turn ends."""
 
 
 def in_turn(function: Callable[P, T]) -> Callable[P, T]:
@@ -30,11 +32,26 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
             _mine.turn = True
             return function(*args, **kwargs)
         finally:
+            if getattr(_mine, "turn", False):
+                _dropped.clear()
             _mine.turn = False
             with contextlib.suppress(RuntimeError):  # interrupted before it came
                 _turn.release()
 
     return taking_turns
+
+
+def release_in_turn(dropped: Any) -> None:
+    """Release an object that holds device memory: at once if nobody has a turn, else when the present turn ends.
+
+    Memory that is freed while a thread records a graph, by any thread, can spoil the recording.
+    """
+    _dropped.append(dropped)
+    if not getattr(_mine, "turn", False) and _turn.acquire(blocking=False):
+        try:
+            _dropped.clear()
+        finally:
+            _turn.release()
 
 
 def _forget_turns() -> None:

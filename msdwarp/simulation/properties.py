@@ -7,7 +7,7 @@ from .. import checks
 from ..bodies import Frame, System
 from ..engine import Assembly, Measures, Model, Rates, State, measure
 from ..integrators import Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
-from ..runtime import in_turn
+from ..runtime import in_turn, release_in_turn
 from .arguments import given_substeps
 from .pinned_staging import to_host
 from .readings import Readings
@@ -30,6 +30,10 @@ class Present:
     stepping: Stepping
     fps: float
     frame_index: int
+
+    def __del__(self) -> None:
+        """Free the device memory when no thread records a graph."""
+        release_in_turn(self.__dict__)
 
     def _set_up_steps(
         self,

@@ -1,10 +1,12 @@
 """Several threads of Python: each makes, steps, reads and draws simulations of its own, or another one's."""
 
+import gc
 import os
 import subprocess
 import sys
 import threading
 import traceback
+import weakref
 
 import numpy as np
 import pytest
@@ -114,6 +116,37 @@ def test_a_simulation_made_in_one_thread_is_stepped_in_another(plain_device):
     for simulation in (here, there):
         for one, other in zip(in_a_thread(simulation.frame), expected.frame(), strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def test_what_is_dropped_in_anothers_turn_is_freed_when_that_ends(plain_device):
+    # Memory that is freed while another thread records a graph can spoil the recording on a GPU.
+    started, go_on = threading.Event(), threading.Event()
+
+    @turns.in_turn
+    def take_long():
+        started.set()
+        go_on.wait()
+
+    simulation = Simulation(chain(3), device=plain_device)
+    state = weakref.ref(simulation.state)
+    other = threading.Thread(target=take_long)
+    other.start()
+    started.wait()
+    del simulation
+    gc.collect()
+    assert state() is not None
+    go_on.set()
+    other.join()
+    gc.collect()
+    assert state() is None
+
+
+def test_what_is_dropped_in_nobodys_turn_is_freed_at_once(plain_device):
+    simulation = Simulation(chain(3), device=plain_device)
+    state = weakref.ref(simulation.state)
+    del simulation
+    gc.collect()
+    assert state() is None
 
 
 def is_taken():
