@@ -88,48 +88,6 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         return side > zero
 
     @wp.func
-    def list_near(
-        data: Data,
-        p: int,
-        x: V,
-        facets: wp.uint64,  # tree of the boxes around facets
-        other: int,
-        begin: int,  # where the facets of the body are listed
-        limit: scalar,  # from how far on facets are not listed [m]
-        nearest_before: scalar,  # how far off the nearest is at most, as far as known [m]
-        around: scalar,  # how far is searched [m]
-        layers: bool,  # whether all count that are near, not only the nearest
-        slack: scalar,  # by how much further than the nearest another may be, and come to be the nearest [m]
-    ):
-        """List the facets of a body; return where the list ends, how many had no room, and the least distance."""
-        count = int(begin)
-        missed = int(0)
-        nearest = nearest_before
-        own = data.surfaces.body[p] == other
-        ends = data.surfaces.ends[p]
-        close = margin(wp.vec3(x), wp.vec3(x), around)
-        root = data.neighbors.root[other]
-        near_facets = wp.bvh_query_aabb(facets, wp.vec3(x) - close, wp.vec3(x) + close, root)
-        facet = int(0)
-        while wp.bvh_query_next(near_facets, facet):
-            c = data.surfaces.corner[facet]
-            if own:
-                if is_near(data.surfaces.first_near, data.surfaces.near, ends[0], c):
-                    continue
-                if is_near(data.surfaces.first_near, data.surfaces.near, ends[1], c):
-                    continue
-            away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
-            if away < limit and (layers or away <= doubt * (nearest + slack)):
-                if count < data.neighbors.candidates.shape[1]:
-                    data.neighbors.candidates[p, count] = facet
-                    data.neighbors.candidate_distance[p, count] = away
-                    count += 1
-                else:
-                    missed += 1
-                nearest = wp.min(nearest, away)
-        return count, missed, nearest
-
-    @wp.func
     def keep_near(data: Data, p: int, other: int, begin: int, end: int, nearest: scalar, limit: scalar) -> int:
         """Keep the listed facets of a body up to a distance, the nearest first; return where the list ends."""
         kept = int(begin)
@@ -153,14 +111,18 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         data: Data,
         p: int,
         x: V,
-        facets: wp.uint64,
+        facets: wp.uint64,  # tree of the boxes around facets
         lower: wp.array(dtype=wp.vec3),  # boxes around bodies, shape [body_count]
         upper: wp.array(dtype=wp.vec3),
         farthest: scalar,  # how far off a point may touch anything [m]
         buffer: scalar,  # [m]
         flags: wp.array(dtype=float),
     ):
+        # In one piece: with the query of the tree in a function of its own, searches took 1.8 times as long on an
+        # H200.
+        ends = data.surfaces.ends[p]
         mine = data.surfaces.body[p]
+        room = data.neighbors.candidates.shape[1]
         count = int(0)
         missed = int(0)  # for want of room
         most = int(0)
@@ -170,7 +132,6 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
         wide = margin(wp.vec3(x), wp.vec3(x), farthest + buffer)
         low = wp.vec3(x) - wide
         high = wp.vec3(x) + wide
-        slack = scalar(2.0) * buffer
         for b in range(data.neighbors.body_pair_count[mine]):
             other = data.neighbors.body_pairs[mine, b]
             if wp.min(high, lower[other]) == lower[other] and wp.max(low, upper[other]) == upper[other]:
@@ -183,7 +144,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                         if data.history.contact_body[0, p] == other or data.history.contact_body[1, p] == other:
                             limit = wp.max(limit, data.surfaces.depth[other] + buffer)
                         else:  # not in touch: no nearer than its thickness, nor were facets that it nears
-                            limit = wp.max(limit, slack)
+                            limit = wp.max(limit, scalar(2.0) * buffer)
                 begin = int(count)
                 nearest = scalar(limit)
                 around = scalar(limit)
@@ -191,13 +152,31 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                     if data.surfaces.owner[known] == other:
                         # The nearest facet before bounds the distance of the nearest now.
                         c = data.surfaces.corner[known]
-                        away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
-                        nearest = wp.min(limit, away)
-                        around = wp.min(limit, doubt * (nearest + slack))
-                count, no_room, nearest = list_near(
-                    data, p, x, facets, other, begin, limit, nearest, around, layers, slack
+                        nearest = wp.min(
+                            limit, wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
+                        )
+                        around = wp.min(limit, doubt * (nearest + scalar(2.0) * buffer))
+                close = margin(wp.vec3(x), wp.vec3(x), around)
+                near_facets = wp.bvh_query_aabb(
+                    facets, wp.vec3(x) - close, wp.vec3(x) + close, data.neighbors.root[other]
                 )
-                missed += no_room
+                facet = int(0)
+                while wp.bvh_query_next(near_facets, facet):
+                    c = data.surfaces.corner[facet]
+                    may = bool(True)
+                    if mine == other:
+                        may = not is_near(data.surfaces.first_near, data.surfaces.near, ends[0], c)
+                        may = may and not is_near(data.surfaces.first_near, data.surfaces.near, ends[1], c)
+                    if may:
+                        away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
+                        if away < limit and (layers or away <= doubt * (nearest + scalar(2.0) * buffer)):
+                            if count < room:
+                                data.neighbors.candidates[p, count] = facet
+                                data.neighbors.candidate_distance[p, count] = away
+                                count += 1
+                            else:
+                                missed += 1
+                            nearest = wp.min(nearest, away)
                 most = wp.max(most, count + missed)
                 if data.surfaces.closed[other] != 0 and mine != other and count > begin:
                     if nearest > doubt * (thickness_of(data, rule, mine, other) + buffer):
@@ -205,7 +184,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                             count = begin
                 # Another one may come to be the nearest only if it is further by no more than two skins.
                 if not layers:
-                    limit = doubt * (nearest + slack)
+                    limit = doubt * (nearest + scalar(2.0) * buffer)
                 count = keep_near(data, p, other, begin, count, nearest, limit)
         data.neighbors.candidate_count[p] = count
         if count + missed == 0:
