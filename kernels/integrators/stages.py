@@ -76,9 +76,10 @@ def each_particle(composition: Composition, method: Any):
     advance, load = by_first_lane(composition, method)
     second_pass = composition.second_pass and forced
 
-    @wp.func
-    def advance_particle(scene: SceneData, step: Step, thread: int):
-        i = thread
+    options = {"launch_bounds": force_algorithm.bounds, "grid_stride": force_algorithm.grid_stride}
+
+    def advance_particles(scene: SceneData, step: Step):
+        i = wp.tid()
         if wp.static(lanes > 1):
             i = i / wp.static(lanes)
         force = V()
@@ -97,23 +98,29 @@ def each_particle(composition: Composition, method: Any):
         else:
             advance(scene, step, force, i)
 
-    # Two kernels, as the threads of both are counted by the most dimensions that any branch asks for: where that
-    # is two, each thread divides to find its place, which costs 3 % of a substep of 16³ particles.
-    options = {"launch_bounds": force_algorithm.bounds, "grid_stride": force_algorithm.grid_stride}
-    if composition.differs is not None:
-        enter, shift = enter_world(composition), to_world(Step, composition.compensated)
+    if composition.differs is None:
+        return kernel(advance_particles, **options)
+    enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-        def advance_particles_of_worlds(scene: SceneData, step: Step):
-            w, thread = wp.tid()
-            shift(step, wp.int64(w) * scene.worlds.stride)
-            advance_particle(enter(scene, w), step, thread)
+    # A kernel of its own: threads are counted by the most dimensions that any branch of a kernel asks for, and with
+    # two each thread divides to find its place, which cost 3 % of a substep of a single world of 16³ particles.
+    def advance_particles_of_worlds(scene: SceneData, step: Step):
+        w, i = wp.tid()
+        shift(step, wp.int64(w) * scene.worlds.stride)
+        own = enter(scene, w)
+        if wp.static(lanes > 1):
+            i = i / wp.static(lanes)
+        force = V()
+        if wp.static(forced):
+            force = force_at(own.forces, step.compensation, step.x, step.v, i)
+        if wp.static(forced and load is not None):
+            mask = wp.uint8(0)
+            if wp.static(masked_particles):
+                mask = own.effect_mask[i]
+            force += load(own, step.compensation, step.x, step.v, i, mask)
+        advance(own, step, force, i)
 
-        return kernel(advance_particles_of_worlds, **options)
-
-    def advance_particles(scene: SceneData, step: Step):
-        advance_particle(scene, step, wp.tid())
-
-    return kernel(advance_particles, **options)
+    return kernel(advance_particles_of_worlds, **options)
 
 
 @functools.cache
