@@ -102,8 +102,8 @@ def each_particle(composition: Composition, method: Any):
         return kernel(advance_particles, **options)
     enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-    # A kernel of its own: threads are counted by the most dimensions that any branch of a kernel asks for, and with
-    # two each thread divides to find its place, which cost 3 % of a substep of a single world of 16³ particles.
+    # A kernel of its own: threads are counted by the most dimensions that any branch of a kernel asks for. With
+    # two each thread divides to find its place: 3 % of a substep of a single world of 16³ particles.
     def advance_particles_of_worlds(scene: SceneData, step: Step):
         w, i = wp.tid()
         shift(step, wp.int64(w) * scene.worlds.stride)
