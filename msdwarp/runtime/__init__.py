@@ -1,4 +1,5 @@
-"""How this process uses Warp: its start and messages, and threads' turns with it."""
+"""How this process uses Warp: its start and messages, recorded graphs, and threads' turns with it."""
 
 from .messages import start_warp as start_warp, verbose as verbose
+from .recording import CAPTURE_LOCK as CAPTURE_LOCK, record as record
 from .turns import in_turn as in_turn, release_in_turn as release_in_turn

@@ -7,8 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-CAPTURE_LOCK = threading.Lock()
-"""Held while a graph is recorded: no thread may then wait for a device."""
+from ..runtime import CAPTURE_LOCK, record
 
 
 class PinnedStaging:
@@ -44,10 +43,12 @@ class PinnedStaging:
         if not self._pinned:
             self._pinned = [wp.empty(len(one), dtype=one.dtype, device="cpu", pinned=True) for one in arrays]
             self._views = [array.numpy() for array in self._pinned]
-        with CAPTURE_LOCK, wp.ScopedCapture(device=arrays[0].device, force_module_load=False) as capture:
+
+        def copy() -> None:
             for pinned, array in zip(self._pinned, arrays, strict=True):
                 wp.copy(pinned, array)
-        self._graph, self._recorded = capture.graph, list(arrays)
+
+        self._graph, self._recorded = record(copy, arrays[0].device, force_module_load=False), list(arrays)
 
 
 def to_host(array: wp.array) -> NDArray:

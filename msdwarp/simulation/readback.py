@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Frame
 from ..engine import Model, write_in_order, write_strain
-from ..runtime import in_turn
-from .pinned_staging import CAPTURE_LOCK
+from ..runtime import CAPTURE_LOCK, in_turn
 from .simulation import Simulation
 
 

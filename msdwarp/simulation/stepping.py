@@ -33,10 +33,10 @@ from ..engine import (
     weight,
 )
 from ..integrators import Integrator, StepChoice
-from ..runtime import in_turn
+from ..runtime import in_turn, record
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .divergence import Divergence
-from .pinned_staging import CAPTURE_LOCK, PinnedStaging, to_host
+from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
 
 
@@ -290,12 +290,7 @@ class Stepping:
 
     def _record(self, launch: Callable[[], None], partition: Any = None) -> Any:
         """Record launches as a graph, or as one graph for each CPU thread."""
-        with CAPTURE_LOCK:
-            if partition is not None:
-                return partition.record(launch)
-            with wp.ScopedCapture(device=self.model.device) as capture:
-                launch()
-        return capture.graph
+        return record(launch, self.model.device) if partition is None else partition.record(launch)
 
     def _launch_frame(self, track: Track) -> None:
         """Launch the substeps of a frame, and then the checks and sensors at its end."""

@@ -228,7 +228,11 @@ def complete(
                     report(done, count)
         finally:
             remove_unfinished(runs)
-            rows = [row or {"status": MISSING, "message": "not simulated yet"} for row in rows]
+            absent: Row = {"status": MISSING, "message": "not simulated yet"}
+            # A worker may have ended a point without this process knowing of it.
+            rows = [
+                row or stored_row(runs / point.digest) or absent for row, point in zip(rows, planned, strict=True)
+            ]
             results = write_results(grid, planned, rows, folder)
     return results, count - len(left), refused
 

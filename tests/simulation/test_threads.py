@@ -118,6 +118,26 @@ def test_a_simulation_made_in_one_thread_is_stepped_in_another(plain_device):
             np.testing.assert_array_equal(one, other)
 
 
+def test_nothing_is_collected_while_a_graph_is_recorded(plain_device):
+    # A dropped simulation can be part of a reference cycle; its memory, freed meanwhile, spoils a recording.
+    seen, device = [], wp.get_device(plain_device)
+
+    def look(phase, info):
+        seen.append(device.is_capturing)
+
+    before = gc.get_threshold()
+    gc.callbacks.append(look)
+    gc.set_threshold(1)
+    try:
+        Simulation(chain(5), device=plain_device).step(2)
+    finally:
+        gc.set_threshold(*before)
+        gc.callbacks.remove(look)
+    assert seen
+    assert not any(seen)
+    assert gc.isenabled()
+
+
 def test_what_is_dropped_in_anothers_turn_is_freed_when_that_ends(plain_device):
     # Memory that is freed while another thread records a graph can spoil the recording on a GPU.
     started, go_on = threading.Event(), threading.Event()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ... import checks
 from ...kernels.integrators import ABORT, Composition, PartOfParticles, in_partition, scene, wait_for_all
+from ...runtime import record
 from ..device.thread_pool import replay_together
 from ..model.model import Model
 from .assemble import Assembly
@@ -103,11 +104,11 @@ class CpuPartition:
         """Record a frame: all launches for the first thread, and the parts of the others."""
         self._launches, self.is_recording = [], True
         try:
-            graphs = [_recorded(launch_frame, self._barrier.device)]
+            graphs = [record(launch_frame, self._barrier.device)]
         finally:
             self.is_recording = False
         for k in range(1, self.threads):
-            graphs.append(_recorded(partial(self._launch_all, k), self._barrier.device))
+            graphs.append(record(partial(self._launch_all, k), self._barrier.device))
         return PartitionedGraph(graphs, self._barrier, self._launches)
 
 
@@ -125,12 +126,6 @@ class PartitionedGraph:
     def _abort(self) -> None:
         """End all waiting: a thread has failed."""
         self._barrier[ABORT] = 1
-
-
-def _recorded(launch: Callable[[], None], device: Any) -> Any:
-    with wp.ScopedCapture(device=device) as capture:
-        launch()
-    return capture.graph
 
 
 def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:
