@@ -23,6 +23,7 @@ from .diagnostics.energy_balance import (
     weight as weight,
 )
 from .diagnostics.frozen_worlds import FrozenWorlds as FrozenWorlds, WorldStatus as WorldStatus
+from .diagnostics.probes import GroupMeans as GroupMeans, Sensors as Sensors, sensors_of as sensors_of
 from .diagnostics.rate_bounds import (
     Rates as Rates,
     rate_bounds as rate_bounds,
@@ -30,7 +31,6 @@ from .diagnostics.rate_bounds import (
     world_rates as world_rates,
 )
 from .diagnostics.readout import Found as Found
-from .diagnostics.sensors import GroupMeans as GroupMeans, Sensors as Sensors, sensors_of as sensors_of
 from .model.effect import Effect as Effect, Steps as Steps
 from .model.model import Model as Model
 from .model.state import State as State
