@@ -1,4 +1,4 @@
-"""Restart files: the arrays that a run continues from, with checksums, replaced as a whole."""
+"""Restart files: checkpoints on disk with checksums, replaced as a whole; contents: `simulation/checkpoint.py`."""
 
 import io
 import json
