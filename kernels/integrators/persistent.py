@@ -9,7 +9,7 @@ from ..basis import kernel
 from ..places import arrays_of, on_device
 from ..springs import NO_SUBSTEP
 from .composition import Composition, beginning, by_first_lane, tools
-from .worlds import enter_world, to_world
+from .enter_world import enter_world, to_world
 
 MOST_THREADS = 512
 """Threads in a block; the compiler leaves registers for this many."""

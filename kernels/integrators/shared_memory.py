@@ -9,8 +9,8 @@ from ..basis import kernel
 from ..places import Place, arrays_of, shifts
 from ..springs import COLUMN
 from .composition import Composition, loads, tools
+from .enter_world import enter_world
 from .persistent import wait_in_block
-from .worlds import enter_world
 
 MOST_BYTES = 44 * 1024
 """Every GPU gives a block 48 KB of shared memory without being asked; Warp takes 4 bytes a thread of it."""

@@ -12,7 +12,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..springs import COLUMN
 from .composition import Composition, Stage, beginning, by_first_lane, driving, loads, tools
-from .worlds import enter_world, to_world
+from .enter_world import enter_world, to_world
 
 
 @functools.cache
