@@ -13,12 +13,12 @@ from ..files import Trajectory
 from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
+from .fit_predictions import Worlds
 from .fit_result import FitResult
 from .fit_warnings import noise_warnings, time_warnings, value_warnings
 from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
 from .measured import Channel, TrackedPoints, channels_of, frame_rate
 from .parameters import parameters_of
-from .worlds import Worlds
 
 MISSING = "fitting needs SciPy: pip install 'msdwarp[fit]'"
 GROWING, WHOLE = "growing", "whole"

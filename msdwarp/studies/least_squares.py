@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .fit_predictions import Worlds
 from .measured import spread
-from .worlds import Worlds
 
 DIFFERENCE = {"float64": 1e-6, "float32-compensated": 1e-4, "float32": 1e-3}
 """Differences of θ for derivatives, by precision; rounding errors are 1e-10, 1e-3 (in forces), 1e-3 and more."""
