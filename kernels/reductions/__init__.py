@@ -16,4 +16,4 @@ from .measure import (
     sum_up as sum_up,
 )
 from .probes import mean_of_function as mean_of_function, sum_of_group as sum_of_group, sum_strain as sum_strain
-from .stability import largest_rate as largest_rate
+from .rate_bounds import largest_rate as largest_rate
