@@ -40,8 +40,8 @@ from .arguments import frame_count, in_order
 from .changing import Changing, check_supports_contact
 from .divergence import SimulationDiverged, describe
 from .readings import Readings
-from .step_controller import StepControlFailed, StepController
 from .stepping import Stepping
+from .substep_controller import StepControlFailed, StepController
 
 
 class Simulation(Changing):
@@ -70,8 +70,8 @@ class Simulation(Changing):
         Frames per second of simulated time.
     substeps
         Integrator steps per frame. "auto" uses as few as `safety` allows (see `msdwarp.integrators.stability`),
-        and more if the energy would grow without a cause (see `msdwarp.simulation.step_controller`). `choice` has
-        the current number and the reason, `substep_history` its changes.
+        and more if the energy would grow without a cause (see `msdwarp.simulation.substep_controller`). `choice`
+        has the current number and the reason, `substep_history` its changes.
     safety
         Fraction of the stability limit that automatic substeps may use, 0 … 1.
     refresh
