@@ -1,7 +1,7 @@
 """Sums and extremes over particles and connections, for each world."""
 
 from . import columns as columns
-from .divergence import (
+from .frozen_worlds import (
     ENERGY as ENERGY,
     NOT_FINITE as NOT_FINITE,
     RUNNING as RUNNING,

@@ -6,7 +6,11 @@ implicit Euler launches its own solver.
 
 from .collision.body_contact import BodyContact as BodyContact
 from .collision.contact_forces import ContactForces as ContactForces
-from .diagnostics.divergence import Backup as Backup, Baseline as Baseline, DivergenceMonitor as DivergenceMonitor
+from .diagnostics.divergence_monitor import (
+    Backup as Backup,
+    Baseline as Baseline,
+    DivergenceMonitor as DivergenceMonitor,
+)
 from .diagnostics.energies import (
     Measures as Measures,
     measure as measure,

@@ -18,7 +18,7 @@ from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe,
 from .arguments import frame_count
 from .changing import check_supports_contact
 from .checkpoint import saved_drives, saved_system, saved_worlds
-from .divergence import SimulationDiverged
+from .divergence_error import SimulationDiverged
 from .ensemble_parameters import parameter_rows, taken_from
 from .ensemble_results import dataset, import_xarray, observations
 from .properties import Present

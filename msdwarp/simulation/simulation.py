@@ -38,7 +38,7 @@ from ..world import (
 from . import checkpoint
 from .arguments import frame_count, in_order
 from .changing import Changing, check_supports_contact
-from .divergence import SimulationDiverged, describe
+from .divergence_error import SimulationDiverged, describe
 from .readings import Readings
 from .stepping import Stepping
 from .substep_controller import StepControlFailed, StepController

@@ -35,7 +35,7 @@ from ..engine import (
 from ..integrators import Integrator, StepChoice
 from ..runtime import in_turn, record
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
-from .divergence import Divergence
+from .divergence_error import Divergence
 from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
 

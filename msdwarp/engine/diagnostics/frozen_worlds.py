@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ...kernels.reductions import RUNNING, judge, put_back
 from ..device.device import view_of
 from ..stepping.assemble import Assembly
-from .divergence import Backup, DivergenceMonitor
+from .divergence_monitor import Backup, DivergenceMonitor
 from .readout import Found
 
 LEAST_THREADS, MOST_THREADS = 8, 2**20

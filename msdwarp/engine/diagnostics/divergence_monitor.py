@@ -1,4 +1,7 @@
-"""Detects divergence of a run, and keeps the state that it can go back to."""
+"""Detects divergence of a run, and keeps the state that it can go back to.
+
+`kernels/reductions/frozen_worlds.py` judges worlds of an ensemble, `simulation/divergence_error.py` has the error.
+"""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self

@@ -1,4 +1,7 @@
-"""The error when a run cannot continue: where, when and why."""
+"""The error of a run that cannot continue: where, when and why.
+
+`engine/diagnostics/divergence_monitor.py` detects that; for ensembles with `kernels/reductions/frozen_worlds.py`.
+"""
 
 from typing import NamedTuple
 
