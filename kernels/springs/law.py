@@ -1,4 +1,4 @@
-"""The force law: what a spring exerts on its two particles."""
+"""The force law of springs; `reductions/measure.py` has their energy, `springs/linearised.py` their stiffness."""
 
 import functools
 

@@ -1,4 +1,8 @@
-"""Loads: what acts on a system from outside, beside gravity and obstacles."""
+"""Loads: actions on a system from outside, beside gravity and obstacles.
+
+A `Force` with a `wp.func` needs no new class. Another new load needs an effect in `engine/loads`, and a line in
+`engine/stepping/assemble.py`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields

@@ -1,4 +1,7 @@
-"""Probes: what is measured while a scene runs, as a tracker or a load cell would."""
+"""Probes: measurements while a scene runs, like those of a tracker or a load cell.
+
+`engine/diagnostics/probes.py` takes them, with the sums in `kernels/reductions/probes.py`.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
