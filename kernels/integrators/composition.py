@@ -24,7 +24,7 @@ class Composition(NamedTuple):
     scalar: type
     """Warp's type of numbers."""
     force_algorithm: ForceAlgorithm
-    """How a particle gets the force of its connections."""
+    """The algorithm that sums the forces of connections."""
     compensated: bool = False
     """Whether sums are compensated for rounding."""
     pinned: bool = False
@@ -34,7 +34,7 @@ class Composition(NamedTuple):
     pieces: tuple[ForceTerm, ...] = ()
     """The other effects that the scene has."""
     second_pass: bool = False
-    """Whether particles that have marks are advanced in a launch of their own: where columns are, and few have."""
+    """Whether a second launch advances masked particles: on lattices in columns, if few particles are masked."""
     differs: Differences | None = None
     """`Differences` between the worlds of an ensemble; None outside of ensembles."""
 
@@ -50,7 +50,7 @@ class Composition(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """A method as seen from one particle."""
+    """One stage of an integration method, as a function of one particle."""
 
     Step: Any
     """Struct type that a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
@@ -62,14 +62,14 @@ class Stage(NamedTuple):
 
 @functools.cache
 def scene(composition: Composition):
-    """Compose the struct of what acts on particles: the same in every stage of every method.
+    """Compose the struct of everything that acts on particles. It is the same in every stage of every method.
 
-    forces: what the algorithm reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
-    colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives; then,
-    where they are needed, marks: the selective effects that act on each particle, as bits, shape [particle_count];
-    marked: the numbers of those that have any; handed: the forces of connections on these [N], as `Model.vectors`
-    makes arrays; stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's
-    end [s]; worlds: what differs between worlds.
+    forces: the data of the force algorithm. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity
+    [m/s²]. colliders: the obstacles. Then the data of each other effect, by the name that its piece gives.
+    Then, if needed: effect_mask, the selective effects that act on each particle, as bits, shape
+    [particle_count]; masked_particles, the numbers of particles with any; spring_force, the forces of connections
+    on these [N], made by `Model.vectors`; stage, the stage of a frame, counted from 0; time, the times of all
+    stages and of the frame's end [s]; worlds, the differences between worlds.
     """
     fields = {
         "forces": composition.force_algorithm.Forces,

@@ -30,9 +30,9 @@ def mass_product(dim: int, scalar: type):
 
 @functools.cache
 def block_inverses(dim: int, scalar: type):
-    """Compose the inverses of the diagonal blocks m + h² A_i + h B_i: the preconditioner; 0 for a pinned particle.
+    """Compose the kernel that inverts the diagonal blocks m + h² A_i + h B_i, as preconditioner.
 
-    So conjugate gradients leave whatever the residual of a pinned or driven particle holds as it is.
+    The inverse is 0 for a pinned or driven particle: conjugate gradients leave its residual unchanged.
     """
     Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
     Masses, Blocks, Inverses = wp.array(dtype=scalar), wp.array(dtype=Wide), wp.array(dtype=Block)

@@ -260,7 +260,7 @@ def rerun(
 
 @contextmanager
 def opened(file: Path) -> Iterator["Trajectory"]:
-    """Open a trajectory, given by itself or by its run's folder, once HDF5 has proved able to read it."""
+    """Open a trajectory after a test that HDF5 can read it; `file` is the trajectory or its run's folder."""
     with at_once():
         from ..files import Trajectory, probe
     if file.is_dir() and not (file / TRAJECTORY).exists():

@@ -229,7 +229,7 @@ class Run:
         progress: Progress,
         requests: list[int],
     ) -> None:
-        """Simulate frame by frame, until a signal asks to stop."""
+        """Simulate up to frame `last` and write results; stop early if a signal asks."""
         simulation, kept = self.simulation, {"strain": self._strain, "contact_forces": self.options.sums_contact}
         readback = Readback(simulation, **kept)
         saved = time.monotonic()

@@ -111,7 +111,7 @@ def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fault(file: Any) -> str | None:
-    """Return why a file is not a trajectory that this version reads; None if it is."""
+    """Return why this version cannot read a file as a trajectory; None if it can."""
     if ROOT not in file:
         return f"it has no group {ROOT}"
     if OWN not in file:

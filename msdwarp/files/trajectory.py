@@ -311,7 +311,7 @@ def _opened(path: Path) -> Any:
 
 
 def _times(root: Any) -> NDArray[np.float64]:
-    """Return the times of the frames [s] in the group VTKHDF, so far as they are whole."""
+    """Return the times [s] of the frames in the group VTKHDF, up to the first that is not fully on disk."""
     values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
     try:
         times = values[:count]

@@ -47,7 +47,7 @@ def probe(path: str | Path) -> None:
 
 
 def structure_fault(file: Any) -> str | None:
-    """Return why an open file is not to be read: links out of it, foreign filters, sizes that it does not have."""
+    """Return why an open file cannot be read safely: external links, unknown filters, impossible sizes."""
     import h5py
     from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -80,7 +80,7 @@ def structure_fault(file: Any) -> str | None:
 
 
 def _wrong(item: Any, path: str) -> str | None:
-    """Return why an array is not to be read, by its own description; None if it is sound."""
+    """Return why an array cannot be read safely, by its own description; None if it can."""
     if item.is_virtual or item.external:
         return "lies in other files"
     plan = item.id.get_create_plist()
@@ -105,7 +105,7 @@ def too_large(item: Any, count: int, stored: int) -> str | None:
 
 
 def _limit() -> None:
-    """Have the system end this process after some seconds of computing, or if it asks for much memory."""
+    """Limit this process: the system ends it after some seconds of computing, or if it asks for much memory."""
     try:
         import resource
     except ImportError:
@@ -121,7 +121,7 @@ def _limit() -> None:
 
 
 def main(path: str) -> None:
-    """Print why a file is not to be read, if it is not. HDF5 may crash, or never end."""
+    """Print why a file cannot be read safely, if it cannot. HDF5 may crash, or never end."""
     import h5py
 
     _limit()

@@ -75,7 +75,7 @@ class Images:
         self._free_at = 0.0
 
     def follow(self) -> None:
-        """Have the next images show the present drawing."""
+        """Note that the drawing has changed: the next images show it."""
         self._frame, self._moved, self._fits = self._frame + 1, time.perf_counter(), False
 
     def send(self, links: list[tuple[int, Any, Link]]) -> None:

@@ -77,7 +77,7 @@ class Running:
         """Return None: the positions to come are unknown."""
 
     def advance(self) -> bool:
-        """Go on by a frame; raise SimulationDiverged if it cannot be simulated."""
+        """Simulate one frame; raise SimulationDiverged if it diverges."""
         self._simulation.step()
         for call in self.after_frame:
             call()
@@ -137,7 +137,7 @@ class Played:
         return np.concatenate([outermost(positions[k], look, ASPECT) for k in chosen])
 
     def advance(self) -> bool:
-        """Go on by a frame; return whether there was one."""
+        """Show the next frame; return whether there was one."""
         before = self._k
         self.seek(before + 1)
         return self._k > before

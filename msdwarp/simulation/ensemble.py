@@ -63,8 +63,7 @@ class Ensemble(Present):
     colliders, loads
         With a `System`: obstacles, loads, and contact between bodies.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
-        As for `Simulation`. All worlds have the same number of substeps; "auto" is that of the world that needs
-        most.
+        As for `Simulation`. All worlds have the same number of substeps; "auto" is the largest that a world needs.
     force_algorithm
         As for `Simulation`; "auto" is the stencil or gather on a GPU, and scatter on the CPU: these repeat bit for
         bit.
@@ -252,7 +251,7 @@ class Ensemble(Present):
 
     @property
     def status(self) -> NDArray[np.str_]:
-        """The status of each world: "running", "not finite" or "energy" (it grew without a cause)."""
+        """Status of each world: "running", "not finite" or "energy" (it exceeded its limit and the work done)."""
         return np.array(STATUS)[self._world_status().status]
 
     @property

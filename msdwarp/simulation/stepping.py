@@ -133,7 +133,7 @@ class Stepping:
 
     @property
     def backup(self) -> Backup:
-        """The state at the start of the last frame."""
+        """A copy of the state at the start of the last frame, which `go_back` restores."""
         return self._tracks.current.backup
 
     @property

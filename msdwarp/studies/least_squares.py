@@ -149,7 +149,7 @@ class Problem:
         return theta[kept]
 
     def finish(self, theta: NDArray[np.float64], end: float, tolerance: float) -> tuple[NDArray, bool]:
-        """Return the best θ up to a time [s], and whether the search converged."""
+        """Return the best θ for the measurements until `end` [s], and whether the search converged."""
         from scipy.optimize import least_squares
 
         hold = self.hold(end)

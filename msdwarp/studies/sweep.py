@@ -160,7 +160,7 @@ class FunctionTask(NamedTuple):
         return Setup(scene, duration, options | {"integrator": integrator}, self.observe)
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
-        """Simulate the scene to its end, with its trajectory if files are kept; return the final numbers."""
+        """Simulate the scene to its end and return the final numbers; write a trajectory if `keeps_files`."""
         scene, duration, options, observe = self.setup()
         simulation = Simulation.from_scene(scene, **options)
         frames = frame_count(duration, simulation.fps)

@@ -18,7 +18,7 @@ from .readout import Found
 
 
 class Baseline(NamedTuple):
-    """What the energy of a run is compared with: numbers, in an ensemble of shape [worlds]."""
+    """The reference for the energy of a run: numbers, in an ensemble of shape [worlds]."""
 
     energy: Any
     """Energy at the start: kinetic, elastic, gravitational, and what effects store, less the work of loads [J]."""
@@ -50,7 +50,7 @@ class DivergenceMonitor:
     ) -> None:
         self._model, self._state, self._energy_limit = assembly.model, state, energy_limit
         self.energy = 0.0
-        """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
+        """Kinetic and gravitational energy of the state that was read last, less the work of loads [J]."""
         self.told = list[float]()
         """The numbers that were read last."""
         self._sums = Sums(assembly, everything=False)
@@ -73,7 +73,7 @@ class DivergenceMonitor:
         self._sums.launch(state.x, state.v, state.v, None, found.state_out)
 
     def finds_trouble(self, found: Found) -> bool:
-        """Wait for the sums over the state of the only world, and tell whether it has diverged."""
+        """Wait for the sums over the state of a single world, and return whether it has diverged."""
         self.told = told = found.read()
         self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self.most
         if self._work is not None:
@@ -85,7 +85,7 @@ class DivergenceMonitor:
 
     @property
     def _first(self) -> int:
-        """The first particle that is not finite; some number beyond all where every one is."""
+        """The first particle that is not finite; a larger number than any particle's if all are finite."""
         return -int(self.told[columns.FIRST])
 
     def worst_particle(self) -> int:
@@ -96,10 +96,10 @@ class DivergenceMonitor:
 
 
 class Backup:
-    """The state at the start of a frame: all that substeps leave to the next, and other arrays.
+    """Copies of the state at the start of a frame: all arrays that substeps pass on, and other ones.
 
-    `kept` are vectors of particles, in the order of `live`. `changing` are the arrays that effects change, and the
-    others, each with room for what it was.
+    `kept` are vectors of particles, in the order of `live`. `changing` has pairs of an array and its copy: for the
+    arrays that effects change, and for the others.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:

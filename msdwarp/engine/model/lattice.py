@@ -86,7 +86,7 @@ class NotALattice(ValueError):
 
 
 def step_of(name: str) -> tuple[int, int, int]:
-    """Return the step of a lattice direction by its name: (1, −1, 0) of "x-y", (0, 2, 0) of "2y"."""
+    """Return the step (x, y, z) of the lattice direction `name`: (1, −1, 0) for "x-y", (0, 2, 0) for "2y"."""
     step, sign, reach = [0, 0, 0], 1, 1
     for letter in name:
         if letter in "+-":

@@ -110,7 +110,7 @@ class Fracture(Effect):
         return [self.broken_at, *self._summed, *self._joined]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return when the system's springs broke [s], inf where they are whole."""
+        """Return the time at which each spring of the system broke [s], inf if it is whole."""
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
