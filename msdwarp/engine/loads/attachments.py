@@ -115,7 +115,7 @@ class AttachmentSprings(FrameTables):
                 self.done.assign(done)
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the poses of the carriers in a frame."""
+        """Allocate tables for the poses of the carriers in a frame."""
         if not self._moving:
             return
         self.data.ahead = int(self.steps.lagging)
