@@ -1,8 +1,8 @@
 """Checks of an HDF5 file before its contents are used.
 
-`structure_fault` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs
-only this file and h5py, and can be ended: HDF5 may read a damaged or malicious file for ever, without hearing
-signals, and take all memory.
+`structure_fault` reads structures and texts, but no arrays. `probe` runs it in a process of its own, which needs
+only this file and h5py, and can be ended: on a damaged or malicious file HDF5 may never return, ignore signals,
+and take all memory.
 """
 
 import math
@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 _SECONDS = 2.0
-"""Seconds of computing that the process has for a file; a sound one takes some hundredths."""
+"""Seconds of computing that the process may take; a sound file takes some hundredths."""
 _MOST_SECONDS = 120.0
-"""Seconds that it has in all, however slow the disk is."""
+"""Seconds that it may take in all, however slow the disk is."""
 _MOST_OBJECTS = 10_000
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 _MOST_SQUEEZED = 1100

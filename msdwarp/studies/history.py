@@ -1,4 +1,4 @@
-"""History: energies, momentum and heights of a trajectory over time, from its file alone, and a plot of them."""
+"""History: energies, momentum and heights of a trajectory over time, from its file alone, and their plot."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ class Moment(NamedTuple):
 
 
 def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Change] = ()) -> Iterator[Moment]:
-    """Return an iterator over a trajectory's moments: one frame is in memory at a time.
+    """Return an iterator over a trajectory's moments, with one frame in memory at a time.
 
     They are computed on the CPU in float64 from the stored frames, the run's gravity [m/s²] and schedule. Raises
     ValueError if gravity is out of range, or rest lengths change and strains are not in the file.
