@@ -311,7 +311,7 @@ class Ensemble(Present):
         """Return the state of each world, with which `Simulation.restore` continues it bit for bit.
 
         The simulation must have the world's parameters and the ensemble's `integrator`, `fps`, `substeps`,
-        precision and algorithm, as `simulation_of` returns it. A diverged world is where it stopped.
+        precision and algorithm, like that of `simulation_of`. A diverged world has the state in which it stopped.
         """
         frames = self._world_status().good_frames
         shared = {"fps": self.fps, "integrator": repr(self.integrator), "changes": 0}

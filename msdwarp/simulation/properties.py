@@ -86,7 +86,7 @@ class Present:
 
     @property
     def substeps(self) -> int:
-        """Integrator steps per frame; with automatic substeps, those of the last frame."""
+        """Integrator steps per frame; with automatic substeps, the number in the last frame."""
         return self.choice.substeps
 
     @property

@@ -58,7 +58,7 @@ class Simulation(Changing):
     colliders
         Obstacles.
     collider_rule
-        Rule for contact with obstacles: "coulomb", or "report" for that of the 2014 report; see
+        Rule for contact with obstacles: "coulomb", or "report" for the rule of the 2014 report; see
         `msdwarp.kernels.colliders`.
     loads
         Loads on the bodies, such as `Force` or `Wind`.
@@ -211,7 +211,7 @@ class Simulation(Changing):
         self._step_controller = StepController() if automatic else None
         self._load(self._initial)
         self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
-        """From when on [s] a frame took how many substeps."""
+        """Pairs of a time [s] and the number of substeps of a frame from then on."""
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system and prepare to advance it by the given substeps, or choose them."""
@@ -337,7 +337,7 @@ class Simulation(Changing):
 
     @in_turn
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
-        """Return what `restore` needs to continue from this frame, bit for bit: arrays, and numbers and names."""
+        """Return arrays, and numbers and names, from which `restore` continues this frame bit for bit."""
         arrays, numbers = checkpoint.saved(self.stepping)
         arrays |= checkpoint.saved_drives(self._loads, self.model)
         own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}

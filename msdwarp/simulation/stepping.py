@@ -119,7 +119,7 @@ class Stepping:
         self._balance_graph: Any = None
         self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
-        """How many more frames, and balances, are launched before they are recorded."""
+        """Number of frames, and of balances, that are still launched before they are recorded."""
         small = is_told_by_frames(dynamics)
         self._can_sum_balance, self.sum_balance = watch_energy and small, True
         """Whether frames can sum their energy balance; whether the next ones do. Otherwise requests sum it."""

@@ -21,7 +21,7 @@ class Baseline(NamedTuple):
     """The reference for the energy of a run: numbers, in an ensemble of shape [worlds]."""
 
     energy: Any
-    """Energy at the start: kinetic, elastic, gravitational, and what effects store, less the work of loads [J]."""
+    """Energy at the start: kinetic, elastic, gravitational, and stored by effects, less the work of loads [J]."""
     scale: Any
     """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
 
@@ -30,7 +30,7 @@ class Baseline(NamedTuple):
         """Return the baseline of a run that starts in this state."""
         start, model = measure(assembly, state), assembly.model
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
-        # A body that starts in an obstacle drags along all that is connected to it.
+        # A body that starts in an obstacle drags along everything connected to it.
         if assembly.colliders is not None:
             scale += model.of_each(assembly.colliders.brings_in(model))
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
@@ -52,7 +52,7 @@ class DivergenceMonitor:
         self.energy = 0.0
         """Kinetic and gravitational energy of the state that was read last, less the work of loads [J]."""
         self.told = list[float]()
-        """The numbers that were read last."""
+        """The latest numbers that were read."""
         self._sums = Sums(assembly, everything=False)
         self._work, self._most_work = assembly.external_work, 0.0  # what loads do is no sign of divergence
         self.compare_with(baseline or Baseline.of(assembly, state))
@@ -60,9 +60,9 @@ class DivergenceMonitor:
     def compare_with(self, baseline: Baseline) -> None:
         """Compare energies with a baseline from now on."""
         self.baseline = baseline
-        """The start of the run: it stays, though the number of substeps changes on the way."""
+        """The start of the run, which stays the reference when the number of substeps changes."""
         energy, scale = self.baseline
-        with np.errstate(invalid="ignore"):  # 0 · inf, where nothing is to be limited
+        with np.errstate(invalid="ignore"):  # 0 · inf, if there is no limit
             most = np.where(scale > 0, energy + self._energy_limit * scale, np.inf)
         self.most = most if self._model.in_worlds else float(most)
         """Kinetic and gravitational energy, less work, beyond which a world has diverged [J]."""
