@@ -19,7 +19,7 @@ from .run import about, simulation_by
 from .scene_files import Origin, find_scene
 
 _SIMULATED = 64
-"""Bytes that a simulation takes for each spring and its particles, beside those of the system."""
+"""Bytes of a simulation for each spring and its particles, besides those of the system."""
 SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
 """Scenes on the keys 1 to 9; the first five are those of the 2014 program."""
 
@@ -90,7 +90,7 @@ def rounded_like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> di
 
 
 def _run(view: View) -> None:
-    """Run a view, until it is closed or a signal asks to stop; print where its page is, and who can open it."""
+    """Run a view until it is closed or a signal asks to stop; print its page's address, and who can open it."""
     with stop_requests(Console(stderr=True)) as requests:
         for page in view.screens:
             if not isinstance(page, Browser):
@@ -108,7 +108,7 @@ def _run(view: View) -> None:
 
 @contextmanager
 def memory_limit() -> Iterator[None]:
-    """Raise MemoryError for a request of more memory than is free, where Linux would end the process.
+    """Raise MemoryError for a request of more memory than is free; Linux would end the process instead.
 
     The limit holds for the whole process.
     """

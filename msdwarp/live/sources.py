@@ -18,7 +18,7 @@ from .handling import Handling
 MOST_SEEN = 200
 """The most frames of a trajectory that are read to place the camera."""
 ASPECT = 16 / 9
-"""Width over height of the picture that the camera is placed for; others see nearly the same."""
+"""Width over height of the picture for which the camera is placed; other pictures show nearly as much."""
 
 
 class Reading(NamedTuple):
@@ -85,7 +85,7 @@ class Running:
 
     def broken_at(self) -> NDArray | None:
         """Return when springs broke [s], shape [connection_count]; None if none can."""
-        if not self.scene.system.tears:  # other changed fields would be copied in vain
+        if not self.scene.system.tears:  # avoids a copy of other changed fields
             return None
         return self._simulation.stepping.changed_fields().get("broken_at")
 

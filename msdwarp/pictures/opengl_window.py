@@ -1,4 +1,4 @@
-"""Which of VTK's windows can be used on this machine; the import of PyVista."""
+"""The choice of VTK's window for this machine, and the import of PyVista."""
 
 import ctypes
 import functools
@@ -14,7 +14,7 @@ ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
 def import_pyvista() -> Any:
     """Return PyVista, untyped: a type checker would take half a minute to read all of VTK."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # those of VTK and PyVista themselves
+        warnings.simplefilter("ignore")  # warnings of VTK and PyVista themselves
         return importlib.import_module("pyvista")
 
 

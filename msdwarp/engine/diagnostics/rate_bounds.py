@@ -83,7 +83,7 @@ def _least_ratio(model: Model, world: int) -> float:
         stiff = stiff & ~model.system.broken
     if not stiff.any():
         return math.inf
-    # Somewhere the slope of every other law is nothing, or almost.
+    # Every other law has a slope of about 0 somewhere.
     return float(np.min(dampers[stiff] / springs[stiff])) if model.system.damper == LINEAR else 0.0
 
 

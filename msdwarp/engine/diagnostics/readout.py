@@ -17,7 +17,7 @@ MOST_BLOCKS = 512
 class Found:
     """Numbers found about a state (`msdwarp.kernels.reductions.columns`).
 
-    For a single world the device writes them into memory that the host reads. In an ensemble they stay on it.
+    For a single world the device writes them where the host reads. In an ensemble they stay on the device.
     Kernels write `state_out`, an array of shape [worlds, COLUMNS].
     """
 
