@@ -1,4 +1,4 @@
-"""The solids that a particle meets within a substep, some so thin that it may have passed them at the end of it.
+"""The solids that a particle meets within a substep, even thin ones that it has passed at the end.
 
 All solids are convex. Over a straight way their signed distance is then a convex function, and the tangent plane
 at the point of a solid nearest to any place outside has the whole solid behind it: it is a supporting plane.

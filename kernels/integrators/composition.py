@@ -1,4 +1,4 @@
-"""The parts that kernels of a scene are composed from, and the stage of a method."""
+"""The parts from which the kernels of a scene are composed, and the stage of a method."""
 
 import functools
 from collections.abc import Callable
@@ -40,7 +40,7 @@ class Composition(NamedTuple):
 
     @property
     def selective(self) -> list[ForceTerm]:
-        """The effects whose forces act on some particles only; the k-th has bit k of a particle's marks."""
+        """The effects whose forces act on some particles only; the k-th has bit k of a particle's mask."""
         return [piece for piece in self.pieces if piece.selective]
 
     @property
@@ -57,7 +57,7 @@ class Stage(NamedTuple):
     advance: Any
     """wp.func (scene, step, force, i): advance particle i, on which this force acts."""
     forced: bool = True
-    """Whether it takes the force; else that is 0."""
+    """Whether it needs the force; otherwise `force` is 0."""
 
 
 @functools.cache
@@ -94,7 +94,7 @@ def scene(composition: Composition):
 
 
 class Tools(NamedTuple):
-    """The types and functions that every method is written with."""
+    """The types and functions with which methods are written."""
 
     V: Any
     """Vector of the scene's coordinates."""
@@ -112,7 +112,7 @@ class Tools(NamedTuple):
 
 @functools.cache
 def tools(composition: Composition) -> Tools:
-    """Return the types and functions that the methods of a scene are written with."""
+    """Return the types and functions with which the methods of a scene are written."""
     dim, scalar = composition.dim, composition.scalar
     load, store, _ = records(dim, scalar)
     Compensation, add = compensated_sum(dim, scalar, composition.compensated)
@@ -121,7 +121,7 @@ def tools(composition: Composition) -> Tools:
 
 @functools.cache
 def beginning(composition: Composition) -> Any:
-    """Compose the start of a substep for connection c, (scene, compensation, x, c); None if effects do nothing."""
+    """Compose the effects' actions on connection c at a substep's start, (scene, compensation, x, c), or None."""
     _, SceneData, Compensation, *_ = tools(composition)
     Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
 
@@ -140,7 +140,7 @@ def beginning(composition: Composition) -> Any:
 def loads(composition: Composition) -> Any:
     """Compose the sum of effects' forces on a particle [N], (scene, compensation, x, v, i, mask).
 
-    `mask` says which selective effects act on the particle, as `scene.effect_mask` does. None if there are none.
+    `mask` is the particle's entry of `scene.effect_mask`. None if no effect has a force.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     selective, Vectors = composition.selective, wp.array(dtype=V)
@@ -187,7 +187,7 @@ def loads(composition: Composition) -> Any:
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
     """Return `advance` of a method, and `loads`, for kernels in which all lanes of a particle call them.
 
-    Only the first lane calls them. Where a particle has one thread they are the functions themselves.
+    Only the first lane calls them. If a particle has a single thread, they are the functions themselves.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     (Step, advance, _), load = method(composition), loads(composition)
