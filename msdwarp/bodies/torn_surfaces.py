@@ -1,4 +1,4 @@
-"""Surfaces of bodies that tear: which triangles part, and the faces that are laid bare inside lattice solids."""
+"""Surfaces of bodies that tear: triangles that part, and the faces that appear inside lattice solids."""
 
 import itertools
 from typing import NamedTuple

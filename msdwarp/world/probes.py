@@ -113,7 +113,7 @@ def checked_probes(
 
 
 def probes_by(every: str, probes: Mapping[str, Probe]) -> dict[str, Probe]:
-    """Return those of the probes that are read every frame, or every substep."""
+    """Return the probes that are read every "frame", or every "substep"."""
     return {name: one for name, one in probes.items() if one.every == every}
 
 
