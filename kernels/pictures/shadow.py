@@ -1,4 +1,4 @@
-"""A shadow map: how far towards the key light the nearest surface is, along parallel rays (float32)."""
+"""A shadow map: distances of the nearest surfaces towards the key light, along parallel rays (float32)."""
 
 import warp as wp
 

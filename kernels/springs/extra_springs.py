@@ -17,7 +17,7 @@ from .law import spring_damper
 def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> ForceTerm:
     """Return the term of ties beside a stencil: the sum of the forces of a particle's ties.
 
-    The law is that of all springs. A tie is in the table twice, once for each end; both ends compute opposite
+    Ties obey the law of all springs. A tie is in the table twice, once for each end; both ends compute opposite
     forces of equal size.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)

@@ -1,4 +1,4 @@
-"""One substep on a device: `Model` is constant, `State` moves, effects act, `Dynamics` launches, diagnostics tell.
+"""Substeps on a device: a constant `Model`, a moving `State`, effects, launches by `Dynamics`, and diagnostics.
 
 The only room that composes the kernels that move particles, and all but the only one that launches them: linearly
 implicit Euler launches its own solver.

@@ -45,7 +45,7 @@ class ReadingTables:
         self._tables: dict[str, Any] = {}
         self._ends: Any = None
         self._at: dict[str, int] = {}
-        """For each table, how many rows are in use; later ones may be written again."""
+        """Number of rows in use for each table; later rows may be overwritten."""
 
     @classmethod
     def of(cls, file: Any) -> "ReadingTables | None":
@@ -118,7 +118,7 @@ class ReadingTables:
             self._at[every] = end
 
     def _end(self, k: int, every: str) -> int:
-        """Return how many rows of a table the first k frames have."""
+        """Return the number of rows that the first k frames have in a table."""
         return int(self._ends[k - 1, EVERY.index(every)]) if k else 0
 
     def read(self, frame_count: int, file_size: int) -> dict[str, Series]:

@@ -31,7 +31,7 @@ def arrays_of(system: System) -> dict[str, NDArray]:
 
 
 def write_system(group: Any, system: System, compress: bool) -> None:
-    """Write a system as it is at the start."""
+    """Write a system in its starting state."""
     group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
     damper = (type(system.damper).__name__, asdict(system.damper))
     bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]

@@ -237,7 +237,7 @@ class Layout:
             self._file.flush()
 
     def _arrays(self) -> Iterator[tuple[Growing, int]]:
-        """Yield the arrays that grow, and how many rows a frame has in each."""
+        """Yield the growing arrays, and a frame's number of rows in each."""
         yield Growing(_SUBSTEPS, (), np.int32, self._foreseen), 1
         yield Growing(_TIMES, (), np.float64, self._foreseen, {"fillvalue": np.nan, "fill_time": "ifset"}), 1
         for name, stride in self._offsets().items():

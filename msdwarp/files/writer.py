@@ -255,7 +255,7 @@ class TrajectoryWriter:
             self._error = self._error or self._explained(error)
 
     def _explained(self, error: Exception) -> Exception:
-        """Return an error that names the file and says how much of it is kept."""
+        """Return an error that names the file and the number of frames kept."""
         if not isinstance(error, OSError | RuntimeError):  # HDF5's errors are of these two kinds
             return error
         n, number = self.frame_count, getattr(error, "errno", None)

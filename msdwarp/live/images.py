@@ -103,7 +103,7 @@ class Images:
             self._caster.refit()
             self._fits = True
         self._caster.look_from(_camera(camera), (max(16, round(wanted * pose[-2] / pose[-1])), wanted))
-        # On a CPU shadows take most of the time: what moves goes without.
+        # On a CPU shadows take most of the time: moving scenes are drawn without them.
         image = self._caster.shoot(shadows=not (self._on_cpu and moves))
         client.scene.set_background_image(image, format="jpeg", jpeg_quality=QUALITY)
         client.flush()

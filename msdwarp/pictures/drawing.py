@@ -110,7 +110,7 @@ class Drawing:
         self.takes_shadows = np.repeat(takes_shadows, counts)
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
-        paint = np.ones((ends[-1], 3))  # white shows a texture as it is
+        paint = np.ones((ends[-1], 3))  # white leaves a texture unchanged
         if self.texture is None:
             for part in parts:
                 paint[part.vertices] = part.finish.colour

@@ -37,7 +37,7 @@ def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
     legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
     pen = ImageDraw.Draw(legend)
     pen.text((left + length / 2, size / 5), scale.label, INK, font, anchor="ma")
-    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # where there is no room for three numbers
+    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # a short bar has no space for three numbers
         value = (2 * share - 1 if scale.signed else share) * scale.full
         label = f"{value:+g}" if scale.signed and value else f"{value:g}" + (" or more" if share == 1 else "")
         pen.text((left + share * length, top + thick + size / 4), label, INK, font, anchor="ma")

@@ -204,7 +204,7 @@ def _device(device: str | None) -> str:
         return wp.get_preferred_device().alias
     try:
         return wp.get_device(device).alias
-    except Exception as error:  # which one it is depends on what is wrong with the name
+    except Exception as error:  # its type depends on the mistake in the name
         known = ", ".join(one.alias for one in wp.get_devices())
         raise ValueError(f"device is {checks.repr_short(device)}; it must be one of {known}") from error
 

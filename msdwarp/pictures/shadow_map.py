@@ -14,13 +14,13 @@ from .stage import Ground
 SIZE = 768
 """Texels along an edge: about as fine as pictures of 1280 x 720 pixels, since bodies seldom fill their width."""
 BLOCKS, REACH = SIZE // shadow.BLOCK, 2
-"""Blocks of texels along an edge, and how many around each count for its largest value."""
+"""Blocks of texels along an edge, and the rings of blocks around each that count for its largest value."""
 SAMPLES = 16
 """Texels that kernels sample at the soft edge of a shadow."""
 MARGIN = 14
 """Empty texels around the drawing, so that soft edges of shadows end inside the map."""
 EDGE = 13.0
-"""How far soft edges of shadows reach, in texels."""
+"""Width of soft edges of shadows, in texels."""
 STEPS = 4
 """Sizes of the map to each doubling: few, so that it seldom changes between frames."""
 

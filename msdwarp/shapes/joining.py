@@ -16,7 +16,7 @@ ROUNDING = 1e-9
 _MOST_CELLS = 1 << 20
 """Most cells along an axis in the search for near particles."""
 _MOST_AT_ONCE = 1 << 22
-"""About how many distances are computed together."""
+"""Approximate number of distances that are computed together."""
 
 
 def join(

@@ -111,7 +111,7 @@ def run_point(
         try:
             os.rename(made, folder)
         except OSError:
-            if stored_row(folder) is None:  # else another worker came first, with the same
+            if stored_row(folder) is None:  # else another worker was first, with an equal row
                 raise
         return row
     except OSError as error:

@@ -51,7 +51,7 @@ class GrowingTable:
         self._lines, self._kept = self._existing(behind, until, word)
 
     def _existing(self, behind: int, until: float, word: str) -> tuple[list[list[str]], int]:
-        """Return the lines of the file to continue, and how many of them to keep."""
+        """Return the lines of the file to continue, and the number of lines to keep."""
         if not (behind or until) or not self.path.exists():
             return [], 0
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:

@@ -54,7 +54,7 @@ class DivergenceMonitor:
         self.told = list[float]()
         """The latest numbers that were read."""
         self._sums = Sums(assembly, everything=False)
-        self._work, self._most_work = assembly.external_work, 0.0  # what loads do is no sign of divergence
+        self._work, self._most_work = assembly.external_work, 0.0  # work of loads is no sign of divergence
         self.compare_with(baseline or Baseline.of(assembly, state))
 
     def compare_with(self, baseline: Baseline) -> None:

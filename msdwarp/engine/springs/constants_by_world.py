@@ -56,7 +56,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
         return EnsembleForces(forces.force_algorithm, forces.data)
     classes = Classes(model)
     forces = CLASSES[model.force_algorithm](_stand_in(model, classes), fracture)
-    if model.force_algorithm == "scatter":  # its sums are those of all worlds
+    if model.force_algorithm == "scatter":  # its array of sums serves all worlds
         forces.data.f = model.vectors()
     if model.force_algorithm == "stencil":
         return _by_direction(model, forces, classes)
