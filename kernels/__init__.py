@@ -3,5 +3,5 @@
 Groups: `springs` (the law and the algorithms that sum forces), `colliders` (contact with obstacles), `collision`
 (contact between bodies), `loads`, `integrators` (methods; `stages.py` puts kernels together),
 `reductions` (energies, bounds), `pictures`. Every factory is cached and takes the number of coordinates, the
-scalar type and the effects that a scene has; what a scene lacks is not compiled. Nothing here knows of the host.
+scalar type and the effects of a scene; other effects are not compiled. Nothing here depends on host code.
 """

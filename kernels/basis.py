@@ -1,4 +1,4 @@
-"""What every kernel shares: the vector type, and how a kernel is declared."""
+"""The vector type of kernels, and their declaration."""
 
 import warp as wp
 
@@ -11,7 +11,7 @@ def vector(dim: int, scalar: type):
 def kernel(function, **options):
     """Declare `function` as a forward-only Warp kernel in a module of its own, with options of `wp.kernel`.
 
-    A module of its own means that a kernel is compiled when it is first launched and never because
-    another one was composed; kernels with the same source and the same pieces share one cache entry.
+    With a module of its own a kernel is compiled when it is first launched, and not when another one is composed.
+    Kernels with equal sources and pieces share one cache entry.
     """
     return wp.kernel(function, module="unique", enable_backward=False, **options)

@@ -21,9 +21,9 @@ def compensated_sum(dim: int, scalar: type, compensated: bool):
 
     `add(total, change, lost, lost_out, i)` adds a change to a total.
 
-    The true total is total − lost[i] before, and the sum − lost_out[i] after. Positions' losses are read by
-    neighbours too, so the next ones are written to x_out. Without `compensated` it is a plain sum, and nothing
-    else is touched.
+    The true total is total − lost[i] before, and the sum − lost_out[i] after. Neighbours also read the rounding
+    errors of positions, so the next ones are written to x_out. Without `compensated` it is a plain sum without
+    errors.
     """
     V = vector(dim, scalar)
     load, store, _ = records(dim, scalar)

@@ -1,38 +1,37 @@
-"""The terms that effects add to the kernels of a scene; a scene without one compiles none of it."""
+"""The terms that effects add to the kernels of a scene; without an effect its term is not compiled."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 
 class Driving(NamedTuple):
-    """Functions of drives that methods call, each None where nothing is driven. Free particles are unchanged."""
+    """Functions of drives that methods call, each None without drives. They do not change free particles."""
 
     holds: Any = None
     """wp.func (scene, i) -> whether particle i is driven."""
     acceleration: Any = None
-    """wp.func (scene, force, i) -> that of a driven particle where a frame ends [m/s²], 0 of one that is pinned.
+    """wp.func (scene, force, i) -> acceleration of a driven particle at a frame's end [m/s²], 0 for a pinned one.
 
     The work of the force on a driven particle is added to that of its drive.
     """
     way: Any = None
-    """wp.func (scene, i, begin, end) -> how far a driven particle goes between two stages of a frame [m]."""
+    """wp.func (scene, i, begin, end) -> displacement of a driven particle between two stages of a frame [m]."""
     holds_out: Any = None
-    """wp.func (scene, force, i, begin, end): sum the work done against a steady force on a driven one on that way.
+    """wp.func (scene, force, i, begin, end): sum a driven particle's work against a steady force between stages.
 
     It is for methods that know the force only when their equations are solved, in place of `acceleration`.
     """
     at_stage: Any = None
-    """wp.func (scene, compensation, x, v, i) -> (x, v) as the next stage of a substep takes them."""
+    """wp.func (scene, compensation, x, v, i) -> (x, v) for the next stage of a substep."""
     at_end: Any = None
-    """wp.func (scene, compensation, x, v, i) -> (x, v) where a substep ends; it writes their compensation."""
+    """wp.func (scene, compensation, x, v, i) -> (x, v) at a substep's end; it writes their compensation."""
 
 
 class ForceTerm(NamedTuple):
     """The device side of an effect. It is hashable, so that scenes with equal effects share kernels.
 
-    Its functions are composed for the struct `SceneData`, in which the effect's data
-    lie: each entry below is a function of that type which returns the `wp.func`, or None where there is nothing to
-    do.
+    Its functions are composed for the struct `SceneData`, which holds the effect's data: each entry below is a
+    function of this type that returns the `wp.func`, or None if there is nothing to do.
     """
 
     field: str
@@ -44,14 +43,14 @@ class ForceTerm(NamedTuple):
     force: Callable[[Any], Any] | None = None
     """wp.func (scene, compensation, x, v, i) -> force on particle i [N], beside those of its springs.
 
-    v is as the method has it, in leapfrog half a substep ago. x and v are read by `records(dim, scalar).load`; in
+    v is the method's velocity, in leapfrog half a substep old. x and v are read by `records(dim, scalar).load`; in
     compensated precision a position is x − compensation.x. Particles are in the system's order.
     """
     drive: Callable[[Any], Any] | None = None
-    """`Driving`: where driven particles are; it returns several functions."""
+    """`Driving`: the functions for the places of driven particles."""
     selective: bool = False
-    """Whether the force acts on some particles only, those that its effect names: on others it costs a byte."""
+    """Whether the force acts only on the particles that its effect names; each other one costs a byte."""
     timed: bool = False
-    """Whether it depends on time: that of the stage is `scene.time[scene.stage]`."""
+    """Whether it depends on time; the time of the stage is `scene.time[scene.stage]`."""
     works: bool = False
     """Whether the work of its force is summed; it is selective then."""

@@ -1,7 +1,7 @@
-"""Where arrays lie: shifted to another place, and said to be in the memory in which they are.
+"""Addresses of arrays: shifts by a number of bytes, and statements of the memory that addresses point to.
 
-A kernel that reads its arrays' addresses from memory does not know which memory they point to, and then reads by
-slower instructions than it could: so the kernel tells the compiler (`Place`).
+If a kernel reads its arrays' addresses from memory, the compiler does not know which memory they point to, and
+uses slower instructions than needed. So the kernel states it (`Place`).
 """
 
 import functools
@@ -15,9 +15,9 @@ class Place(Enum):
     """A memory of the GPU, by CUDA's name of the test whether an address lies there."""
 
     DEVICE = "__isGlobal"
-    """That of the whole device."""
+    """The memory of the whole device."""
     CHIP = "__isShared"
-    """That of a multiprocessor, which a block of threads shares."""
+    """The shared memory of a multiprocessor, for a block of threads."""
 
 
 SHIFT = "s.{0}.data = reinterpret_cast<decltype(s.{0}.data)>(reinterpret_cast<char*>(s.{0}.data) + bytes);"
@@ -29,9 +29,9 @@ SAY = """
 
 
 def arrays_of(Step: Any, compensated: bool) -> tuple[str, ...]:
-    """Return the names of the arrays of a method's step: a vector for each particle each.
+    """Return the names of the arrays of a method's step that have a vector for each particle.
 
-    What sums have lost is as long in compensated precision only, and else has none.
+    Arrays of rounding errors are among them only in compensated precision; otherwise they are empty.
     """
     fields = []
     for name, field in Step.vars.items():
@@ -44,7 +44,7 @@ def arrays_of(Step: Any, compensated: bool) -> tuple[str, ...]:
 
 @functools.cache
 def shifts(Struct: Any, fields: tuple[str, ...], place: Place = Place.DEVICE) -> Any:
-    """Compose wp.func (s, bytes): move the arrays of a struct by a number of bytes; they are at that place.
+    """Compose wp.func (s, bytes): shift the arrays of a struct by a number of bytes, in the memory `place`.
 
     Fields may be "of.fields".
     """

@@ -1,7 +1,7 @@
-"""How particles lie in memory: vectors of three coordinates in records of four numbers.
+"""The layout of particles in memory: vectors of three coordinates in records of four numbers.
 
-A record is read, written or added to by one instruction of the GPU where the chip has it (16 bytes at once;
-atomically from compute capability 9.0 on), which is most of what a force costs. The fourth number is never used.
+GPUs read or write a record by one instruction (16 bytes), and from compute capability 9.0 on they also add to it
+atomically. This access is most of the cost of a force. The fourth number is never used.
 """
 
 import functools
@@ -13,7 +13,7 @@ from .basis import vector
 
 
 class Records(NamedTuple):
-    """How a kernel reaches the vector of particle i in an array."""
+    """Access to the vector of particle i in an array."""
 
     load: Any
     """wp.func (x, i) -> x[i]."""
@@ -24,7 +24,7 @@ class Records(NamedTuple):
 
 
 def record_length(dim: int) -> int:
-    """Return how many numbers a vector of `dim` coordinates takes in memory."""
+    """Return the length in memory of a vector of `dim` coordinates, in numbers."""
     return 4 if dim == 3 else dim
 
 

@@ -1,4 +1,4 @@
-"""Checks of what users pass in: each error names the argument, what it was and what is allowed."""
+"""Checks of users' arguments: each error names the argument, its value and the allowed values."""
 
 import math
 import re
@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 _MOST_SHOWN = 200
-"""Characters of the longest value that a message shows whole."""
+"""Most characters of a value that a message shows in full."""
 LARGEST, SMALLEST = 1e18, 1e-18
 """Bounds of physical quantities, and of those above 0: products of two such numbers are finite in float32 too."""
 Limit = tuple[Callable[[NDArray], NDArray], str]
-"""A condition that holds for an interval of numbers, or for that and inf, and what a message says is allowed."""
+"""A condition that holds for an interval of numbers, perhaps with inf, and its description in messages."""
 _MOST = f"at most {LARGEST:.0e}"
 FINITE: Limit = (lambda values: np.abs(values) <= LARGEST, f"finite, and {_MOST} in size")
 FINITE_OR_INF: Limit = (lambda values: (values <= LARGEST) | (values == np.inf), f"{_MOST}, or inf")
@@ -42,7 +42,7 @@ class StartWarning(UserWarning):
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as a new float64 array; raise ValueError if it is not one of numbers.
 
-    Text is refused, though NumPy would read numbers from it, and so is None, which NumPy takes for NaN.
+    Text is refused, although NumPy would read numbers from it, and so is None, which NumPy reads as NaN.
     """
     allowed = "an array of numbers"
     try:
@@ -65,7 +65,7 @@ def _is_real(value: object) -> bool:
 
 
 def repr_short(value: object) -> str:
-    """Return a value as a message shows it: of a long one the beginning and the end."""
+    """Return a value as text for a message: of a long value the beginning and the end."""
     try:
         return _short(repr(value))
     except ValueError:  # Python writes no whole number of more than some thousand digits
@@ -77,7 +77,7 @@ def _short(text: str) -> str:
 
 
 def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return `value` as a read-only float64 array of `shape`; what is the same everywhere is stored once."""
+    """Return `value` as a read-only float64 array of `shape`; a uniform value is stored once."""
     if isinstance(value, np.ndarray) and value.size and value.shape == shape and value.strides[:1] == (0,):
         value = value[0]  # one constant or row already, seen many times
     given = array(name, value)
@@ -109,7 +109,7 @@ def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
 
 
 def finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return numbers as an array; raise ValueError if one is not finite, or beyond all use."""
+    """Return numbers as an array; raise ValueError if one is not finite, or uselessly large."""
     given = array(name, value)
     every(name, given, FINITE[0](given), FINITE[1])
     return given
@@ -120,7 +120,7 @@ def within(name: str, values: NDArray, *limits: Limit) -> None:
     if values.size == 0:
         return
     once = values[tuple(slice(1) if stride == 0 else slice(None) for stride in values.strides)]
-    # Limits are intervals: the least and the greatest tell for all, and are NaN if any is.
+    # Limits are intervals: testing the least and the greatest suffices; these are NaN if any number is.
     extremes = np.array([once.min(), once.max()])
     if extremes[1] == np.inf:
         extremes = np.append(extremes, once.max(where=once < np.inf, initial=extremes[0]))
@@ -173,7 +173,7 @@ def non_negative(name: str, value: float, *, infinite: bool = False) -> float:
 
 
 def _real(name: str, value: float, allowed: str) -> float:
-    """Return a number as a float; raise ValueError if it is none, such as text, or larger than any float."""
+    """Return a number as a float; raise ValueError if it is no number, such as text, or larger than any float."""
     if _is_real(value):
         with suppress(TypeError, ValueError, OverflowError):
             return float(value)
@@ -196,14 +196,14 @@ def count(name: str, value: int, least: int) -> int:
 
 
 def mapping(name: str, value: Any) -> Mapping[str, Any]:
-    """Return a mapping; raise ValueError if it is none."""
+    """Return a mapping; raise ValueError if the value is not one."""
     if not isinstance(value, Mapping):
         raise ValueError(f"{name} is {repr_short(value)}; it must be a mapping")
     return value
 
 
 def member(name: str, of: Mapping[str, Any], key: str) -> Any:
-    """Return an entry of a mapping; raise ValueError that names both if it is missing, or that is no mapping."""
+    """Return an entry of a mapping; raise ValueError that names both if it is missing, or there is no mapping."""
     if key not in mapping(name, of):
         raise ValueError(f"{name} lacks {key!r}; it has {_short(', '.join(map(repr, of))) or 'nothing'}")
     return of[key]
@@ -232,7 +232,7 @@ def _kind(kind: type) -> str:
 
 
 def sequence(name: str, value: object, kind: type, example: str) -> tuple[Any, ...]:
-    """Return several instances of a class as a tuple; raise ValueError if `value` does not hold such."""
+    """Return several instances of a class as a tuple; raise ValueError if `value` does not hold any."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise ValueError(
             f"{name} is {repr_short(value)}; it must be a sequence of {kind.__name__} objects, such as [{example}]"
@@ -254,7 +254,7 @@ def vector(name: str, value: ArrayLike, count: int | None = None) -> NDArray[np.
 
 
 def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
-    """Return the acceleration of free fall as a vector, of its size or a vector; the last coordinate points up."""
+    """Return the acceleration of free fall as a vector, from a number or a vector; the last coordinate is up."""
     given = array(name, value)
     if not FINITE[0](given).all():
         raise ValueError(f"{name} is {repr_short(value)}; it must be {FINITE[1]}")
@@ -291,7 +291,7 @@ def colour(name: str, colour: str) -> tuple[float, float, float]:
 
 
 def free_memory() -> int | None:
-    """Return how many bytes of memory are free for this process; None if unknown."""
+    """Return the number of bytes of memory that are free for this process; None if unknown."""
     found = []
     with suppress(OSError, ValueError, StopIteration):
         lines = Path("/proc/meminfo").read_text().splitlines()
@@ -306,7 +306,7 @@ def free_memory() -> int | None:
 def fits(given: str, what: str, size: float) -> None:
     """Raise ValueError if something of `size` bytes does not fit into memory.
 
-    The message begins with what was given, such as "size is 3", and names `what` is made of it.
+    The message begins with the given argument, such as "size is 3"; `what` names the thing that is made of it.
     """
     if size < 1e8:  # asking would take longer than making it
         return

@@ -1,4 +1,4 @@
-"""Files that have their name only once they are whole; the lock on a folder."""
+"""Files that get their name only when they are complete, and the lock on a folder."""
 
 import errno
 import importlib.util
@@ -10,12 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 TRAJECTORY = "trajectory.vtkhdf"
-"""The file in the folder of a run that has its frames."""
+"""The file of frames in the folder of a run."""
 _MARK = ".unfinished"
 
 
 def writable_folder(name: str, value: Path, folder: Path) -> None:
-    """Create a folder where it is missing; raise OSError, which names the argument, if it cannot be written to."""
+    """Create a folder if it is missing; raise OSError, which names the argument, if it cannot be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -27,16 +27,16 @@ def writable_folder(name: str, value: Path, folder: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
-    """Give another name beside `path`, with the same ending: what is written there becomes `path` at the end.
+    """Yield a temporary path beside `path`, with the same ending; a file written there becomes `path` at the end.
 
-    Where that fails, by an error or a signal, `path` stays as it is, and nothing is left beside it. If it is to be
-    `durable`, a power cut leaves the whole old file or the whole new one too.
+    After an error or a signal `path` stays unchanged, and no temporary file is left. If `durable`, a power cut
+    also leaves either the whole old file or the whole new one.
     """
     unfinished = path.with_name(f".{path.stem}{_MARK}{path.suffix}")
     try:
         yield unfinished
         if durable:
-            _sync(unfinished, os.O_RDWR)  # Windows syncs only what is open for writing
+            _sync(unfinished, os.O_RDWR)  # Windows syncs only files that are open for writing
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)
@@ -55,7 +55,7 @@ def _sync(path: Path, flags: int) -> None:
 
 @contextmanager
 def failure_named(path: Path, failed: str = "could not be written") -> Iterator[None]:
-    """Raise OSError that names a file for one that does not."""
+    """Within this context, replace an OSError by one that names this file."""
     try:
         yield
     except OSError as error:
@@ -63,12 +63,12 @@ def failure_named(path: Path, failed: str = "could not be written") -> Iterator[
 
 
 def is_unfinished(path: Path) -> bool:
-    """Tell whether a killed process left this file unfinished."""
+    """Return whether a killed process left this file unfinished."""
     return path.name.startswith(".") and _MARK in path.name
 
 
 def reserve(number: int, start: int, size: int, folder: Path) -> None:
-    """Take room on the disk for an open file in `folder`, from byte `start` on; raise OSError if there is none."""
+    """Reserve space on disk for an open file in `folder`, from byte `start` on; raise OSError if there is none."""
     try:
         os.posix_fallocate(number, start, size)
         return
@@ -83,9 +83,10 @@ def reserve(number: int, start: int, size: int, folder: Path) -> None:
 
 @contextmanager
 def alone_in(folder: Path | None) -> Iterator[None]:
-    """Keep other runs from writing in a folder meanwhile; raise ValueError if one does already.
+    """Within this context, keep other runs from writing in a folder; raise ValueError if one does already.
 
-    The lock is on the folder, and goes with the process, however that ends. Where there are none it does nothing.
+    The lock is on the folder, and ends with the process, however that ends. On systems without locks nothing
+    happens.
     """
     if folder is None or importlib.util.find_spec("fcntl") is None:
         yield

@@ -65,7 +65,7 @@ def _step(distance: NDArray, width: float) -> NDArray:
 
 @_kept
 def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray[np.uint8]:
-    """Return, for a box, faces of `count` × `count` rounded tiles with lines between them."""
+    """Return a box texture: faces of `count` × `count` rounded tiles with lines between them."""
     u, v = _grid(size)
     # Distance from the middle of a tile, in the norm of a rounded square: 1 at the middle of its sides.
     across, along = ((2 * ((count * w) % 1.0) - 1) ** 6 for w in (u, v))
@@ -89,7 +89,7 @@ def rings(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np
 
 
 def rings_box(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
-    """Return, for a long upright box, `count` rings around its sides, and plain ends."""
+    """Return a texture for a long upright box: `count` rings around its sides, and plain ends."""
     upright = rings(colour, light, count, size=size)
     lying, end = upright[::-1].transpose(1, 0, 2), np.broadcast_to(upright[:1, :1], upright.shape)
     # Upwards is u on the faces −x and +y, and v on +x and −y.
@@ -111,7 +111,7 @@ DIE = (5, 2, 4, 3, 6, 1)
 
 @_kept
 def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
-    """Return, for a box, the faces of a die: one to six dots, hollowed out of faces with worn edges."""
+    """Return a box texture: the faces of a die, with one to six hollow dots and darker edges."""
     u, v = (2 * w - 1 for w in _grid(size))
     # Light on a rounded edge: the face's own, but for a rim.
     rim = (np.abs(u) ** 12 + np.abs(v) ** 12) ** (1 / 12)
@@ -140,8 +140,8 @@ def waffle(
 ) -> NDArray[np.uint8]:
     """Return a waffle: square hollows between ridges; `groove` is the colour of the hollows' floor.
 
-    `counts` are hollows along u and v; with `diagonal`, where rows of hollows run slantwise as on an ice cream
-    cone, hollows around and half of those along a ridge. Either way the pattern closes around a cone.
+    `counts` are the hollows along u and v. With `diagonal`, rows of hollows run slantwise, as on an ice cream
+    cone; `counts` are then the hollows around, and half the hollows along a ridge. Both close around a cone.
     """
     checks.count("counts[0]", counts[0], 1)
     checks.count("counts[1]", counts[1], 1)
@@ -151,7 +151,7 @@ def waffle(
     right, up = (2 * (w % 1.0) - 1 for w in lines)  # −1 … 1 within a hollow
     edge = np.maximum(np.abs(right), np.abs(up))
     floor = 1 - _step(edge - 0.68, 0.22)
-    # The walls that fall off from the light, above and to the left, are dark; those facing it are bright.
+    # Light comes from above and from the left: walls that face it are bright, the others dark.
     wall = np.exp(-(((edge - 0.68) / 0.11) ** 2))
     side = np.where(np.abs(right) > np.abs(up), np.sign(right), -np.sign(up))
     return _shaded(_mix(floor, colour, groove), 1 + 0.22 * wall * side - 0.06 * _step(edge - 0.93, 0.1))
@@ -161,7 +161,7 @@ def waffle(
 def waffle_box(
     colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), size: int = 512
 ) -> NDArray[np.uint8]:
-    """Return, for a flat box, a waffle on its upper and lower face and a crust around.
+    """Return a texture for a flat box: a waffle on its upper and lower face, and a crust around.
 
     See `waffle`; `counts` are hollows along x and y.
     """
@@ -183,7 +183,7 @@ def ticking(
     buttons: int = 3,
     size: int = 512,
 ) -> NDArray[np.uint8]:
-    """Return, for a long flat box, a mattress: striped lengthwise, tufted with buttons, piped along its edges.
+    """Return a texture for a long flat box: a mattress, striped lengthwise, with buttons and piped edges.
 
     `shape` has the proportions of the box along x, y and z, so that buttons are round. There are groups of three
     `stripes` across the upper face, and rows of `buttons` along x.
@@ -229,9 +229,9 @@ def _bands(place: NDArray) -> NDArray:
 
 @_kept
 def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int = 512) -> NDArray[np.uint8]:
-    """Return, for a ball (u around it, v from pole to pole), ice cream: softly mottled, with so many flecks.
+    """Return a ball texture (u around it, v from pole to pole): softly mottled ice cream with some flecks.
 
-    The image has `size` pixels from pole to pole, and twice as many around. `seed` is of where the flecks are.
+    The image has `size` pixels from pole to pole, and twice as many around. `seed` sets the places of the flecks.
     """
     checks.count("flecks", flecks, 0)
     random = np.random.default_rng(checks.count("seed", seed, 0))
@@ -268,7 +268,7 @@ def _direction(random: np.random.Generator) -> NDArray:
 
 @_kept
 def jelly(colour: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
-    """Return, for a box, faces that light seems to come through: deep in the middle, bright at the edges."""
+    """Return a box texture: translucent faces, dark in the middle and bright at the edges."""
     u, v = (2 * w - 1 for w in _grid(size))
     # Less lies behind a place near an edge.
     through = 1 - ((1 - u**4) * (1 - v**4)) ** 0.75

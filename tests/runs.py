@@ -7,7 +7,7 @@ import pytest
 from trajectories import assert_trajectories_match
 
 from msdwarp import Trajectory
-from msdwarp.files.restart import read_restart
+from msdwarp.files.checkpoint_file import read_restart
 
 # A body that yields, falls on a floor beside a moving obstacle, and is changed on the way: all that a restart must
 # hold. `bang` says at what time something happens to the run, and what.

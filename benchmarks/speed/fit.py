@@ -19,7 +19,7 @@ from unittest.mock import patch
 import numpy as np
 
 from msdwarp import Ensemble, Leapfrog, Scene, Simulation, TrackedPoints, box, fit
-from msdwarp.studies import worlds
+from msdwarp.studies.fit_predictions import Worlds
 
 from ..common import arguments, machine, read_csv, table, write_csv
 
@@ -74,7 +74,7 @@ def one_fit(scene: Scene, points: TrackedPoints, substeps: int, device: str) -> 
     """Return how long a fit takes, by part [s]."""
     spent = {"worlds": 0.0, "made": 0.0}
     began = time.perf_counter()
-    with clocked(worlds.Worlds, "predict", spent, "worlds"), clocked(Ensemble, "__init__", spent, "made"):
+    with clocked(Worlds, "predict", spent, "worlds"), clocked(Ensemble, "__init__", spent, "made"):
         how: dict[str, Any] = {"bounds": BOUNDS, "substeps": substeps, "device": device}
         found = fit(scene, points, ["stiffness", "damping"], **how)
     whole = time.perf_counter() - began

@@ -1,7 +1,7 @@
-"""Contact with a scene's obstacles, fixed or moving: the rule applied to each in turn.
+"""Contact with a scene's obstacles, fixed or moving: the rule is applied to each in turn.
 
-In turn, and where a substep ends, unless a particle has gone so far in it that it may have passed one of them:
-then its whole way is swept. A plane cannot be passed, as all below it is inside: for planes alone no sweep is
+It is applied at the end of a substep. If a particle has moved so far that it may have passed an obstacle, its
+whole path is swept instead. A plane cannot be passed, since all below it is inside: for planes alone no sweep is
 compiled.
 """
 
@@ -21,7 +21,7 @@ NEEDED = Needed()
 
 @wp.struct
 class NoColliders:
-    """The colliders of a scene without any: nothing to read, nothing compiled."""
+    """The struct of colliders for a scene without any: no data, and no code."""
 
 
 class ColliderTerm(NamedTuple):
@@ -30,7 +30,7 @@ class ColliderTerm(NamedTuple):
     Colliders: Any
     """Struct type of the obstacles."""
     collide: Any
-    """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None where there are no obstacles."""
+    """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None without obstacles."""
     moving: bool
     """Whether any obstacle moves."""
     contact_forces: bool = False
@@ -55,16 +55,16 @@ def collider_contact(
 ):
     """Compose (Obstacles, collide): obstacles of these kinds, which a particle meets one after the other.
 
-    With `contact_forces` there is room for by how much they have changed each particle's velocity. Those that move
-    a particle meets as if they stood still.
+    With `contact_forces` the changes of each particle's velocity by obstacles are stored. A particle meets moving
+    obstacles as if they stood still.
 
-    When substep n of a frame begins, a point y of obstacle p as given lies at turn[n, p] y + shift[n, p], and in
-    the substep before it has come there at the velocity turning[n, p] y + speed[n, p]. v_old is relative to that:
-    to a particle that rides on it, an obstacle that gathers speed is then as gravity is.
+    When substep n of a frame begins, a point y of obstacle p as given is at turn[n, p] y + shift[n, p]. Its
+    velocity in the previous substep was turning[n, p] y + speed[n, p]. v_old is relative to this velocity: for a
+    particle that rides on an obstacle, its acceleration then acts like gravity.
 
-    To an observer who moves with the surface an obstacle does no work. To others it does m Δv·u on a particle, u
-    being the mean of the surface's velocities in this substep and in the one before: as the work of other forces,
-    half with the velocity before and half with that after.
+    In the frame of the surface an obstacle does no work. Otherwise it does the work m Δv·u on a particle. Here u
+    is the mean of the surface's velocities in this substep and the previous one. The work of other forces is
+    computed likewise: half with the velocity before, half with the velocity after.
     """
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
     Turn, Wide = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64)

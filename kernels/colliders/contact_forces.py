@@ -28,7 +28,7 @@ def sum_impulses(dim: int):
 
 @functools.cache
 def mean_forces(dim: int, scalar: type):
-    """Compose the kernel, over particles, that turns impulses to their mean force over some time."""
+    """Compose the kernel, over particles, that turns impulses over a time into mean forces."""
     V, Wide = vector(dim, scalar), vector(dim, wp.float64)
 
     @kernel

@@ -9,7 +9,7 @@ from ..basis import vector
 
 
 class Needed(NamedTuple):
-    """Which parts the obstacles of a scene need beside the rule; the others are not compiled."""
+    """The parts that the obstacles of a scene need beside the rule; others are not compiled."""
 
     bounces: bool = True
     """Whether anything bounces, by rule "coulomb"."""
@@ -23,14 +23,14 @@ class Needed(NamedTuple):
 def contact_response(dim: int, scalar: type, rule: str):
     """Compose (velocity after, share) for a contact with surface normal n of a particle approaching it.
 
-    The share is |v_t'| / |v_t|, what is left of the tangential velocity. Rule "coulomb": with v_old the
-    velocity before the force of this substep,
+    The share |v_t'| / |v_t| is the rest of the tangential velocity. Rule "coulomb": with v_old the velocity before
+    the force of this substep,
 
         v_n' = −e v_n_old where v_n_old < −rest_speed, else 0
         j    = v_n' − v_n                       normal impulse per mass, support of the load included
         v_t' = v_t (1 − min((1 − f)|v_t|, μ j) / |v_t|)
 
-    so that neither bounce nor friction depends on the step. Rule "report" (its Algorithm 1) mirrors and
+    so that neither bounce nor friction depends on the step. Rule "report" (the report's Algorithm 1) mirrors and
     multiplies at every touch, v_n' = −e v_n and v_t' = f v_t: both depend on the step.
     e: restitution, μ: friction, f: tangential factor.
     """
@@ -72,24 +72,24 @@ def contact_response(dim: int, scalar: type, rule: str):
 
 @functools.cache
 def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
-    """Compose the contact rule for a particle that is found inside an obstacle, whatever its shape.
+    """Compose the contact rule for a particle inside an obstacle of any shape.
 
-    A particle that approaches is put back on the surface. By rule "coulomb" friction also takes back its share of
-    this substep's way along the surface, so that what sticks does not creep. A particle already on its way out is
-    left alone. Velocities and ways are those relative to the surface. Returns (x, v).
+    A particle that approaches is put back on the surface. By rule "coulomb" friction also undoes its share of this
+    substep's path along the surface, so that a sticking particle does not creep. A particle already on its way out
+    is left alone. Velocities and paths are relative to the surface. Returns (x, v).
 
-    Where it `flies`, a particle that bounces does so where the substep began, and is never lifted through the
-    forces of its neighbours: they would do work that comes from nothing, which a restitution near 1 gathers hit
-    after hit. With velocities half a substep behind positions (leapfrog, symplectic Euler) it goes on from there
-    at its new speed. Of the energy that leapfrog conserves, ½ m v_(n−½)·v_(n+½) + U(x_n), where v_old is the
-    normal speed before the substep and v the one that its force makes of it, a hit then takes
+    If it `flies`, a particle bounces where the substep began, and is never lifted through the forces of its
+    neighbours. Their work would come from nothing, and with a restitution near 1 it would add up hit after hit.
+    With velocities half a substep behind positions (leapfrog, symplectic Euler) the particle continues from there
+    at its new speed. Leapfrog conserves the energy ½ m v_(n−½)·v_(n+½) + U(x_n). With the normal speed v_old
+    before the substep, and v after its force, a hit takes from this energy
 
         ½ m (1 − e)|v_old| (e|v_old| + |v|)
 
-    whatever the force: nothing at e = 1, and never less. A change of x other than h v' has a share of the next
-    force besides. With velocities at the instant of positions it stays there, and loses (1 − e²) ½ m v_old².
+    for every force: nothing at e = 1, and never less. A change of x other than h v' would add a share of the next
+    force. With velocities at the instant of positions the particle stays there, and loses (1 − e²) ½ m v_old².
 
-    Where by rule "coulomb" particles start inside an obstacle (`overlapping_at_start`), they are moved out at a
+    If by rule "coulomb" particles start inside an obstacle (`overlapping_at_start`), they are moved out at a
     steady pace and gain no speed: put onto the surface at once they would strain their springs.
     """
     V, Surface = vector(dim, scalar), surface(scalar, needed)

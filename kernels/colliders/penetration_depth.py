@@ -1,4 +1,4 @@
-"""How far places are from a solid, for the checks before a run."""
+"""Distances of points from a solid, for the checks before a run."""
 
 import functools
 

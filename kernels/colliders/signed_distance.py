@@ -1,4 +1,4 @@
-"""How deep a place lies in a solid: signed distances, below 0 inside, and the directions out of it."""
+"""Signed distances of points from solids, below 0 inside, and the directions out of the solids."""
 
 import functools
 

@@ -1,4 +1,4 @@
-"""The solids that a particle meets within a substep, some so thin that it may have passed them at the end of it.
+"""The solids that a particle meets within a substep, even thin ones that it has passed at the end.
 
 All solids are convex. Over a straight way their signed distance is then a convex function, and the tangent plane
 at the point of a solid nearest to any place outside has the whole solid behind it: it is a supporting plane.
@@ -29,7 +29,7 @@ NEAR = {wp.float32: 1e-4, wp.float64: 1e-10}
 def passing(dim: int, scalar: type):
     """Compose `passes`: whether the end of a way leaves open which solids it met, by its distance from one.
 
-    The normal n there is that of a supporting plane. A particle that came from before that plane missed the solid,
+    The normal n there belongs to a supporting plane. A particle that came from before this plane missed the solid,
     or came in by that side; one that came from behind it, way · n > distance, may have gone through, or past the
     middle. And a way longer than the thinnest solid is thick may have come to its end by way of another.
     """

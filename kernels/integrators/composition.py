@@ -1,4 +1,4 @@
-"""The parts that kernels of a scene are composed from, and the stage of a method."""
+"""The parts from which the kernels of a scene are composed, and the stage of a method."""
 
 import functools
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class Composition(NamedTuple):
     scalar: type
     """Warp's type of numbers."""
     force_algorithm: ForceAlgorithm
-    """How a particle gets the force of its connections."""
+    """The algorithm that sums the forces of connections."""
     compensated: bool = False
     """Whether sums are compensated for rounding."""
     pinned: bool = False
@@ -34,13 +34,13 @@ class Composition(NamedTuple):
     pieces: tuple[ForceTerm, ...] = ()
     """The other effects that the scene has."""
     second_pass: bool = False
-    """Whether particles that have marks are advanced in a launch of their own: where columns are, and few have."""
+    """Whether a second launch advances masked particles: on lattices in columns, if few particles are masked."""
     differs: Differences | None = None
     """`Differences` between the worlds of an ensemble; None outside of ensembles."""
 
     @property
     def selective(self) -> list[ForceTerm]:
-        """The effects whose forces act on some particles only; the k-th has bit k of a particle's marks."""
+        """The effects whose forces act on some particles only; the k-th has bit k of a particle's mask."""
         return [piece for piece in self.pieces if piece.selective]
 
     @property
@@ -50,26 +50,26 @@ class Composition(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """A method as seen from one particle."""
+    """One stage of an integration method, as a function of one particle."""
 
     Step: Any
     """Struct type that a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
     advance: Any
     """wp.func (scene, step, force, i): advance particle i, on which this force acts."""
     forced: bool = True
-    """Whether it takes the force; else that is 0."""
+    """Whether it needs the force; otherwise `force` is 0."""
 
 
 @functools.cache
 def scene(composition: Composition):
-    """Compose the struct of what acts on particles: the same in every stage of every method.
+    """Compose the struct of everything that acts on particles. It is the same in every stage of every method.
 
-    forces: what the algorithm reads. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity [m/s²].
-    colliders: the obstacles. Behind them the data of each other effect, by the name that its piece gives; then,
-    where they are needed, marks: the selective effects that act on each particle, as bits, shape [particle_count];
-    marked: the numbers of those that have any; handed: the forces of connections on these [N], as `Model.vectors`
-    makes arrays; stage: which stage of a frame this is, counted from 0; time: that of each, and of the frame's
-    end [s]; worlds: what differs between worlds.
+    forces: the data of the force algorithm. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity
+    [m/s²]. colliders: the obstacles. Then the data of each other effect, by the name that its piece gives.
+    Then, if needed: effect_mask, the selective effects that act on each particle, as bits, shape
+    [particle_count]; masked_particles, the numbers of particles with any; spring_force, the forces of connections
+    on these [N], made by `Model.vectors`; stage, the stage of a frame, counted from 0; time, the times of all
+    stages and of the frame's end [s]; worlds, the differences between worlds.
     """
     fields = {
         "forces": composition.force_algorithm.Forces,
@@ -94,7 +94,7 @@ def scene(composition: Composition):
 
 
 class Tools(NamedTuple):
-    """The types and functions that every method is written with."""
+    """The types and functions with which methods are written."""
 
     V: Any
     """Vector of the scene's coordinates."""
@@ -112,7 +112,7 @@ class Tools(NamedTuple):
 
 @functools.cache
 def tools(composition: Composition) -> Tools:
-    """Return the types and functions that the methods of a scene are written with."""
+    """Return the types and functions with which the methods of a scene are written."""
     dim, scalar = composition.dim, composition.scalar
     load, store, _ = records(dim, scalar)
     Compensation, add = compensated_sum(dim, scalar, composition.compensated)
@@ -121,7 +121,7 @@ def tools(composition: Composition) -> Tools:
 
 @functools.cache
 def beginning(composition: Composition) -> Any:
-    """Compose the start of a substep for connection c, (scene, compensation, x, c); None if effects do nothing."""
+    """Compose the effects' actions on connection c at a substep's start, (scene, compensation, x, c), or None."""
     _, SceneData, Compensation, *_ = tools(composition)
     Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
 
@@ -140,7 +140,7 @@ def beginning(composition: Composition) -> Any:
 def loads(composition: Composition) -> Any:
     """Compose the sum of effects' forces on a particle [N], (scene, compensation, x, v, i, mask).
 
-    `mask` says which selective effects act on the particle, as `scene.effect_mask` does. None if there are none.
+    `mask` is the particle's entry of `scene.effect_mask`. None if no effect has a force.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     selective, Vectors = composition.selective, wp.array(dtype=V)
@@ -187,7 +187,7 @@ def loads(composition: Composition) -> Any:
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
     """Return `advance` of a method, and `loads`, for kernels in which all lanes of a particle call them.
 
-    Only the first lane calls them. Where a particle has one thread they are the functions themselves.
+    Only the first lane calls them. If a particle has a single thread, they are the functions themselves.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     (Step, advance, _), load = method(composition), loads(composition)

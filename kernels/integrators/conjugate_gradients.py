@@ -14,9 +14,9 @@ RZ, NEXT_RZ, PQ = 0, 1, 2
 def conjugate_gradients(dim: int, scalar: type):
     """Compose the kernels of preconditioned conjugate gradients for A x = b with x = 0, r = b at the start.
 
-    Each thread takes its share of the particles, strided, so that few atomics meet at one number. The numbers
-    stay on the device, so that a graph can hold any number of iterations.
-    Reference: Golub & Van Loan, Matrix Computations, 4th ed. (2013), 11.5.
+    Each thread takes a strided share of the particles, so that few atomic additions meet at one number. The
+    numbers stay on the device, so that a graph can hold any number of iterations. Reference: Golub & Van Loan,
+    Matrix Computations, 4th ed. (2013), 11.5.
     """
     V = vector(dim, scalar)
     Vectors, Blocks = wp.array(dtype=V), wp.array(dtype=wp.types.matrix((dim, dim), scalar))

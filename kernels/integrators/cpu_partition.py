@@ -1,4 +1,4 @@
-"""Many steps in one launch for each thread of the CPU: they share the particles, and wait for each other."""
+"""Many steps in one launch for each CPU thread; the threads share the particles, and wait for each other."""
 
 import functools
 from typing import Any
@@ -67,8 +67,8 @@ def in_partition(composition: Composition, method: Any):
     """Compose the kernel that takes many steps, as `persistent` does, for the particles of one share.
 
     It is launched once for each share, all at the same time. A particle's forces are summed in the same order as
-    by one thread: where they are scattered, into an array of the thread's own, of all connections that end in its
-    particles. Those between two shares are evaluated in both.
+    by a single thread. If forces are scattered, each thread has its own array, for all connections that end in its
+    particles. Connections between two shares are evaluated in both.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     begin, load, masked_particles = beginning(composition), loads(composition), bool(composition.selective)

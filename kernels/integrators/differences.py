@@ -1,4 +1,4 @@
-"""What differs between the worlds of an ensemble, as the struct in which kernels find it."""
+"""The differences between the worlds of an ensemble, and their struct for kernels."""
 
 import functools
 from typing import Any, NamedTuple
@@ -8,18 +8,18 @@ import warp as wp
 from ..basis import vector
 
 SHARED, UNIFORM, EACH = "shared", "uniform", "each"
-"""How a constant of connections differs: not at all; a number for each world; or more numbers for each world."""
+"""Differences of a constant of connections: none; one number for each world; several numbers for each world."""
 
 
 class Differences(NamedTuple):
-    """What differs between worlds, which alone is compiled; hashable, so that equal ensembles share kernels."""
+    """The differences between worlds; others are not compiled. Hashable, so that equal ensembles share kernels."""
 
     gravity: bool = False
     mass: bool = False
     friction: bool = False
-    """That of obstacles."""
+    """Whether the friction of obstacles differs."""
     storage: str = ""
-    """Where the algorithm has its constants: "one", "table", "own", "lattice" or "lattices"; see `worlds`."""
+    """The algorithm's storage of constants: "one", "table", "own", "lattice", "lattices"; see `enter_world`."""
     rest_length: str = SHARED
     stiffness: str = SHARED
     damping: str = SHARED
@@ -29,7 +29,7 @@ class Differences(NamedTuple):
 
 @functools.cache
 def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_contact: bool) -> Any:
-    """Compose the struct of all that differs. Row w mod (number of rows) is that of world w.
+    """Compose the struct of all differences. World w has row w mod (number of rows).
 
     stride: bytes from one world's vectors to the next one's. frozen: the status of each world; worlds other than 0
     are no longer advanced, shape [world_count]. unit: of the forces of contacts [N], shape [world_count].

@@ -1,4 +1,4 @@
-"""Euler's methods and leapfrog, as seen from one particle."""
+"""Euler's methods and leapfrog, for one particle."""
 
 import functools
 
@@ -52,9 +52,9 @@ def _euler(composition: Composition, explicit: bool) -> Stage:
 
 @functools.cache
 def extrapolated_leapfrog(composition: Composition) -> Stage:
-    """Compose a leapfrog substep whose dampers see `v`, the velocities extrapolated to the positions.
+    """Compose a leapfrog substep whose dampers use `v`, the velocities extrapolated to the time of the positions.
 
-    `v` for the next substep is v_new + theta (v_new − v_old); after a contact there is no past to go by.
+    `v` for the next substep is v_new + theta (v_new − v_old), or v_new after a contact.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)

@@ -30,9 +30,9 @@ def mass_product(dim: int, scalar: type):
 
 @functools.cache
 def block_inverses(dim: int, scalar: type):
-    """Compose the inverses of the diagonal blocks m + h² A_i + h B_i: the preconditioner; 0 for a pinned particle.
+    """Compose the kernel that inverts the diagonal blocks m + h² A_i + h B_i, as preconditioner.
 
-    So conjugate gradients leave whatever the residual of a pinned or driven particle holds as it is.
+    The inverse is 0 for a pinned or driven particle: conjugate gradients leave its residual unchanged.
     """
     Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
     Masses, Blocks, Inverses = wp.array(dtype=scalar), wp.array(dtype=Wide), wp.array(dtype=Block)
@@ -59,9 +59,9 @@ def block_inverses(dim: int, scalar: type):
 
 @functools.cache
 def impulse(composition: Composition) -> Stage:
-    """Compose out = h (f + m g), the impulse of the present forces; nothing for a pinned particle.
+    """Compose out = h (f + m g), the impulse of the present forces; 0 for a pinned particle.
 
-    For a driven one it is h f, and `given` is by how much its velocity changes, to Δx / h; that of others is 0.
+    For a driven particle it is h f, and `given` is the change of its velocity, to Δx / h; for others `given` is 0.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, _ = tools(composition)
@@ -97,7 +97,7 @@ def impulse(composition: Composition) -> Stage:
 def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), then x += h v, then contact.
 
-    For driven particles `impulse` is that of the forces of the whole substep, which their drives balance.
+    For driven particles `impulse` is the impulse of all forces in the substep, which their drives balance.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)

@@ -1,4 +1,4 @@
-"""Many steps in one launch, for bodies so small that launches are most of what they cost."""
+"""Many steps in one launch, for bodies so small that launches take most of the time."""
 
 import functools
 from typing import Any
@@ -9,7 +9,7 @@ from ..basis import kernel
 from ..places import arrays_of, on_device
 from ..springs import NO_SUBSTEP
 from .composition import Composition, beginning, by_first_lane, tools
-from .worlds import enter_world, to_world
+from .enter_world import enter_world, to_world
 
 MOST_THREADS = 512
 """Threads in a block; the compiler leaves registers for this many."""
@@ -45,11 +45,11 @@ def wait_in_block():
 def persistent(composition: Composition, method: Any, blocks: int, block: int = 0, together: int = 0):
     """Compose the kernel that takes many steps in one launch: its threads share the particles, and wait.
 
-    Step k is steps[k mod their number], which are those of two substeps. A launch is then paid once for all: most
-    of what a small body costs. Several blocks form a cluster, which GPUs have from compute capability 9.0 on.
+    Step k is steps[k mod their number]; `steps` are those of two substeps. All steps then cost a single launch,
+    which takes most of a small body's time. Several blocks form a cluster, from compute capability 9.0 on.
 
-    In worlds a block of threads advances each, on the CPU one thread. No world waits for another, so one that is
-    frozen is left alone.
+    In an ensemble a block of threads advances each world, on the CPU a single thread. No world waits for another,
+    so frozen worlds are skipped.
 
     `blocks` share the particles of a single scene. A world has `block` threads, and a multiprocessor holds
     `together` threads of worlds, which limits registers.

@@ -1,4 +1,4 @@
-"""Methods of several stages, as seen from one particle."""
+"""Methods of several stages, for one particle."""
 
 import functools
 

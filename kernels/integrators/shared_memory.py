@@ -9,11 +9,11 @@ from ..basis import kernel
 from ..places import Place, arrays_of, shifts
 from ..springs import COLUMN
 from .composition import Composition, loads, tools
+from .enter_world import enter_world
 from .persistent import wait_in_block
-from .worlds import enter_world
 
 MOST_BYTES = 44 * 1024
-"""Every GPU gives a block 48 KB of shared memory without being asked; Warp takes 4 bytes a thread of it."""
+"""Every GPU gives a block 48 KB of shared memory by default, of which Warp uses 4 bytes per thread."""
 FILL = """
 #if defined(__CUDA_ARCH__)
     __shared__ __align__(16) int room[{words}];
@@ -47,13 +47,13 @@ EMPTY = """
 def on_chip_worlds(
     composition: Composition, method: Any, threads: int, together: int, room: int, in_columns: bool
 ):
-    """Compose the kernel that takes many steps of small worlds in one launch, the state of each in shared memory.
+    """Compose the kernel that takes many steps of small worlds in one launch, each state in shared memory.
 
     A block has a thread for each particle of its world, or for each column of particles (see `column_forces`). All
-    have their forces before any moves its particle, so a stage may write where it reads: `steps` are those of one
-    substep, and their arrays are given by how many bytes into the shared memory they begin. Arrays have `words`
-    numbers of four bytes, lie `each` apart, and have `margin` zeros before and behind them, which may be read.
-    Array s comes from `home[s]`, as world 0 has it, and goes back there.
+    forces are known before any thread moves its particle, so a stage may write where it reads. `steps` are those
+    of one substep, and their arrays are byte offsets in shared memory. Arrays have `words` numbers of four bytes,
+    are `each` apart, and have `margin` zeros before and after them, which may be read. Array s of world 0 comes
+    from `home[s]` and goes back there.
 
     The algorithm must not scatter. A block has `threads` threads and `room` bytes of shared memory, and a
     multiprocessor holds `together` threads, which limits registers. Columns are for lattices of layers.

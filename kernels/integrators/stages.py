@@ -12,12 +12,12 @@ import warp as wp
 from ..basis import kernel, vector
 from ..springs import COLUMN
 from .composition import Composition, Stage, beginning, by_first_lane, driving, loads, tools
-from .worlds import enter_world, to_world
+from .enter_world import enter_world, to_world
 
 
 @functools.cache
 def begin_each_connection(composition: Composition):
-    """Compose the kernel, over connections, that starts a substep for effects; in worlds over these too."""
+    """Compose the kernel, over connections (and worlds), of the effects' actions at a substep's start."""
     V, SceneData, Compensation, *_ = tools(composition)
     begin = beginning(composition)
     if composition.differs is None:
@@ -43,7 +43,7 @@ def begin_each_connection(composition: Composition):
 
 @functools.cache
 def each_connection(composition: Composition, method: Any = None):
-    """Compose the kernel, over connections, that evaluates scattered forces; in worlds those of a stage."""
+    """Compose the kernel, over connections, that evaluates scattered forces; in worlds the forces of a stage."""
     V, SceneData, Compensation, *_ = tools(composition)
     Forces, evaluate = composition.force_algorithm.Forces, composition.force_algorithm.evaluate
     if composition.differs is not None:
@@ -66,9 +66,9 @@ def each_connection(composition: Composition, method: Any = None):
 
 @functools.cache
 def each_particle(composition: Composition, method: Any):
-    """Compose the kernel, over particles, of one stage of a method; in worlds over worlds and particles.
+    """Compose the kernel, over particles (and worlds), of one stage of a method.
 
-    Where particles that have marks are apart, the forces of their connections are handed to `each_masked`.
+    With a second pass, the forces of connections on masked particles are passed to `each_masked`.
     """
     V, SceneData, _, _, store, _ = tools(composition)
     force_algorithm, masked_particles = composition.force_algorithm, bool(composition.selective)
@@ -102,8 +102,8 @@ def each_particle(composition: Composition, method: Any):
         return kernel(advance_particles, **options)
     enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-    # A kernel of its own: threads are counted by the most dimensions that any branch of a kernel asks for. With
-    # two each thread divides to find its place: 3 % of a substep of a single world of 16³ particles.
+    # A kernel of its own: threads have as many dimensions as any branch of a kernel asks for. With two dimensions
+    # each thread divides to find its place: 3 % of a substep of a single world of 16³ particles.
     def advance_particles_of_worlds(scene: SceneData, step: Step):
         w, i = wp.tid()
         shift(step, wp.int64(w) * scene.worlds.stride)
@@ -125,10 +125,10 @@ def each_particle(composition: Composition, method: Any):
 
 @functools.cache
 def each_column(composition: Composition, method: Any):
-    """Compose the same for a lattice, over columns of particles that share the neighbours that they read.
+    """Compose the kernel of a stage for a lattice, over columns of particles, which read neighbours together.
 
-    Where particles that have marks are apart, the forces of their connections are handed to `each_masked`: in this
-    kernel the code of selective effects would make all columns slower.
+    With a second pass, the forces of connections on masked particles are passed to `each_masked`: in this kernel
+    the code of selective effects would make all columns slower.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     load, forces_at = loads(composition), composition.force_algorithm.column_forces
@@ -163,7 +163,7 @@ def each_column(composition: Composition, method: Any):
 
 @functools.cache
 def each_masked(composition: Composition, method: Any):
-    """Compose the kernel, over particles that have marks, of the rest of a stage that columns have begun."""
+    """Compose the kernel, over masked particles, of the rest of a stage that columns have begun."""
     _, SceneData, _, read, *_ = tools(composition)
     load = loads(composition)
     Step, advance, _ = method(composition)
@@ -179,10 +179,10 @@ def each_masked(composition: Composition, method: Any):
 
 @functools.cache
 def particle_acceleration(composition: Composition):
-    """Compose a_i = f_i / m_i + g; a pinned particle (inverse mass 0) has none, a driven one its own.
+    """Compose a_i = f_i / m_i + g; it is 0 for a pinned particle (inverse mass 0), prescribed for a driven one.
 
-    A pinned particle stands still, so no fixed collider ever finds it approaching: where none moves this is the
-    only test for it, and it is compiled only where a particle is pinned.
+    A pinned particle stands still, so it approaches no fixed collider. Without moving colliders this is the only
+    test for it, and it is compiled only if a particle is pinned.
     """
     V, SceneData, *_ = tools(composition)
     scalar, pinned, driven = composition.scalar, composition.pinned, driving(composition).acceleration
@@ -204,8 +204,8 @@ def particle_acceleration(composition: Composition):
 def finish(composition: Composition):
     """Compose the end of a substep: the changes dx, dv are added, then contact is applied.
 
-    Contact sets positions directly, so that their compensation is cleared. Where contact forces are summed, the
-    change of velocity is added to the impulse.
+    Contact sets positions directly, so their compensation is cleared. If contact forces are summed, the change of
+    velocity is added to the impulse.
     """
     V, _, Compensation, _, store, add = tools(composition)
     Colliders, collide, moving, contact_forces, overlapping_at_start = composition.collider_term
@@ -241,7 +241,7 @@ def finish(composition: Composition):
 
 @functools.cache
 def force_on_each(composition: Composition) -> Stage:
-    """Compose the stage that writes the force of connections and loads on each particle, and moves nothing."""
+    """Compose the stage that writes the force of connections and loads on each particle, without moving any."""
     V, SceneData, Compensation, _, store, _ = tools(composition)
 
     @wp.struct

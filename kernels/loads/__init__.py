@@ -1,4 +1,4 @@
-"""Loads: forces on particles beside those of springs, each a term that a scene's kernels are composed with."""
+"""Loads: forces on particles besides those of springs, each a term in the kernels of a scene."""
 
 from .actuators import actuated_springs as actuated_springs, add_tension as add_tension
 from .attachments import attachments as attachments

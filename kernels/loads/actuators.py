@@ -1,4 +1,4 @@
-"""Actuators: rest lengths that are a function of time, as the extra tension of their springs."""
+"""Actuators: rest lengths that are a function of time, and the extra tension that they cause."""
 
 import functools
 from typing import Any
@@ -16,8 +16,8 @@ from ..springs.force_algorithm import difference
 def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of actuators: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
 
-    A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): that of l0, and k l0 s along its axis. Both
-    ends compute the force from the same numbers, so that the two are equal and opposite.
+    A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): the force for l0, less k l0 s along its axis.
+    Both ends compute the force from the same numbers, so the two forces are equal and opposite.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)

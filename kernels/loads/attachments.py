@@ -26,13 +26,13 @@ class Attachments(NamedTuple):
 def attachments(
     dim: int, scalar: type, compensated: bool, *, moving: bool, damped: bool, stretched: bool
 ) -> Attachments:
-    """Compose the attachments of a scene, for whether any point moves, any is damped, any has a rest length.
+    """Compose the attachments of a scene; the flags say whether any moves, is damped, or has a rest length.
 
-    An attachment of rest length 0 is the same along all directions, F = −k (x − p) − b (v − u) for the point p
-    that moves at u. One with a rest length acts along its axis alone, as springs between particles do, and exerts
-    nothing where it has no axis.
+    An attachment of rest length 0 acts equally in all directions, F = −k (x − p) − b (v − u) for the point p with
+    velocity u. An attachment with a rest length acts only along its axis, like springs between particles, and
+    exerts no force without an axis.
 
-    What carries a point along at u does the work F·u. Over a substep it is summed as that of drives is.
+    The carrier of a point does the work F·u. Over a substep it is summed like the work of drives.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Turn = wp.types.matrix((dim, dim), scalar)

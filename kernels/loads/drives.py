@@ -1,4 +1,4 @@
-"""Driven particles: where they are, and how fast, is read from the poses of their drives."""
+"""Driven particles: their positions and velocities follow from the poses of their drives."""
 
 import functools
 from typing import Any
@@ -15,12 +15,12 @@ from ..records import records
 def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of drives.
 
-    What started at y is at turn y + shift, in float64: rounded once, a pose is as exact as a place can be. What a
-    stage writes of a driven particle the next stage takes, and so it is that of the next stage's time.
+    A particle that started at y is at turn y + shift, computed in float64 and rounded once. The next stage reads
+    what a stage writes for a driven particle, so it is written for the next stage's time.
 
-    The work of a drive is −f·v, where f is the force on a particle that it moves at v. Over a
-    substep it is summed as that of loads is (see `work`): half with the velocity before, half with that after. An
-    implicit method solves for the force that acts during a substep; with that one it is −f·Δx.
+    The work of a drive is −f·v, with the force f on a particle that it moves at v. Over a substep it is summed
+    like the work of loads (see `work`): half with the velocity before, half with the velocity after. An implicit
+    method solves for the force that acts during a substep; the work of this force is −f·Δx.
     """
     V, Wide, Turn = vector(dim, scalar), vector(dim, wp.float64), wp.types.matrix((dim, dim), wp.float64)
     Compensation, _ = compensated_sum(dim, scalar, compensated)

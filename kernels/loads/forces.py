@@ -15,7 +15,7 @@ from .work import Nothing
 def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of constant forces.
 
-    Particles on which the same forces act have the same sum of them: few different ones, which caches hold.
+    Particles with the same forces share one sum of them. There are few different sums, which caches hold.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
@@ -36,7 +36,7 @@ def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the same of forces that are functions of time."""
+    """Return the term of forces that are functions of time."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
@@ -77,8 +77,8 @@ def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> ForceTerm:
     """Return the term of a force that is a function of place, speed and time.
 
-    `function` is a wp.func (x, v, t, i) -> force [N] on particle i, which is at x and moves at v at time t.
-    `number` tells several of a scene apart.
+    `function` is a wp.func (x, v, t, i) -> force [N] on particle i at position x with velocity v at time t.
+    `number` distinguishes several functions of a scene.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load

@@ -14,7 +14,7 @@ from .surface_triangles import face
 
 @functools.cache
 def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
-    """Compose (Pressed, press): pressures on triangles, and Σ p a / 3 on a particle over those around it."""
+    """Compose (Pressed, press): pressures on triangles, and the force Σ p a / 3 on a particle by its triangles."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
 
@@ -41,7 +41,7 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 
 @functools.cache
 def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of given pressures, which have a row for each stage of a frame, and for its end."""
+    """Return the term of given pressures, with a row for each stage of a frame, and for its end."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -59,7 +59,7 @@ def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = Fals
 
 @functools.cache
 def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the same of enclosed gases, whose one row `gas_law` has found for the places of this stage."""
+    """Return the term of enclosed gases, with a single row: `gas_law` computes it for the present stage."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -79,8 +79,8 @@ def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False)
 def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     """Compose the kernel, by a block of threads for each world, of the pressure of a gas: p = p0 (V0 / V)^γ.
 
-    The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, summed in float64 from one of the corners on: by
-    each thread a share, and these in an order that is the same each time.
+    The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, in float64, relative to one of the corners. Each
+    thread sums a share, and the shares are added in a fixed order.
     """
     V = vector(dim, scalar)
     load = records(dim, scalar).load

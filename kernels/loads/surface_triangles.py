@@ -1,4 +1,4 @@
-"""The triangles of a surface, as loads on it see them."""
+"""The triangles of a surface, for loads that act on them."""
 
 import functools
 from typing import Any
@@ -15,8 +15,8 @@ from ..records import records
 def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     """Compose (Faces, corners): triangles with the particles at their corners, and the geometry of one.
 
-    Where vertices are `mixed`, no particles but mixtures of them, x and v are those of the vertices, which
-    `mix_vertices` has found, and a particle takes as much of a triangle's force as it has shares in its corners.
+    If vertices are `mixed`, that is mixtures of particles, x and v belong to the vertices, computed by
+    `mix_vertices`. A particle then gets a triangle's force in proportion to its shares in the corners.
 
     corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners,
     and half the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area
@@ -78,7 +78,7 @@ def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
 
 @functools.cache
 def mix_vertices(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over vertices of all worlds, that finds them: Σ weight · x and Σ weight · v."""
+    """Compose the kernel, over all worlds' vertices, that computes Σ weight · x and Σ weight · v."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Skin: Any = mixed_vertices(dim, scalar).Data
     load = records(dim, scalar).load

@@ -42,15 +42,16 @@ def wind_on_faces(
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
-    of which each corner takes a third: drag against u as on a plate of the area seen along u, lift across u
-    towards the lee side. Both sides of the surface count; of a closed one there is air outside alone, so that
-    triangles feel it which move against it, u·a > 0: together they show it the area that is seen along u. Without
-    a relative speed there is no force, exactly.
+    of which each corner takes a third: drag against u as on a plate of the area visible along u, and lift across u
+    towards the lee side. Both sides of the surface count. A closed surface has air only outside, so wind acts on
+    triangles that move against it, u·a > 0: together they have the area visible along u. Without a relative speed
+    the force is exactly 0.
     Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that each triangle meets by
     itself; the quadratic law of drag is that of a plate.
 
-    `function` is a wp.func (x, t) -> velocity of the air [m/s], None where it is given by numbers. `mixed` tells
-    whether vertices are mixtures of particles (see `face`), `any_closed` whether any is of a closed surface.
+    `function` is a wp.func (x, t) -> velocity of the air [m/s], None if it is given by numbers. `mixed` says
+    whether vertices are mixtures of particles (see `face`), `any_closed` whether any triangle is of a closed
+    surface.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)

@@ -23,9 +23,9 @@ NOTHING = ForceTerm("nothing", Nothing)
 def work(dim: int, scalar: type) -> ForceTerm:
     """Return the term of external work: the arrays that hold its sums.
 
-    Over a substep the work of a force is Σ weight f·v over its stages. Of a method that takes forces once it is
-    h f_n·(v_n + v_(n+1))/2 with the velocities before and after, which is what f_n adds to the kinetic energy:
-    half of it is summed in its own substep, and half in the next, where v_(n+1) is known.
+    Over a substep the work of a force is Σ weight f·v over its stages. For a method with one force a substep it is
+    h f_n·(v_n + v_(n+1))/2 with the velocities before and after: the kinetic energy that f_n adds. Half of it is
+    summed in its own substep, and half in the next one, when v_(n+1) is known.
     """
 
     @wp.struct
@@ -43,9 +43,9 @@ def work(dim: int, scalar: type) -> ForceTerm:
 
 @functools.cache
 def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: Any, effect_mask: int):
-    """Compose a force (scene, compensation, x, v, i, mark) that does the same as `force`, and adds up its work.
+    """Compose a force (scene, compensation, x, v, i, mask) that equals `force`, and adds up its work.
 
-    It acts on particles that have one of these marks.
+    It sums the work on particles with one of these bits in their mask.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Vectors = wp.array(dtype=V)
@@ -70,9 +70,9 @@ def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: A
 
 @functools.cache
 def sum_work(dim: int, scalar: type):
-    """Compose the kernel that sums the work on all particles, by each thread a share of a world's.
+    """Compose the kernel that sums the work on all particles; each thread sums a share of a world.
 
-    It is the work summed on the way, plus f·x of steady forces. The host subtracts f·x at the start.
+    It adds the work summed so far and f·x of steady forces. The host subtracts f·x at the start.
     """
     V = vector(dim, scalar)
     load = records(dim, scalar).load
@@ -120,7 +120,7 @@ def add_work(
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
-    """Add to each thread's share of a sum the numbers that it has of others."""
+    """Add other effects' numbers to each thread's share of a sum."""
     share = wp.tid()
     threads = shares.shape[0] / worlds
     count = done.shape[0] / worlds

@@ -131,7 +131,7 @@ def lay_over(
     # In and out:
     pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
 ):
-    """Draw triangles in front of a picture, with four rays for each pixel."""
+    """Draw triangles over the picture, with four rays per pixel."""
     row, column = wp.tid()
     met = int(0)
     mean = wp.vec3()

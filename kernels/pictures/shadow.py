@@ -1,4 +1,4 @@
-"""A shadow map: how far towards the key light the nearest surface is, along parallel rays (float32)."""
+"""A shadow map: distances of the nearest surfaces towards the key light, along parallel rays (float32)."""
 
 import warp as wp
 
@@ -33,7 +33,7 @@ class DepthMap:
 
 @wp.func
 def in_map(shadows: DepthMap, point: wp.vec3) -> wp.vec3:
-    """Return a point as (column, row, distance towards the light [m]); a texel's middle is at whole numbers."""
+    """Return (column, row, distance towards the light [m]) of a point; texel centres are at whole numbers."""
     place = wp.vec3(wp.dot(point, shadows.u), wp.dot(point, shadows.v), wp.dot(point, shadows.towards))
     away = place - shadows.corner
     return wp.vec3(shadows.scale * away[0] - 0.5, shadows.scale * away[1] - 0.5, away[2])

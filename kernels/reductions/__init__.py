@@ -1,7 +1,7 @@
 """Sums and extremes over particles and connections, for each world."""
 
 from . import columns as columns
-from .divergence import (
+from .frozen_worlds import (
     ENERGY as ENERGY,
     NOT_FINITE as NOT_FINITE,
     RUNNING as RUNNING,
@@ -16,4 +16,4 @@ from .measure import (
     sum_up as sum_up,
 )
 from .probes import mean_of_function as mean_of_function, sum_of_group as sum_of_group, sum_strain as sum_strain
-from .stability import largest_rate as largest_rate
+from .rate_bounds import largest_rate as largest_rate

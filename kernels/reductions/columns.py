@@ -3,7 +3,7 @@
 FIRST, STRAIN, KINETIC, POTENTIAL, WORK = 0, 1, 2, 3, 4
 """Less the first particle that is not finite, or less NONE; largest |l / l0 − 1|, 0 where nobody looks; three [J].
 
-The kinetic energy is of velocities as the method has them.
+The kinetic energy is that of the method's own velocities.
 """
 LOOKED = 5
 """Number of columns, from the first on, that show divergence."""

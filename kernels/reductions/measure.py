@@ -1,6 +1,6 @@
-"""Measures of a state, in float64 whatever the precision of the simulation: sums, and the strain of everything.
+"""Measures of a state, in float64 for every precision of the simulation: sums, and the strains of connections.
 
-The order of sums is fixed, so a measure of a state is the same each time.
+The order of sums is fixed, so equal states have equal measures, to the last bit.
 """
 
 import functools
@@ -13,7 +13,7 @@ from ..springs import Law, damper_force
 from .columns import COLUMNS, LOOKED, MAXIMA, NONE
 
 SUMMING_BLOCKS = (32, 256)
-"""Threads of a block that sums over a GPU: in small worlds, and in others."""
+"""Threads of a block that sums on a GPU: in small worlds, and in others."""
 ADD_UP = """
 #if defined(__CUDA_ARCH__)
     constexpr int COLUMNS = {columns}, MAXIMA = {maxima};
@@ -62,8 +62,8 @@ ADD_UP = """
 """
 """A warp adds up each column; the last block of a world adds up the results of all of them.
 
-They are added in their order, which no race decides. What other blocks have written is read as volatile, past the
-cache of this one. On the CPU a world has one thread.
+They are added in their own order, so no race decides. Results of other blocks are read as volatile, past this
+block's cache. On the CPU a world has one thread.
 """
 
 
@@ -118,9 +118,9 @@ def sum_up(
 ):
     """Compose the kernel that fills all `columns` for a state.
 
-    With `everything` false it only goes over the particles, and fills the LOOKED columns that show divergence.
-    With `compensated` true positions are x − x_lost where lengths are computed. With `tears` true connections that
-    have neither stiffness nor damping are broken: their strain is nobody's; with `chosen` true that of others too.
+    With `everything` false it passes only over particles, and fills the LOOKED columns that show divergence. With
+    `compensated` true positions are x − x_lost in lengths. With `tears` true connections without stiffness and
+    damping are broken, and their strain does not count. With `chosen` true only the strain of chosen ones counts.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
     resistance = damper_force(wp.float64, law)
@@ -297,8 +297,8 @@ def put_in_order(
 def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     """Compose the kernel, over connections, that writes length / rest length − 1.
 
-    With `sorted_anew` true the device has connections in an order of its own, and the strain of its connection c
-    is written at place[c].
+    With `sorted_anew` true the device has its own order of connections, and the strain of its connection c is
+    written at place[c].
     """
     V = vector(dim, scalar)
     separation = difference(dim, scalar, compensated)

@@ -1,4 +1,4 @@
-"""Sums over groups, for sensors: in float64, by each thread a share, in an order that is the same each time."""
+"""Sums over groups, for probes: in float64; each thread sums a share, and the order of additions is fixed."""
 
 import functools
 from typing import Any
@@ -9,7 +9,7 @@ from ..basis import kernel, vector
 from .measure import difference
 
 SUM, LARGEST, COUNT = 0, 1, 2
-"""Columns of `sum_strain`: the sum of strains, the largest of their sizes, and their number."""
+"""Columns of `sum_strain`: the sum of strains, the largest absolute value, and the number of connections."""
 STRAIN_COLUMNS = 3
 
 
@@ -48,8 +48,8 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
 def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, width: int):
     """Compose the kernel, over worlds and threads, that sums a function of a group's particles.
 
-    It is a wp.func (x, v, i) of a particle's position, velocity and number. It is given vectors of float64, in
-    compensated precision corrected for rounding. It returns a vector of `width` numbers; one number for 0.
+    The function is a wp.func (x, v, i) of a particle's position, velocity and number. Its arguments are float64,
+    corrected for rounding in compensated precision. It returns a vector of `width` numbers, or one number for 0.
     """
     V, Wide = vector(dim, scalar), vector(dim, wp.float64)
     columns = max(width, 1)
@@ -91,7 +91,7 @@ def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, w
 
 @functools.cache
 def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
-    """Compose the kernel, over worlds and threads, that sums the strains of chosen connections that are whole."""
+    """Compose the kernel, over worlds and threads, that sums the strains of chosen unbroken connections."""
     V = vector(dim, scalar)
     separation = difference(dim, scalar, compensated)
 

@@ -1,4 +1,4 @@
-"""Where the constants of springs lie: once where all are alike, and by spring only if they must be."""
+"""The storage of springs' constants: once if all are equal, by spring only if necessary."""
 
 import functools
 
@@ -10,9 +10,9 @@ from ..records import records
 CONSTANTS = ("rest_length", "stiffness", "damping")
 """The constants of a spring."""
 MOST_KINDS = 256
-"""Kinds of springs that one byte tells apart."""
+"""The most kinds of springs, numbered by one byte."""
 KIND_SHIFT = 24
-"""Bits of a particle's number below the kind of a spring, where a slot holds both."""
+"""Bits of a particle's number below the kind of a spring, if a slot holds both."""
 TAKE = """
 #if defined(__CUDA_ARCH__)
     return __ldcs(values.data + c);  // read once: it need not stay in the cache
@@ -24,12 +24,12 @@ TAKE = """
 
 @functools.cache
 def constants(scalar: type, storage: str):
-    """Compose (Constants, take): where they lie, and `take(constants, c)`, those of spring or slot c.
+    """Compose (Constants, take): the struct, and `take(constants, c)` for the constants of spring or slot c.
 
-    Storage is "one" (all springs have the same), "kinds" (a byte per spring, and a table of few different
-    ones), "packed" (the same table, c being a kind), "lengths" (a rest length per spring, all else alike),
-    "own" (three numbers per spring) or "listed" (the same, c being a slot that names one). `take` returns a
-    vector, in the order of CONSTANTS.
+    Storage is "one" (all springs are equal), "kinds" (a byte per spring, and a table of a few kinds), "packed" (a
+    table of kinds, c being a kind), "lengths" (a rest length per spring, all else equal), "own" (three numbers per
+    spring) or "listed" (three numbers per spring, c being a slot that names one). `take` returns a vector, in the
+    order of CONSTANTS.
     """
     Three = vector(3, scalar)
     load = records(3, scalar).load

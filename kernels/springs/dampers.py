@@ -1,4 +1,4 @@
-"""Laws of damping: the force that a spring's rate of lengthening meets (see `msdwarp.bodies.dampers`)."""
+"""Laws of damping: forces against the lengthening or shortening of a spring (see `msdwarp.bodies.dampers`)."""
 
 import functools
 

@@ -1,4 +1,4 @@
-"""Extra springs: those of lattices that lie in no direction, as rows of a small table beside the stencil."""
+"""Extra springs (ties): springs in no direction of a lattice, as rows of a small table beside the stencil."""
 
 import functools
 from typing import Any
@@ -17,8 +17,8 @@ from .law import spring_damper
 def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> ForceTerm:
     """Return the term of ties beside a stencil: the sum of the forces of a particle's ties.
 
-    The law is that of all springs. A tie is in the table twice, once for each of its ends, and both find the
-    same force but for its sign.
+    Ties obey the law of all springs. A tie is in the table twice, once for each end; both ends compute opposite
+    forces of equal size.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, damped = records(dim, scalar).load, damper is not None

@@ -1,4 +1,4 @@
-"""What an algorithm is, and the pieces that all algorithms share."""
+"""The interface of force algorithms, and the pieces that they share."""
 
 import functools
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ class ForceAlgorithm(NamedTuple):
     force_at: Any
     """wp.func (forces, compensation, x, v, i) -> force on particle i [N]."""
     evaluate: Any = None
-    """wp.func (forces, compensation, x, v, c) that adds the force of spring c beforehand, where there is one."""
+    """wp.func (forces, compensation, x, v, c) that adds the force of spring c beforehand; None if not needed."""
     column_forces: Any = None
     """wp.func (forces, compensation, x, v, i) -> forces on the particles i + d stride, as rows d of a matrix."""
     block: int = 256
@@ -25,7 +25,7 @@ class ForceAlgorithm(NamedTuple):
     bounds: tuple[int, int] | None = None
     """Threads in a block, and blocks that a multiprocessor shall hold; it limits registers (`wp.kernel`)."""
     column_bounds: tuple[int, int] | None = None
-    """The same for columns."""
+    """`bounds` for kernels over columns."""
     tears: bool = False
     """Whether springs break, so that `Forces` has the data of `breaking`."""
     grid_stride: bool | None = None
@@ -36,7 +36,7 @@ class ForceAlgorithm(NamedTuple):
 
 @functools.cache
 def difference(dim: int, scalar: type, compensated: bool):
-    """Compose x_i − x_j for the position x_i of particle i, without its lost part, and particle j."""
+    """Compose x_i − x_j for the position x_i of particle i, not yet compensated, and particle j."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
 

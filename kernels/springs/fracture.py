@@ -1,4 +1,4 @@
-"""Springs that break for good, as threads of a cloth do."""
+"""Springs that break permanently, like threads of a cloth."""
 
 import functools
 from typing import Any, NamedTuple
@@ -8,7 +8,7 @@ import warp as wp
 from ..basis import kernel
 
 NO_SUBSTEP = -1
-"""Number of the substep where forces are evaluated for another reason than to begin one: nothing breaks then."""
+"""Number of the substep if forces are evaluated for another purpose than to begin one: nothing breaks then."""
 
 
 class Breaking(NamedTuple):
@@ -28,9 +28,9 @@ def breaking(scalar: type) -> Breaking:
     """Compose the tests whether a spring of rest length l0 breaks, for `square` = |Δx|² of its ends.
 
     It breaks when a substep begins with |Δx| > min(l0 (1 + ε), l0 + F/k), for its break strain ε and break force
-    F, the tension k (|Δx| − l0) that it bears. Both ends see the same |Δx|², to the last bit, since one has Δx and
-    the other −Δx: where each particle sums its own forces, both let go in the same substep. Whether a spring
-    may be too long at all is asked first, by a number that is the same for all: only then its own are read.
+    F, the largest tension k (|Δx| − l0) that it bears. Both ends compute the same |Δx|², to the last bit, since
+    one has Δx and the other −Δx: if each particle sums its own forces, both drop the spring in the same substep. A
+    limit common to all springs is tested first; only springs beyond it read their own limits.
     """
 
     @wp.struct

@@ -1,4 +1,4 @@
-"""The algorithm by particles: each sums the forces of its springs, found in a table of neighbours.
+"""The force algorithm by particles: each sums the forces of its springs, found in a table of neighbours.
 
 The table is a sparse matrix, a row for each particle and an entry in it for each neighbour, in the format sliced
 ELLPACK (Monakov, Lokhmotov & Avetisyan 2010, "Automatically tuning sparse matrix-vector multiplication for GPU
@@ -18,9 +18,9 @@ from .fracture import Breaking
 from .law import spring_damper
 
 SLICE = 32
-"""Particles side by side in the table of neighbours: as many as the GPU's threads that go together."""
+"""Particles side by side in the table of neighbours: as many as the threads of a GPU's warp."""
 CHUNK = 4
-"""Slots that are read together, so that a thread waits for memory once for all of them."""
+"""Slots that a thread reads together, so that it waits for memory only once."""
 NEIGHBOURS = f"""
     wp::vec_t<{CHUNK}, wp::int32> others;
     for (int n = 0; n < {CHUNK}; ++n) {{
@@ -40,11 +40,11 @@ def gather(
 ) -> ForceAlgorithm:
     """Compose the algorithm by particles: each sums the forces of its own springs, from a table of neighbours.
 
-    The report's Algorithm 2. Every force is computed twice, nobody waits for anybody, and the order of sums is
-    fixed. Slot s of particle i lies at first[i / 32] + 32 s + i mod 32, so that particles side by side read
-    numbers side by side; slots that pad a slice of 32 to equal width name the particle itself, which exerts none.
-    With "packed" constants a slot has the kind of the spring in the byte above the neighbour's number. A slot
-    whose spring breaks names the particle itself from then on.
+    The report's Algorithm 2. Every force is computed twice, no thread waits for another, and the order of sums is
+    fixed. Slot s of particle i is at first[i / 32] + 32 s + i mod 32, so that adjacent particles read adjacent
+    numbers. Slots that pad a slice of 32 to equal width name the particle itself, which exerts no force. With
+    "packed" constants a slot has the kind of the spring in the byte above the neighbour's number. When a spring
+    breaks, its slots are set to name their own particles.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load

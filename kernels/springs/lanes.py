@@ -1,7 +1,7 @@
 """The algorithms by particles for small bodies on a GPU: several threads share a particle.
 
-A thread for each particle waits for one neighbour after the other, and the GPU is idle meanwhile.
-So a particle has several threads, its lanes. Of n lanes each takes every n-th neighbour, and all learn the sum.
+A single thread for a particle would wait for one neighbour after the other, while the GPU is idle. So a particle
+has several threads, its lanes. Each of n lanes takes every n-th neighbour, and all get the sum.
 """
 
 import functools
@@ -19,7 +19,7 @@ from .law import spring_damper
 from .stencil import stencil_layout, stencil_rows
 
 MOST_NEIGHBOURS = 32
-"""Neighbours that the bits of a mask tell apart."""
+"""The most neighbours, one for each bit of a mask."""
 LANE = """
 #if defined(__CUDA_ARCH__)
     return threadIdx.x % {lanes};
@@ -64,10 +64,10 @@ def sum_over_lanes(dim: int, scalar: type, lanes: int):
 def stencil_of_lanes(
     dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, lanes: int
 ) -> ForceAlgorithm:
-    """Compose the stencil's algorithm for a uniform lattice, `lanes` threads to a particle.
+    """Compose the stencil's algorithm for a uniform lattice, with `lanes` threads per particle.
 
-    Lane l takes the neighbours l, l + lanes, ... in the order of rows, which here is that of the mask's bits. On
-    the CPU there may be one lane only.
+    Lane l takes the neighbours l, l + lanes, ... in the order of rows, which here is the order of the mask's bits.
+    On the CPU there may be only one lane.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Three = vector(3, scalar)
@@ -124,9 +124,9 @@ def stencil_of_lanes(
 def gather_of_lanes(
     dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, lanes: int
 ) -> ForceAlgorithm:
-    """Compose the gathering algorithm for few particles, `lanes` threads to a particle: see `gather`.
+    """Compose the gathering algorithm for few particles, with `lanes` threads per particle: see `gather`.
 
-    Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be one lane only.
+    Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be only one lane.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)

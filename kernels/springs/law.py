@@ -1,4 +1,4 @@
-"""The force law: what a spring exerts on its two particles."""
+"""The force law of springs; `reductions/measure.py` has their energy, `springs/linearised.py` their stiffness."""
 
 import functools
 
@@ -23,7 +23,7 @@ PRODUCT = """
 #endif
 """
 TINY = {wp.float32: 1.2e-38, wp.float64: 1e-300}
-"""The square of a length that is nothing [m²]. Coincident particles have no axis, and so no force: (q)·0."""
+"""Added to squares of lengths [m²]. So coincident particles, which have no axis, exert no force: q·0 = 0."""
 
 
 @functools.cache
@@ -41,8 +41,8 @@ def inverse_root(scalar: type):
 def product(scalar: type):
     """Compose a·b, rounded by itself.
 
-    Whether a compiler rounds a product, or fuses it with a sum, depends on what else is in a kernel: it may be
-    computed once, outside a loop. A spring should pull alike in every kernel, to the last bit.
+    A compiler may round a product, or fuse it with a sum, depending on the rest of a kernel, for example if it
+    computes the product once outside a loop. But a spring should pull equally in every kernel, to the last bit.
     """
 
     @wp.func_native(PRODUCT.format(cuda="__fmul_rn" if scalar is wp.float32 else "__dmul_rn"))

@@ -11,9 +11,9 @@ from ..basis import kernel, vector
 def add_linearised(dim: int, scalar: type, everyone: bool = False):
     """Compose z += scale (spring·K + damper·B) p, over springs, K and B linearised at x; pinned rows stay 0.
 
-    With `everyone` the rows and columns of pinned and driven particles are there as well.
+    With `everyone` the rows and columns of pinned and driven particles are included.
 
-    A spring's part of K is k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)), of B b d dᵀ, for its axis d: a compressed
+    For its axis d, a spring adds k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) to K, and b d dᵀ to B: a compressed
     spring's push across its axis is left out, so that K is never indefinite.
     """
     V = vector(dim, scalar)

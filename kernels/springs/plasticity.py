@@ -1,4 +1,4 @@
-"""Springs that deform permanently, as a dent does: the rest length follows strain beyond the yield strain."""
+"""Springs that deform permanently: the rest length follows strain beyond the yield strain."""
 
 import functools
 from typing import Any
@@ -20,8 +20,8 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
         l0' = sign(e) (|e| − ε_y L0) / τ,  |l0 − L0| ≤ ε_max L0
 
-    A step takes the solution for a length that stays, l0 += (1 − exp(−h/τ)) (|e| − ε_y L0) sign(e), so that the
-    flow does not depend on the step. |e| only ever falls, and elastic energy with it.
+    A step takes the solution for a constant length, l0 += (1 − exp(−h/τ)) (|e| − ε_y L0) sign(e), so the flow does
+    not depend on the step. |e| can only fall, and with it the elastic energy.
     Reference: Simo & Hughes, Computational Inelasticity (1998), 1.2 and 1.7.
     """
     _, Vectors, Compensation = state_types(dim, scalar, compensated)

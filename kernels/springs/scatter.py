@@ -1,4 +1,4 @@
-"""The algorithm by springs: each adds its force to its two particles."""
+"""The force algorithm by springs: each adds its force to its two particles."""
 
 import functools
 
@@ -19,9 +19,9 @@ def scatter(
 ) -> ForceAlgorithm:
     """Compose the algorithm by springs: each adds its force to one end and subtracts it from the other.
 
-    The report's Algorithm 3. The force of a spring is computed once, and atomics settle who adds first.
-    Taking a force sets its place to zero for the next evaluation. What has broken joins its first particle with
-    itself, and adds nothing.
+    The report's Algorithm 3. The force of a spring is computed once. Additions are atomic, in any order. Reading a
+    particle's force resets it to zero for the next evaluation. A broken spring is set to connect its first
+    particle to itself, so it adds nothing.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)

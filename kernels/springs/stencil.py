@@ -1,4 +1,4 @@
-"""The algorithm for lattices, whose neighbours need no table: they are found by counting."""
+"""The force algorithm for lattices, whose neighbours need no table: their indices are computed."""
 
 import functools
 import zlib
@@ -21,9 +21,9 @@ class Neighbour(NamedTuple):
     along: int
     """Its place in its row, relative to the point: −1, 0 or 1, and up to 2 either way to second neighbours."""
     direction: int
-    """Which direction of the lattice leads there, or back."""
+    """The direction of the lattice that leads there, or back."""
     bit: int
-    """The bit of the point's mask that says that it is connected with it."""
+    """The bit of the point's mask for a connection with this neighbour."""
 
 
 @functools.cache
@@ -41,20 +41,20 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
 
 
 def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
-    """Return a number for all that a stencil's loops compile in, and for how many particles they take together.
+    """Return a number for all constants that are compiled into a stencil's loops, and for the column's length.
 
-    Warp tells kernels apart by their sources and by `wp.static` values, but not by those that depend on a loop:
-    without this number in their sources two stencils of equally many rows would be taken for one.
+    Warp distinguishes kernels by their sources and by `wp.static` values, except values that depend on a loop.
+    Without this number in their sources two stencils with equally many rows would be the same to Warp.
     """
     return zlib.crc32(repr((together, rows, neighbours)).encode()) >> 1
 
 
 @functools.cache
 def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking):
-    """Compose the force on particle i once its `suspects` have been looked at; `force` is that with all of them.
+    """Compose the force on particle i after its `suspects` have been tested; `force` includes all of them.
 
-    The bits of springs that are too long are cleared, and the force is summed again without them. This is rare,
-    and so kept out of the loops that are unrolled for each neighbour. `kinds` are the first five arguments of
+    The bits of springs that are too long are cleared, and the force is summed again without them. Since this is
+    rare, it is kept out of the loops that are unrolled for each neighbour. `kinds` are the first five arguments of
     `stencil`.
     """
     dim, scalar, damper, compensated, steps = kinds
@@ -145,10 +145,10 @@ def stencil(
 ) -> ForceAlgorithm:
     """Compose the gathering algorithm for lattices, whose neighbours need no table.
 
-    A mask of bits per particle says which of its neighbours it is connected with. In a `uniform` lattice each row
-    of neighbours lies `shift` particles further on, the same for all, and a direction has one rest length,
-    stiffness and damping; else shifts are by particle, and constants by particle's kind and direction. Where
-    springs break each particle clears bits of its own mask.
+    A bit mask per particle says to which neighbours it is connected. In a `uniform` lattice the offset `shift` of
+    each row of neighbours is equal for all particles, and a direction has one rest length, stiffness and damping.
+    Otherwise shifts are by particle, and constants by particle's kind and direction. If springs break, each
+    particle clears bits of its own mask.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
@@ -270,9 +270,9 @@ COLUMN = 2
 def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
-    The neighbours of a column lie in the layers −1 … COLUMN. What is read of one serves all particles of the
-    column that it is a neighbour of: reading is what bounds a stencil. None where the lattice has no layers, or
-    second neighbours, which lie further off. `kinds` are the first five arguments of `stencil`.
+    The neighbours of a column are in the layers −1 … COLUMN. Each is read once for all particles of the column
+    that have it as a neighbour, since reading limits the speed of a stencil. None if the lattice has no layers, or
+    has second neighbours, which are further off. `kinds` are the first five arguments of `stencil`.
     """
     dim, scalar, damper, compensated, steps = kinds
     if any(abs(s) > 1 for step in steps for s in step):

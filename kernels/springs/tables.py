@@ -1,4 +1,4 @@
-"""Builds the table of neighbours that the gathering algorithm reads (see `forces.gather`).
+"""Builds the table of neighbours for the gathering algorithm (see `springs.gather`).
 
 A spring has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
 """

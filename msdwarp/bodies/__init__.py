@@ -1,4 +1,4 @@
-"""What moves: systems of particles joined by springs and dampers, as NumPy arrays. Knows of no device."""
+"""Systems of particles joined by springs and dampers, as NumPy arrays, without any device."""
 
 from .connectivity import pieces as pieces
 from .contact_surfaces import (

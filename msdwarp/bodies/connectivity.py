@@ -1,4 +1,4 @@
-"""Pieces: the sets of particles that connections join."""
+"""Pieces: the sets of particles joined by connections."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ def pieces(particle_count: int, connections: NDArray[np.int32]) -> NDArray[np.in
         while (apart := first != second).any():
             first, second = first[apart], second[apart]
             low, high = np.minimum(first, second), np.maximum(first, second)
-            lowest[high] = low  # of several, any will do: always downwards, so that nothing goes round
+            lowest[high] = low  # of several any will do: pointers only go down, so they form no loops
             while not np.array_equal(further := lowest[lowest], lowest):
                 lowest = further
             first, second = lowest[low], lowest[high]

@@ -24,13 +24,13 @@ class TouchingSurfaces(NamedTuple):
     """The surfaces of all bodies of a system. A body is a set of particles joined by springs."""
 
     particle: NDArray[np.int64]
-    """The particles that each vertex is a mixture of, shape [vertex_count, k]."""
+    """The particles of each vertex's mixture, shape [vertex_count, k]."""
     weight: NDArray[np.float64]
     """Their weights."""
     ends: NDArray[np.int32]
-    """The two vertices that each point lies between, shape [point_count, 2]; twice the same in a vertex."""
+    """The two vertices between which each point lies, shape [point_count, 2]; equal if it is a vertex."""
     share: NDArray[np.float64]
-    """The second one's share in it."""
+    """The second vertex's share in each point."""
     corner: NDArray[np.int32]
     """The vertices of each facet, shape [facet_count, 3]; of segments and points some are equal. Body by body."""
     body: NDArray[np.int32]
@@ -40,13 +40,13 @@ class TouchingSurfaces(NamedTuple):
     closed: NDArray[np.bool_]
     """Whether the surface of each body has an inside, shape [body_count]."""
     sided: NDArray[np.bool_]
-    """Whether each body is a sheet whose sides can be told apart: no two triangles run alike through an edge."""
+    """Whether each body is a sheet with distinct sides: no two triangles have an edge in the same direction."""
     spacing: NDArray[np.float64]
     """Distance of its particles, from the mean length of its springs [m]; 0 for a single particle."""
     radius: NDArray[np.float64]
     """Half its thickness [m]."""
     stiffness: NDArray[np.float64]
-    """Mean stiffness of its springs [N/m]; 0 where it has none."""
+    """Mean stiffness of its springs [N/m]; 0 without springs."""
 
 
 def contact_surfaces(system: System) -> TouchingSurfaces:
@@ -115,7 +115,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
 def spring_means(
     system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the mean of each body's springs, given a value of each spring; 0 where it has none."""
+    """Return each body's mean of a value given for each spring; 0 for a body without springs."""
     near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
     near = slice(None) if near is None else near
     of, bodies = body_of_particle[system.connections[near, 0]], int(body_of_particle.max()) + 1

@@ -1,8 +1,8 @@
-"""Dampers: the force that a connection's rate of lengthening meets, as frozen dataclasses.
+"""Dampers: laws of the force against the lengthening or shortening of a connection, as frozen dataclasses.
 
-`System.damping` is the constant b of each connection, in the units that its law gives it. Laws without a linear
-term have a speed at which they turn into one, since a force that jumps, or grows without bound, is stable at no
-step; with it the steepest slope of the force is known, and with that the stable step.
+`System.damping` is the constant b of each connection, in the unit of the law. Laws without a linear term have a
+speed at which they become linear: a force that jumps, or grows without bound, is stable at no step. So the
+steepest slope of the force is known, which determines the stable step.
 """
 
 from dataclasses import dataclass

@@ -13,10 +13,10 @@ from .system import System
 
 
 class Facets(NamedTuple):
-    """Triangles of a surface; vertices that are drawn twice, for sharp edges or seams, are one here."""
+    """Triangles of a surface; vertices that are doubled for sharp edges or seams in pictures are one here."""
 
     particle: NDArray[np.int64]
-    """The particles that each vertex is a mixture of, shape [vertex_count, k]."""
+    """The particles of each vertex's mixture, shape [vertex_count, k]."""
     weight: NDArray[np.float64]
     """Their weights, which sum to 1."""
     corner: NDArray[np.int32]
@@ -24,15 +24,15 @@ class Facets(NamedTuple):
     closed: NDArray[np.bool_]
     """Whether each belongs to a surface that has an inside, shape [triangle_count]."""
     mixed: bool
-    """Whether any vertex is no particle; else vertex number i is particle i."""
+    """Whether any vertex is not a particle; otherwise vertex i is particle i."""
 
     def points(self, x: NDArray) -> NDArray[np.float64]:
-        """Return a quantity of the vertices from that of the particles, shape [particle_count, d]."""
+        """Return a quantity at the vertices, from its values at the particles, shape [particle_count, d]."""
         values = np.asarray(x, dtype=np.float64)
         return np.einsum("vk,vkd->vd", self.weight, values[self.particle]) if self.mixed else values
 
     def spread(self, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-        """Return Wᵀ y, shape [particle_count, …], for numbers or vectors y of the vertices, W being weights."""
+        """Return Wᵀ y, shape [particle_count, …], for numbers or vectors y of the vertices and the weights W."""
         if not self.mixed:
             return values
         result = np.zeros((count, *values.shape[1:]))
@@ -41,7 +41,7 @@ class Facets(NamedTuple):
         return result
 
     def bound(self, sums: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-        """Return bounds of Σ_j |WᵀAW|_ij for particles i, of the sums Σ_w |A|_vw for vertices v: |Wᵀ| |A| |W|."""
+        """Return bounds |Wᵀ| |A| |W| of Σ_j |WᵀAW|_ij for particles i, from sums Σ_w |A|_vw for vertices v."""
         size = np.abs(self.weight)
         most = float(size.sum(axis=1).max(initial=0.0))
         return self._replace(weight=most * size).spread(sums, count)
@@ -70,7 +70,7 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
         own = particle[np.arange(len(particle)), np.argmax(np.abs(weight), axis=1)]
         corner, particle = own[corner], np.arange(particle_count)[:, None]
         weight = np.ones((particle_count, 1))
-    # A part is closed if each of its edges is run through once in either direction.
+    # A part is closed if each of its edges occurs once in either direction.
     part = pieces(len(particle), directed_edges(corner).astype(np.int32))
     is_open = mask_of(part[open_edges(corner)[:, 0]], len(particle))
     return Facets(particle, weight, corner.astype(np.int32), ~is_open[part[corner[:, 0]]], mixed)
@@ -92,12 +92,12 @@ def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.
 
 
 def directed_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the directed edges of triangles: first those from corners 0 to 1, then 1 to 2, then 2 to 0."""
+    """Return the directed edges of triangles: first from corners 0 to 1, then from 1 to 2, then from 2 to 0."""
     return np.concatenate([corner[:, [k, (k + 1) % 3]] for k in range(3)])
 
 
 def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the directed edges of triangles that are not run through once in either direction, shape [any, 2]."""
+    """Return the directed edges of triangles that do not occur once in either direction, shape [any, 2]."""
     runs = directed_edges(corner)
     _, edge, forwards = (one.T.ravel() for one in sides_of(corner))
     times, ahead = np.bincount(edge), np.bincount(edge, weights=forwards)
@@ -105,9 +105,9 @@ def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def sides_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the edges of triangles, shape [any, 2], each side's edge, and whether it is walked forwards.
+    """Return the edges of triangles, shape [any, 2], the edge of each side, and whether the side runs forwards.
 
-    The sides of a triangle are those from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
+    The sides of a triangle run from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
     """
     start, end = triangles.astype(np.int64), np.roll(triangles, -1, axis=1)
     count = int(triangles.max(initial=0)) + 1

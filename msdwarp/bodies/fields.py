@@ -33,7 +33,7 @@ _OF_CONNECTIONS: dict[str, tuple[float | None, tuple[checks.Limit, ...]]] = {
 CONNECTION_FIELDS = tuple(_OF_CONNECTIONS)
 DEFAULTS = {name: default for name, (default, _) in _OF_CONNECTIONS.items() if default is not None}
 TEARING_FIELDS = ("break_strain", "break_force", "broken_at")
-"""Those that files of before tearing lack; they are then as by default."""
+"""Fields of tearing, which early files lack; they then have their defaults."""
 PARTICLE_FIELDS = ("position", "velocity", "mass")
 """Arrays of a system with an entry for each particle."""
 _MASS: checks.Limit = (lambda mass: mass > 0, "above 0 (inf pins the particle)")
@@ -46,9 +46,9 @@ _BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coor
 
 
 def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return all fields of a system: those given, checked and copied, and the other known ones.
+    """Return all fields of a system: the given ones, checked and copied, and the other known ones.
 
-    Known fields are valid together, and shared. Only those that have to fit a given one are checked again; a
+    Known fields are valid together, and shared. They are checked again only if they must fit a given one; a
     uniform array fits any number of particles or connections.
     """
     known = known or {}
@@ -92,7 +92,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
 
 
 def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArray[np.float64]]:
-    """Return the arrays with an entry for each connection, those that are `new` checked."""
+    """Return the arrays with an entry for each connection; `new` ones are checked."""
     values = {name: fields[name] for name in CONNECTION_FIELDS}
     if values["rest_length"] is None:
         values["rest_length"] = lengths(fields["position"], fields["connections"])
@@ -105,9 +105,9 @@ def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArr
 
 
 def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool = False) -> NDArray[np.float64]:
-    """Return `value` as a read-only array of this shape, its entries within the limits of the field.
+    """Return `value` as a read-only array of this shape, with entries within the limits of the field.
 
-    A `valid` array is returned as it is if it has that shape.
+    A `valid` array of this shape is returned unchanged.
     """
     if valid:
         assert isinstance(value, np.ndarray)
@@ -120,7 +120,7 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool 
 
 
 def check_bears_start(fields: Mapping[str, Any]) -> None:
-    """Check that no connection that is whole is longer at the start than where it breaks."""
+    """Check that no unbroken connection is longer at the start than its breaking length."""
     strain, force = fields["break_strain"], fields["break_force"]
     if np.isinf(stored(strain)).all() and np.isinf(stored(force)).all():
         return
@@ -142,7 +142,7 @@ def check_bears_start(fields: Mapping[str, Any]) -> None:
 
 
 def break_stretch(force: NDArray[np.float64], stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much longer than at rest springs exert their break force [m], shape [connection_count]."""
+    """Return the stretch at which springs exert their break force [m], shape [connection_count]."""
     if np.isinf(stored(force)).all():
         return uniform(np.inf, len(force))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -1,4 +1,4 @@
-"""What a simulation returns: the state at one time, and the readings of a probe over time."""
+"""Results of a simulation: the state at one time, and the readings of a probe over time."""
 
 from typing import NamedTuple
 
@@ -21,6 +21,6 @@ class Series(NamedTuple):
     """The readings of one probe, by frame or by substep."""
 
     times: NDArray[np.float64]
-    """When frames, or substeps, ended [s], shape [reading_count]."""
+    """Ends of frames, or of substeps [s], shape [reading_count]."""
     values: NDArray[np.float64]
-    """The readings in SI units, shape [reading_count, d]; of strain two columns, mean and largest."""
+    """The readings in SI units, shape [reading_count, d]; strain has two columns, mean and largest."""

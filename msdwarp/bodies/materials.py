@@ -1,4 +1,4 @@
-"""Materials: what a body is made of, and the springs that a lattice of it needs."""
+"""Materials of bodies, and the springs of a lattice made of them."""
 
 import math
 from dataclasses import dataclass

@@ -44,7 +44,7 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
 
 
 def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.int64]:
-    """Return where points of shape [count, d] come along the curve, 2^bits cells to each axis, shape [count].
+    """Return the places along the curve of points of shape [count, d], with 2^bits cells per axis, shape [count].
 
     Reference: Morton, A computer oriented geodetic data base (1966).
     """
@@ -58,7 +58,7 @@ def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.in
 
 
 def between_neighbours(directions: Sequence[Mapping[str, slice]], count: int) -> NDArray[np.bool_] | None:
-    """Return which of `count` connections do not join second neighbours; None if none does."""
+    """Return a mask of `count` connections that do not join second neighbours; None if none joins any."""
     named = [(name, part) for body in directions for name, part in body.items()]
     second = [part for name, part in named if re.fullmatch(f"([+-]?2[xyz])+|{_SECOND}", name)]
     found = np.ones(count, dtype=bool)
@@ -96,7 +96,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
 
 
 def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of two systems as one, with the particles and connections of `other` behind.
+    """Return the fields of two systems as one; the particles and connections of `other` come second.
 
     Raises ValueError if they have another number of coordinates, or other laws of damping.
     """

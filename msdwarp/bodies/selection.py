@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
-    """Return which of `count` particles indices, a slice or a mask mean, shape [count].
+    """Return the mask of `count` particles for indices, a slice or a mask, shape [count].
 
     Raises ValueError that names the argument if it is none of these, an index is out of range, or whole
     numbers look like a mask.
@@ -37,9 +37,9 @@ def mask_of(where: Any, count: int) -> NDArray[np.bool_]:
 
 
 def check_no_mask(name: str, where: NDArray, count: int) -> None:
-    """Raise ValueError for a mask of whole numbers, which as indices would be of the first two particles.
+    """Raise ValueError for a mask of whole numbers, which as indices would mean the first two particles.
 
-    Such has an entry for each particle, nothing but 0 and 1, and one of them twice at least.
+    A mask has an entry for each particle and contains only 0 and 1, at least one of them twice.
     """
     zeros_and_ones = where.dtype.kind in "iu" and where.shape == (count,) and np.isin(where, (0, 1)).all()
     if zeros_and_ones and len(np.unique(where)) < count:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 
 AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
-"""Which axes of space coordinates are, by their number: a line lies along x, a plane stands upright."""
+"""Axes in space of a body's coordinates, by their number: a line lies along x, a plane stands upright."""
 
 
 def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDArray[np.float64]:
@@ -34,7 +34,7 @@ def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
 
 
 def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
-    """Return the matrices of many turns, shape [count, d, d], bit for bit those of each by itself.
+    """Return the matrices of many turns, shape [count, d, d], bit for bit equal to those of single turns.
 
     Turns are rotation vectors [rad], shape [count, 3], or in two dimensions angles, shape [count, 1]. Raises
     ValueError in one dimension, where nothing turns.
@@ -55,7 +55,7 @@ def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
 def _about(axis: NDArray[np.float64], cosine: NDArray, sine: NDArray) -> NDArray[np.float64]:
     """Return the matrices of turns about unit vectors, shape [count, 3, 3], by Rodrigues' formula.
 
-    Products are summed term by term: a library for matrices does it in another order for one than for many.
+    Products are summed term by term: a matrix library would sum in different orders for one and for many.
     """
     x, y, z = axis.T
     zero = np.zeros_like(x)
@@ -65,7 +65,7 @@ def _about(axis: NDArray[np.float64], cosine: NDArray, sine: NDArray) -> NDArray
 
 
 def rotated(matrices: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return R y for matrices of shape [..., d, d] and a point, to the last bit the same for one as for many."""
+    """Return R y for matrices of shape [..., d, d] and a point; one or many give equal results to the last bit."""
     result = matrices[..., 0] * point[0]
     for k in range(1, len(point)):
         result = result + matrices[..., k] * point[k]

@@ -1,4 +1,4 @@
-"""Surface: the triangles that are drawn, and how they are carried by the particles."""
+"""Surface: the triangles that are drawn, and the particles that carry them."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 
 _SUM = 1e-9
-"""How far the weights of a vertex may be from summing to 1: far more than rounding leaves."""
+"""Largest error of the sum of a vertex's weights, which is 1: far more than rounding errors."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -109,12 +109,12 @@ class Surface:
 
     @property
     def _normals_of(self) -> NDArray[np.int32]:
-        """The vertex whose normal each vertex takes, shape [vertex_count]."""
+        """The vertex whose normal each vertex uses, shape [vertex_count]."""
         return np.arange(len(self.particle), dtype=np.int32) if self.normal_of is None else self.normal_of
 
 
 def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Return the weights of particles of this shape as a read-only array, None where there are none."""
+    """Return the weights of particles of this shape as a read-only array; None without weights."""
     if len(shape) == 1:
         if weights is not None:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""System: what is simulated, as NumPy arrays on the host."""
+"""System: the simulated particles and connections, as NumPy arrays on the host."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from .surface import Surface
 from .uniform import stored, uniform
 
 _NAMED = 4
-"""Groups that the text of a system names; of more it gives the number."""
+"""The most groups that a system's text names; of more it gives the number."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -193,7 +193,7 @@ class System:
 
     @property
     def pinned(self) -> NDArray[np.bool_]:
-        """Which particles are pinned, shape [particle_count]."""
+        """Mask of the pinned particles, shape [particle_count]."""
         return np.isinf(self.mass)
 
     @property
@@ -203,7 +203,7 @@ class System:
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Which connections are broken, shape [connection_count]."""
+        """Mask of the broken connections, shape [connection_count]."""
         return np.isfinite(self.broken_at)
 
     @property
@@ -354,19 +354,19 @@ def counted(count: int, what: str) -> str:
 
 
 def span(values: NDArray[np.float64]) -> str:
-    """Return the least and the greatest of some numbers, or the one that all are."""
+    """Return the least and the greatest of some numbers as text, or the number if all are equal."""
     least, most = (float(of(stored(values))) for of in (np.min, np.max))
     return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
 
 
 def headline(system: System) -> str:
-    """Return in a line how large a system is."""
+    """Return the size of a system as a line of text."""
     particles = f"{counted(system.particle_count, 'particle')} in {counted(system.dim, 'dimension')}"
     return f"System of {particles}, {counted(system.connection_count, 'connection')}"
 
 
 def particles_meant(name: str, which: Any, system: System) -> NDArray[np.bool_]:
-    """Return the particles that a group's name, indices, a mask, or None for all mean, shape [particle_count].
+    """Return the mask of particles for a group's name, indices, a mask, or None for all, shape [particle_count].
 
     Raises ValueError that names the argument if there is no such group, or an index is out of range.
     """

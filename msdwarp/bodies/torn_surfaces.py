@@ -1,4 +1,4 @@
-"""Surfaces of bodies that tear: which triangles part, and the faces that are laid bare inside lattice solids."""
+"""Surfaces of bodies that tear: triangles that part, and the faces that appear inside lattice solids."""
 
 import itertools
 from typing import NamedTuple
@@ -16,9 +16,9 @@ _FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2
 
 
 class Edges:
-    """The connections along the edges of the triangles of a system's surface.
+    """The connections along the edges of a system's surface triangles.
 
-    A vertex that is a mixture of particles lies on no connection, so that such a surface parts nowhere.
+    A surface whose vertices are mixtures of particles has none, so its triangles never part.
     """
 
     def __init__(self, system: System) -> None:
@@ -30,10 +30,10 @@ class Edges:
         self._of = connection_between(system, np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1))
 
     def parted_at(self, broken_at: NDArray) -> NDArray:
-        """Return when each triangle parted, inf where none has, shape [triangle_count].
+        """Return the time at which each triangle parted, inf if it has not, shape [triangle_count].
 
-        A triangle parts when its corners are no longer joined: as the second of its three edges breaks, or the
-        first where one of them has no connection. `broken_at` is as in `System`.
+        A triangle parts when its corners are no longer joined: when the second of its three edges breaks, or the
+        first if one edge has no connection. `broken_at` is as in `System`.
         """
         absent = self._of < 0
         times = np.sort(np.where(absent, -np.inf, np.append(broken_at, np.inf)[self._of]), axis=1)

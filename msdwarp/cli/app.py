@@ -138,7 +138,7 @@ def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: 
 
 
 def _act(command: str, chosen: tuple[Origin, Any] | None, *given: Any) -> None:
-    """Call `run_scene` of `run.py`, and so on, with a scene and options; with None help was shown instead."""
+    """Call `run_scene` of `run.py`, or the like, with a scene and options; do nothing if help was shown."""
     if chosen is None:
         return
     origin, options = chosen

@@ -38,9 +38,9 @@ def draw(
 ) -> str:
     """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line that says so.
 
-    `name` is that of the film, `fps` its pictures per second (by default the trajectory's), and `device` the one
-    on which the ray caster draws. Raise Interrupted if a signal asks to stop: between two pictures, and never
-    while VTK is imported, which would crash.
+    `name` is the film's name, `fps` its pictures per second (by default the trajectory's), and `device` is for the
+    ray caster. Raise Interrupted if a signal asks to stop: between two pictures, and never while VTK is imported,
+    which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()
@@ -96,9 +96,9 @@ def _raise_if_stopped(requests: list[int]) -> None:
 def _colouring(
     scene: Scene, trajectory: Trajectory, colour: str | None, shown: Sequence[int]
 ) -> tuple[str | ColourScale | None, Values | None]:
-    """Return the colouring of a body, and the function of the particles' values in frame k, if they are shown.
+    """Return the colouring of a body, and a function for the particles' values in frame k, if they are shown.
 
-    The scale ends at the 99th percentile of the values in the frame where that is largest.
+    The scale ends at the largest of the frames' 99th percentiles.
     """
     if colour not in _QUANTITIES:
         return colour, None
@@ -109,9 +109,9 @@ def _colouring(
 
 
 def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
-    """Return the strain at the ends of the scale: the one given, or the 99th percentile of all springs and frames.
+    """Return the strain at the ends of the scale: as given, or the 99th percentile over springs and frames.
 
-    Of many springs and frames only a part is evaluated.
+    If there are many springs and frames, only some are evaluated.
     """
     if (given := pictures.full_strain or scene.look.full_strain) is not None:
         return given
@@ -131,8 +131,8 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
 def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
     """Return the contact forces in the frames, and the force of the longest arrow [N].
 
-    It is the median over the frames of the 90th percentile: beside the force of a short impact all other arrows
-    would be too short to be seen.
+    It is the median over the frames of the 90th percentile: relative to the force of a short impact, all other
+    arrows would be invisibly short.
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:

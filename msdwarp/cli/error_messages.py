@@ -15,7 +15,7 @@ _folders: set[Path] = set()
 
 
 def message_of(error: Exception) -> str | None:
-    """Return the message of an error for a user; None for a mistake of ours, which needs its traceback."""
+    """Return the message of an error for a user; None for a mistake in msdwarp, which needs its traceback."""
     if isinstance(error, CycloptsError):
         command = error.app.name[0] if error.app is not None else "msdwarp"
         if error.command_chain:
@@ -43,7 +43,7 @@ def printable_lines(text: str) -> str:
 
 
 def _wrong(error: CycloptsError) -> str:
-    """Return what is wrong with a command line."""
+    """Return a message about an invalid command line."""
     if isinstance(error, UnknownCommandError) and error.unused_tokens and error.app is not None:
         known = ", ".join(name for name in error.app if not name.startswith("-"))
         return f"command is {error.unused_tokens[0]!r}; it must be one of {known}"
@@ -61,7 +61,7 @@ def _wrong(error: CycloptsError) -> str:
 
 
 def _allowed(kind: Any) -> str:
-    """Return which values a flag of some type takes."""
+    """Return the values that a flag of some type takes, as text."""
     if get_origin(kind) is Annotated:
         return _allowed(get_args(kind)[0])
     if get_origin(kind) is Literal:
@@ -80,7 +80,7 @@ def remember_script(script: Path) -> None:
 def user_message(error: Exception) -> str | None:
     """Return an error of the user's code with its file and line.
 
-    None if it was not raised there, or by msdwarp for a value that the code passed, which the message explains.
+    None if it was raised elsewhere, or by msdwarp for a value that this code passed: then its message suffices.
     """
     root: BaseException = error
     while isinstance(root.__cause__, Exception):

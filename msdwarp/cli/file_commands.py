@@ -1,6 +1,6 @@
 """The commands that take a file of a run: describe, draw, plot, convert, continue and repeat it.
 
-Each imports what it needs when it is called, so that help and errors of the command line need not wait for it.
+Each imports its modules when it is called, so that help and errors of the command line need not wait for them.
 """
 
 import math
@@ -30,7 +30,7 @@ File = Annotated[Path, Parameter(help="A trajectory (*.vtkhdf) or a run's folder
 DeviceBefore = Annotated[str | None, Parameter(help="Device to simulate on. Default: the one used before.")]
 PICTURES, VIEW = Pictures(), ViewOptions()
 _MOST_FPS = 60.0
-"""Pictures a second beyond which a film that is played faster skips frames."""
+"""Most pictures per second of a film; faster films skip frames."""
 
 
 def info(file: File, /) -> None:
@@ -125,7 +125,7 @@ def render(
         if there and not force:
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
         writable_folder("out", folder, folder)
-        for picture in there:  # none of an earlier, longer film is left
+        for picture in there:  # an earlier, longer film may have more pictures
             picture.unlink()
         with progress_on(talk) as progress:
             line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps)
@@ -260,7 +260,7 @@ def rerun(
 
 @contextmanager
 def opened(file: Path) -> Iterator["Trajectory"]:
-    """Open a trajectory, given by itself or by its run's folder, once HDF5 has proved able to read it."""
+    """Open a trajectory after a test that HDF5 can read it; `file` is the trajectory or its run's folder."""
     with at_once():
         from ..files import Trajectory, probe
     if file.is_dir() and not (file / TRAJECTORY).exists():
@@ -274,7 +274,7 @@ def opened(file: Path) -> Iterator["Trajectory"]:
 
 
 def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, speed: float) -> tuple[range, float]:
-    """Return the numbers of the frames to draw, and how many of them the film shows in a second."""
+    """Return the numbers of the frames to draw, and the film's frames per second."""
     from .. import checks
 
     count = len(trajectory)
@@ -319,7 +319,7 @@ def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tupl
 
 
 def _schedule_of(trajectory: "Trajectory", script: Script) -> "Sequence[Change]":
-    """Return the changes of a run by its file, or by the scene's script if an early version wrote the file."""
+    """Return the changes of a run, from its file, or from the scene's script for files of early versions."""
     from ..world import scene_from_stored
     from .provenance import rebuild_scene
 

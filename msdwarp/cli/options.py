@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from .results import overlay_path
 
-# Flags that several commands have, with what they show in help.
+# Flags of several commands, with their texts in help.
 Flag = Annotated[bool, Parameter(negative=())]
 Device = Annotated[
     str | None,
@@ -98,7 +98,7 @@ class Pictures:
 
 
 def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return stored options with those of the pictures among them."""
+    """Return stored options, with the options of pictures on the same level."""
     flat = {**options, **options.get("pictures", {})}
     return {name: value for name, value in flat.items() if name != "pictures"}
 

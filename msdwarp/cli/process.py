@@ -44,7 +44,7 @@ def scene_main(build: Callable[..., Any]) -> NoReturn:
 
 
 def _run(command: Callable[[], Any]) -> NoReturn:
-    """Run a command to the end of the process; a signal while it prints its last line ends it at once."""
+    """Run a command to the end of the process; a signal during its last line ends it at once."""
     sys.unraisablehook = signals.lost
     try:
         finish(command)
@@ -87,15 +87,15 @@ def finish(command: Callable[[], Any]) -> NoReturn:
 
 def _set_up() -> None:
     """Prepare the standard streams."""
-    # Open closed ones on the null device: else the next file would get such a number, and what a C library writes
-    # to standard error would go into a trajectory.
+    # Open closed ones on the null device. Otherwise the next file would get such a number, and messages of C
+    # libraries to standard error would go into a trajectory.
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
     for stream in (sys.stdout, sys.stderr):
-        # A unit or a name that the terminal's encoding lacks must not end a run that went well.
+        # A character that the terminal's encoding lacks must not end a run that went well.
         if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="backslashreplace")
     columns = os.environ.get("COLUMNS", "")
@@ -114,7 +114,7 @@ def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
 
 
 def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":
-    """Return progress bars, shown on a terminal only; the speed is that of the last `over` seconds."""
+    """Return progress bars, shown on a terminal only; the speed is averaged over the last `over` seconds."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -142,5 +142,5 @@ def start_warp(verbose: bool) -> None:
         import warp  # noqa: F401
     if verbose:
         runtime.verbose()
-    with noted(lambda: None):  # not at once: standard error is redirected meanwhile, and the word would be lost
+    with noted(lambda: None):  # not at once: standard error is redirected here, and the message would be lost
         runtime.start_warp()

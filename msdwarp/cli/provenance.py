@@ -105,7 +105,7 @@ def as_json(value: Any) -> Any:
 def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
     """Return options from the data of `Options.as_stored`, with changes; missing ones have their defaults.
 
-    Raise ValueError for data of a later version, and for data that no run stores.
+    Raise ValueError for data of a later version, or data that no run stores.
     """
     values = dict(checks.mapping("the run's options", values))
     if "route" in values:  # its name in version 0.1
@@ -145,7 +145,7 @@ def digest(scene: Scene) -> str:
 
 
 def _parts(scene: Scene) -> Iterator[bytes]:
-    # The fields of fracture are left out where no spring can break: digests of earlier versions stay the same.
+    # The fields of fracture are left out if no spring can break: digests of earlier versions stay valid.
     absent = () if scene.system.tears else TEARING_FIELDS
     times, dim = np.linspace(0.0, scene.duration, 9), scene.system.dim
     for field in (field for field in fields(System) if field.name not in absent):

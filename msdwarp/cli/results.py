@@ -22,12 +22,12 @@ def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Pa
 
 
 def check_names(name: str, out: Path) -> None:
-    """Raise ValueError if a file called after a scene would have a longer name than the file system takes."""
+    """Raise ValueError if a file named after a scene would have too long a name for the file system."""
     there = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists())
     try:
         most = os.pathconf(there, "PC_NAME_MAX")
     except (AttributeError, OSError, ValueError):
-        most = 255  # what most systems take
+        most = 255  # the limit of most systems
     length, most = len(os.fsencode(name)), most - len(".") - len(".unfinished.webp")
     if length > most:
         raise ValueError(

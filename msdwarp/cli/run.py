@@ -28,7 +28,7 @@ from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
 _POSES, _MOST_POSES = 61, 1 << 14
-"""Times at which poses of moving obstacles are stored: over the scene's duration, and at most in frames."""
+"""Numbers of times at which poses of moving obstacles are stored: over the scene's duration; at most in frames."""
 MOST_CHANGES_SHOWN = 6
 """More changes of the number of substeps are summarised."""
 
@@ -163,8 +163,8 @@ class Run:
             path = (kept_in or Path(stack.enter_context(TemporaryDirectory()))) / TRAJECTORY
             began, start = time.perf_counter(), self.simulation.time
             try:
-                # Signals are noted from before the files are opened until they are closed and the log is plotted:
-                # an exception may break what is imported for that.
+                # Signals are only noted, from before the files are opened until they are closed and the log is
+                # plotted: an exception could break modules that are imported for that.
                 with stop_requests(self.talk) as requests:
                     with ExitStack() as files:
                         log = files.enter_context(self.log) if self.log is not None else None
@@ -229,7 +229,7 @@ class Run:
         progress: Progress,
         requests: list[int],
     ) -> None:
-        """Simulate frame by frame, until a signal asks to stop."""
+        """Simulate up to frame `last` and write results; stop early if a signal asks."""
         simulation, kept = self.simulation, {"strain": self._strain, "contact_forces": self.options.sums_contact}
         readback = Readback(simulation, **kept)
         saved = time.monotonic()
@@ -238,7 +238,7 @@ class Run:
                 try:
                     simulation.step()
                 except SimulationDiverged:
-                    self._save(writer)  # of the frame before
+                    self._save(writer)  # of the previous frame
                     raise
             readings = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP) if k}
             readings = {every: rows for every, rows in readings.items() if rows.size}
@@ -284,7 +284,7 @@ class Run:
 
 
 def _over_time(history: Sequence[tuple[float, int]]) -> str:
-    """Return the numbers of substeps over time: each if there are few, else a summary."""
+    """Return the numbers of substeps over time as text: each if there are few, else a summary."""
     if len(history) <= MOST_CHANGES_SHOWN:
         return ", ".join(f"{count} from {time:.4g} s on" for time, count in history)
     counts = [count for _, count in history]

@@ -35,7 +35,7 @@ class Origin(NamedTuple):
 
     def scene(self) -> "Scene":
         """Return the scene; raise ValueError if `build` returns something else."""
-        with at_once():  # an exception may break what it imports, such as PyVista
+        with at_once():  # an exception may break modules that it imports, such as PyVista
             from ..world import Scene
 
             scene = self.build(**self.parameters)

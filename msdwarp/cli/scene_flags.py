@@ -18,7 +18,7 @@ COMMON = {
 
 
 def new_app(name: str, **options: Any) -> App:
-    """Return a command that raises its errors, and refuses fractions for whole numbers."""
+    """Return a command that raises its errors, and rejects fractions for whole numbers."""
     return App(
         name=name,
         suppress_keyboard_interrupt=False,
@@ -66,7 +66,7 @@ def _described(parameter: inspect.Parameter, doc: str | None) -> inspect.Paramet
 
 
 def _convert(kind: Any, tokens: Any) -> Any:
-    """Convert words as cyclopts does, but refuse 1.5 for a whole number, which cyclopts rounds to 2."""
+    """Convert words like cyclopts, but reject 1.5 for a whole number, which cyclopts rounds to 2."""
 
     def converted(kind: Any, word: str) -> Any:
         if kind is int and "." in word and not float(word).is_integer():

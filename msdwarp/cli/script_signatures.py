@@ -1,7 +1,7 @@
-"""Trust: which scripts run because a file names them, and which only with permission.
+"""Trust: permission to run the scripts that files name.
 
-A file may come from anyone. So a script that it names runs without permission only if the file has a seal, made
-with a key that only this user has, which shows that this user ran that script, at that path and as it is now.
+A file may come from anyone. So a script that it names runs without permission only if the file has a seal. The
+seal is made with a key that only this user has. It shows that this user ran the script, unchanged, at this path.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from .scene_files import Origin, find_scene
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Script:
-    """Which script may be run."""
+    """The user's permission to run a script."""
 
     scene: str | None = None
     """Use this scene (a name or a script's path) instead of the one that the file names."""
@@ -30,7 +30,7 @@ class Script:
 
     @property
     def requested(self) -> bool:
-        """Whether a script is to run even where none is needed."""
+        """Whether the user asks for a script, even if none is needed."""
         return self.trust or self.scene is not None
 
     def found(self, place: str, attributes: Mapping[str, Any]) -> Origin:
@@ -79,7 +79,7 @@ def _seal(place: str, digest: str) -> str | None:
 
 
 def _key() -> bytes | None:
-    """Return this user's key, made when it is first needed; None if there is no place for it."""
+    """Return this user's key, made when it is first needed; None if it cannot be stored."""
     try:
         state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
         path = Path(state) / "msdwarp" / "key"

@@ -1,6 +1,6 @@
-"""Signals: Ctrl-C, SIGTERM and a lost terminal end the command with a word, at any moment.
+"""Signals: Ctrl-C, SIGTERM and a lost terminal end the command with a short message, at any moment.
 
-While modules are imported, and nothing has begun, they end the process at once: in a half imported C module an
+While modules are imported, before anything has begun, they end the process at once: in a half imported C module an
 exception may turn into another one, vanish, or crash. During a run they are noted, and end it between two frames.
 Everywhere else they raise an exception, except within late imports and h5py, which are completed first.
 """
@@ -39,25 +39,25 @@ def number_of(stop: BaseException) -> int:
 
 
 def word(number: int) -> str:
-    """Return the word for the effect of a signal."""
+    """Return the word for a signal's effect in messages."""
     return "interrupted" if number == signal.SIGINT else "terminated"
 
 
 def heard(*names: str) -> list[int]:
-    """Return the numbers of signals that this system has and that are not ignored, as nohup ignores SIGHUP."""
+    """Return the numbers of this system's signals that are not ignored; nohup, for example, ignores SIGHUP."""
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     return [number for number in numbers if signal.getsignal(number) not in (signal.SIG_IGN, None)]
 
 
 def leave(number: int, _: Any = None) -> NoReturn:
-    """End the process at once, with a word."""
+    """End the process at once, with a short message."""
     with contextlib.suppress(OSError):
         os.write(2, f"{word(number)}\n".encode())
     os._exit(128 + number)
 
 
 def ask(number: int, frame: FrameType | None = None) -> None:
-    """Raise an exception that ends the command, or have the signal sent again within an import or h5py."""
+    """Raise an exception that ends the command; within an import or h5py, send the signal again later."""
     if _is_fragile(frame):
         _hear_again(number)
         return
@@ -65,7 +65,7 @@ def ask(number: int, frame: FrameType | None = None) -> None:
 
 
 def lost(found: "sys.UnraisableHookArgs") -> None:
-    """Send a signal again whose exception Python ignored, as in a `__del__`: a hook for unraisable exceptions."""
+    """Send a signal again if Python ignored its exception, as in a `__del__`: a hook for unraisable exceptions."""
     if isinstance(found.exc_value, KeyboardInterrupt | Terminated):
         _hear_again(number_of(found.exc_value))
     else:
@@ -109,7 +109,7 @@ def handled(handler: Callable[[int, Any], Any]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def at_once() -> Iterator[None]:
-    """Have signals end the process at once: where nothing needs to be closed or removed."""
+    """Let signals end the process at once, while nothing needs to be closed or removed."""
     with handled(leave):
         yield
 
@@ -136,6 +136,6 @@ def noted(announce: Callable[[], Any]) -> Iterator[list[int]]:
 
 
 def ignore() -> None:
-    """Ignore signals from here on: all is done, and Python is about to clean up."""
+    """Ignore signals from here on: the work is done, and Python is about to clean up."""
     for number in heard(*ALL):
         signal.signal(number, signal.SIG_IGN)

@@ -85,7 +85,7 @@ def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]
 
 
 def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], every: int) -> None:
-    """Raise ValueError unless a trajectory is of the run that a simulation was restored from."""
+    """Raise ValueError unless a trajectory belongs to the run from which a simulation was restored."""
     with Trajectory(path) as kept:
         same = all(kept.attributes.get(name) == made_by[name] for name in ("scene", "parameters", "digest"))
         k, between = divmod(simulation.frame_index, every)
@@ -101,7 +101,7 @@ def rerun(
     """Repeat the run of a trajectory; return how the result differs, None if it does not.
 
     The result, with the pictures of the run's options, is kept in the folder `out` if one is given. Raise
-    ValueError if the file does not say what made it, or that cannot be built or simulated here.
+    ValueError if the file does not name its scene, or the scene cannot be built or simulated here.
     """
     with contextlib.ExitStack() as stack:
         attributes = trajectory.attributes

@@ -1,4 +1,4 @@
-"""Sweeping a scene from the command line: lists and ranges among its flags, a run for each of their points."""
+"""Sweeping a scene from the command line: a run for each point of the lists and ranges among its flags."""
 
 import os
 import re
@@ -95,7 +95,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             raise ValueError(f"{name} has a value twice; its values must differ")
         values[name.replace("-", "_")] = several
     studies.check_size(values)
-    # All parameters identify a point, and options that are not usual: a later version may have more of them.
+    # All parameters identify a point, and options other than defaults: later versions may have more options.
     parameters = {name: _whole(value) for name, value in parameters_of(chosen[0]).items()}
     own, usual, planned = _flat(options), _flat(SweepOptions()), []
     for given, texts in zip(studies.points(values), studies.points(grid), strict=True):
@@ -161,7 +161,7 @@ def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
 
 
 def _flat(options: SweepOptions) -> dict[str, Any]:
-    """Return the options of a run by name, those of pictures among them."""
+    """Return the options of a run by name, including the options of pictures."""
     return {name: _whole(value) for name, value in flattened(options.as_stored()).items() if name not in _ONCE}
 
 

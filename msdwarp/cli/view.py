@@ -1,4 +1,4 @@
-"""Viewing a scene as it is simulated, or a trajectory, in a window or a browser."""
+"""Viewing a scene during its simulation, or a trajectory, in a window or a browser."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,18 +19,18 @@ from .run import about, simulation_by
 from .scene_files import Origin, find_scene
 
 _SIMULATED = 64
-"""Bytes that a simulation takes for each spring and its particles, beside those of the system."""
+"""Bytes of a simulation for each spring and its particles, besides those of the system."""
 SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
-"""Scenes on the keys 1 to 9; the first five are those of the 2014 program."""
+"""Scenes on the keys 1 to 9; the first five were in the 2014 program."""
 
 
 def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
-    """Show a scene as it is simulated, until the window is closed or Ctrl-C."""
+    """Show a scene during its simulation, until the window is closed or Ctrl-C."""
     _run(view_of(origin, scene, options))
 
 
 def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
-    """Return a view of a scene as it is simulated.
+    """Return a view of a scene during its simulation.
 
     Raise ValueError if an option is out of range, or there is neither a display nor the package for a page.
     """
@@ -62,7 +62,7 @@ def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: Vi
 
 
 def running_scene(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
-    """Return the source of a view of a scene as it is simulated."""
+    """Return the source of a view of a scene during its simulation."""
     run_options = options.run_options
     handled = within_reach(scene)
     simulation = simulation_by(handled, run_options)
@@ -90,7 +90,7 @@ def rounded_like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> di
 
 
 def _run(view: View) -> None:
-    """Run a view, until it is closed or a signal asks to stop; print where its page is, and who can open it."""
+    """Run a view until it is closed or a signal asks to stop; print its page's address, and who can open it."""
     with stop_requests(Console(stderr=True)) as requests:
         for page in view.screens:
             if not isinstance(page, Browser):
@@ -108,7 +108,7 @@ def _run(view: View) -> None:
 
 @contextmanager
 def memory_limit() -> Iterator[None]:
-    """Raise MemoryError for a request of more memory than is free, where Linux would end the process.
+    """Raise MemoryError for a request of more memory than is free; Linux would end the process instead.
 
     The limit holds for the whole process.
     """

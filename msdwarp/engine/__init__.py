@@ -1,4 +1,4 @@
-"""One substep on a device: `Model` is constant, `State` moves, effects act, `Dynamics` launches, diagnostics tell.
+"""Substeps on a device: a constant `Model`, a moving `State`, effects, launches by `Dynamics`, and diagnostics.
 
 The only room that composes the kernels that move particles, and all but the only one that launches them: linearly
 implicit Euler launches its own solver.
@@ -6,7 +6,11 @@ implicit Euler launches its own solver.
 
 from .collision.body_contact import BodyContact as BodyContact
 from .collision.contact_forces import ContactForces as ContactForces
-from .diagnostics.divergence import Backup as Backup, Baseline as Baseline, DivergenceMonitor as DivergenceMonitor
+from .diagnostics.divergence_monitor import (
+    Backup as Backup,
+    Baseline as Baseline,
+    DivergenceMonitor as DivergenceMonitor,
+)
 from .diagnostics.energies import (
     Measures as Measures,
     measure as measure,
@@ -23,6 +27,7 @@ from .diagnostics.energy_balance import (
     weight as weight,
 )
 from .diagnostics.frozen_worlds import FrozenWorlds as FrozenWorlds, WorldStatus as WorldStatus
+from .diagnostics.probes import GroupMeans as GroupMeans, Sensors as Sensors, sensors_of as sensors_of
 from .diagnostics.rate_bounds import (
     Rates as Rates,
     rate_bounds as rate_bounds,
@@ -30,7 +35,6 @@ from .diagnostics.rate_bounds import (
     world_rates as world_rates,
 )
 from .diagnostics.readout import Found as Found
-from .diagnostics.sensors import GroupMeans as GroupMeans, Sensors as Sensors, sensors_of as sensors_of
 from .model.effect import Effect as Effect, Steps as Steps
 from .model.model import Model as Model
 from .model.state import State as State

@@ -1,7 +1,7 @@
 """Trajectories and restart files on disk, and exports. The only importer of h5py."""
 
+from .checkpoint_file import read_restart as read_restart, write_restart as write_restart
 from .export import export as export
-from .restart import read_restart as read_restart, write_restart as write_restart
 from .trajectory import FrameArray as FrameArray, Trajectory as Trajectory
 from .validation import probe as probe
 from .writer import TrajectoryWriter as TrajectoryWriter

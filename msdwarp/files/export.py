@@ -27,10 +27,10 @@ def export(
 ) -> list[Path]:
     """Write frames in another format: the surface, or the connections if there is none. Return the files.
 
-    Of obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
-    velocities, times and connections) hold all in one. Raise ValueError if the format is unknown, is not the
-    path's ending, cannot hold the body, or needs a missing package, or if there are no such frames; and
-    FileExistsError if a file exists and `force` is False, before anything is written.
+    For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
+    velocities, times and connections) have one file for all. Raise ValueError if the format is unknown, is not the
+    path's ending, cannot hold the body, or needs a missing package, or if a frame does not exist. Raise
+    FileExistsError if a file exists and `force` is False. Nothing is written then.
     """
     path = Path(path)
     checks.one_of("to", to, (*_MESHES, *_WHOLE))

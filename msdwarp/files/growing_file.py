@@ -1,4 +1,4 @@
-"""The file of a trajectory while it grows: it opens at any moment."""
+"""The file of a trajectory while it grows: readers can open it at any moment."""
 
 import errno
 import os
@@ -20,21 +20,21 @@ _SLACK = 1 << 18
 
 
 class GrowingFile:
-    """The file, which one thread fills.
+    """The file of a trajectory, to which one thread appends records.
 
     HDF5 keeps no journal, so the order of writes matters: a frame's data, the number of frames, then the frame's
     time. Data that readers of earlier frames need are not moved. HDF5 does not recover from a full disk either, so
     room is reserved before a frame is passed to it.
-    When an existing file is continued, frames stay if the same ones are written again. The first one that differs
-    replaces all later ones, once there is room for as many.
+    If an existing file is continued, its frames stay as long as equal ones are written again. The first different
+    frame replaces all later ones, once there is room for as many.
     """
 
     def __init__(self, path: Path, force: bool, layout: Callable[[np.dtype], Layout], about: About):
         self.path, self.force, self._layout_for, self._about = path, force, layout, about
         self.written = 0
-        """Frames that were written, or found in the file."""
+        """Number of frames written, or found to be in the file."""
         self.frame_count = self.found = 0
-        """Frames in the file, and those when it was reopened."""
+        """Numbers of frames in the file: now, and when it was reopened."""
         self._file: Any = None
 
     def append(self, record: Record) -> None:
@@ -68,7 +68,7 @@ class GrowingFile:
             os.fsync(self._room)
 
     def close(self) -> None:
-        """Close the file, and give back room that was reserved and not used."""
+        """Close the file, and release reserved space that was not used."""
         if self._file is None:
             return
         file, self._file = self._file, None
@@ -133,7 +133,7 @@ class GrowingFile:
         self._size = os.fstat(self._room).st_size
 
     def _check_there(self) -> None:
-        """Raise OSError unless the file is where it was, and as long."""
+        """Raise OSError if the file has been moved, removed or shortened."""
         try:
             there = os.path.samestat(os.stat(self._at), os.fstat(self._room))
         except FileNotFoundError:
@@ -149,9 +149,9 @@ class GrowingFile:
 
 
 def _include_all_bytes(path: Path) -> None:
-    """Set the end that the superblock states to the file's real end: a killed process may have written beyond it.
+    """Set the end in the superblock to the file's real end: a killed process may have written beyond it.
 
-    In version 0 of the superblock that end is the number of 8 bytes at byte 40.
+    In version 0 of the superblock the end is a number of 8 bytes at byte 40.
     """
     with path.open("r+b") as file:
         if file.read(9)[8] == 0:

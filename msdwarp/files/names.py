@@ -1,4 +1,4 @@
-"""Names in the file of a trajectory, and how arrays are stored in it."""
+"""Names in the file of a trajectory, and the storage of its arrays."""
 
 import json
 import math
@@ -17,8 +17,8 @@ POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
 CONTACT = "PointData/contact_force"
 """Contact force on each particle [N], the mean over the frame; optional."""
 BROKEN_AT = "CellData/broken_at"
-"""When each connection broke [s], inf if it is whole; for a triangle, when it parted (`Edges`). One array serves
-all frames: later fracture does not change earlier ones."""
+"""The time each connection broke, or triangle parted (`Edges`) [s]; inf if it is whole. One array serves all
+frames: later fracture does not change earlier ones."""
 SUBSTEPS = "substeps"
 """Number of substeps of each frame, in the group `msdwarp`; 0 if unknown."""
 READINGS = "readings"
@@ -67,7 +67,7 @@ class Growing(NamedTuple):
         return item
 
     def growth(self, before: int, after: int) -> int:
-        """Return the bytes that it grows by when there are more rows."""
+        """Return the number of bytes that more rows add to it."""
         chunks = -(-after // self.chunk) - -(-before // self.chunk)
         return chunks * self.chunk * math.prod(self.width) * np.dtype(self.dtype).itemsize
 
@@ -85,7 +85,7 @@ def _sum(values: Any) -> int:
 
 
 def same(there: NDArray, values: Any) -> bool:
-    """Return whether an array has these numbers, bit for bit, in its own precision."""
+    """Return whether an array equals these numbers, bit for bit, in its own precision."""
     given = np.asarray(values, dtype=there.dtype)
     return there.shape == given.shape and there.tobytes() == given.tobytes()
 
@@ -97,7 +97,7 @@ def store_text(group: Any, name: str, text: str) -> None:
 
 
 def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes as they will be read; raise ValueError for one that JSON cannot hold."""
+    """Return attributes as JSON will give them back; raise ValueError for one that JSON cannot hold."""
     result = {}
     for name, value in attributes.items():
         try:
@@ -111,7 +111,7 @@ def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fault(file: Any) -> str | None:
-    """Return why a file is not a trajectory that this version reads; None if it is."""
+    """Return why this version cannot read a file as a trajectory; None if it can."""
     if ROOT not in file:
         return f"it has no group {ROOT}"
     if OWN not in file:

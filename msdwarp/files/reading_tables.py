@@ -1,4 +1,4 @@
-"""Probe readings in the file of a trajectory: a table by frame, one by substep, and where in them each frame ends.
+"""Probe readings in the file of a trajectory: a table by frame, one by substep, and each frame's last row.
 
 They are in the group `msdwarp`, which VTK does not read.
 """
@@ -45,7 +45,7 @@ class ReadingTables:
         self._tables: dict[str, Any] = {}
         self._ends: Any = None
         self._at: dict[str, int] = {}
-        """For each table, how many rows are in use; later ones may be written again."""
+        """Number of rows in use for each table; later rows may be overwritten."""
 
     @classmethod
     def of(cls, file: Any) -> "ReadingTables | None":
@@ -81,13 +81,13 @@ class ReadingTables:
         return size
 
     def holds(self, rows: Rows, k: int | None = None) -> bool:
-        """Return whether the tables have these rows next, and frame k, if given, ends with them."""
+        """Return whether the next rows of the tables are these, and frame k, if given, ends with them."""
         ends = {every: at + len(rows.get(every, ())) for every, at in self._at.items()}
         there = all(same(self._tables[every][self._at[every] : ends[every]], rows[every]) for every in rows)
         return there and (k is None or self._ends[k].tolist() == [ends.get(every, 0) for every in EVERY])
 
     def add(self, rows: Rows) -> None:
-        """Write rows after those in use, unless they are there."""
+        """Write rows after those in use, unless they are there already."""
         there = self.holds(rows)
         for every, values in rows.items():
             table, at = self._tables[every], self._at[every]
@@ -118,7 +118,7 @@ class ReadingTables:
             self._at[every] = end
 
     def _end(self, k: int, every: str) -> int:
-        """Return how many rows of a table the first k frames have."""
+        """Return the number of rows that the first k frames have in a table."""
         return int(self._ends[k - 1, EVERY.index(every)]) if k else 0
 
     def read(self, frame_count: int, file_size: int) -> dict[str, Series]:

@@ -1,4 +1,4 @@
-"""A system in a file: its arrays and names, beside the frames."""
+"""A system in a file, beside the frames: its arrays and names."""
 
 import json
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
-    """Return a system's arrays that are not VTK's, by name; uniform ones have no first axis."""
+    """Return a system's arrays by name, except those that VTK has; uniform arrays have no first axis."""
     found = {field.name: getattr(system, field.name) for field in fields(system)}
     del found["connections"]  # these are VTK's lines
     if system.original_length is system.rest_length:
@@ -31,7 +31,7 @@ def arrays_of(system: System) -> dict[str, NDArray]:
 
 
 def write_system(group: Any, system: System, compress: bool) -> None:
-    """Write a system as it is at the start."""
+    """Write a system in its starting state."""
     group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
     damper = (type(system.damper).__name__, asdict(system.damper))
     bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]
@@ -47,7 +47,7 @@ def read_system(file: Any) -> System:
     described, part = json.loads(load(group["description"])), group["system"]
     law, constants = described["damper"]
     arrays = dict(_read(part))
-    # The stored system may be one of a later frame, with springs about to break, which a start refuses.
+    # The stored system may be from a later frame, with springs about to break, which `System` would refuse.
     broken_at = arrays.pop("broken_at", np.inf)
     surface = dict(_read(part["surface"])) if "surface" in part else None
     return System(

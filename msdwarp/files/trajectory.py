@@ -80,8 +80,8 @@ def _chosen(count: int, key: Any) -> NDArray[np.intp]:
 class Trajectory:
     """A trajectory on disk: its frames, which are read on access, and the system.
 
-    It can be opened while it is being written, and then has the frames so far. Attributes that are read later
-    raise ValueError where the file is damaged.
+    It can be opened while it is being written, and then has the frames so far. Attributes that are read only on
+    access raise ValueError if the file is damaged.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ class Trajectory:
 
     @cached_property
     def _tables(self) -> ReadingTables | None:
-        """The tables of probe readings; None where no run wrote any."""
+        """The tables of probe readings; None if the file has none."""
         with self._damage_named("its readings: "):
             return ReadingTables.of(self._file)
 
@@ -282,7 +282,7 @@ class Trajectory:
     @overload
     def __getitem__(self, k: slice) -> Iterator[Frame]: ...
     def __getitem__(self, k: int | slice) -> Frame | Iterator[Frame]:
-        """Return a frame, or an iterator over those of a slice."""
+        """Return a frame, or an iterator over the frames of a slice."""
         return (self.frame(i) for i in range(len(self))[k]) if isinstance(k, slice) else self.frame(k)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -311,7 +311,7 @@ def _opened(path: Path) -> Any:
 
 
 def _times(root: Any) -> NDArray[np.float64]:
-    """Return the times of the frames [s] in the group VTKHDF, so far as they are whole."""
+    """Return the times [s] of the frames in the group VTKHDF, up to the first that is not fully on disk."""
     values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
     try:
         times = values[:count]

@@ -1,8 +1,8 @@
 """Checks of an HDF5 file before its contents are used.
 
-`structure_fault` reads structures and texts, and no arrays. `probe` runs it in a process of its own, which needs
-only this file and h5py, and can be ended: HDF5 may read a damaged or malicious file for ever, without hearing
-signals, and take all memory.
+`structure_fault` reads structures and texts, but no arrays. `probe` runs it in a process of its own, which needs
+only this file and h5py, and can be ended: on a damaged or malicious file HDF5 may never return, ignore signals,
+and take all memory.
 """
 
 import math
@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 _SECONDS = 2.0
-"""Seconds of computing that the process has for a file; a sound one takes some hundredths."""
+"""Seconds of computing that the process may take; a sound file takes some hundredths."""
 _MOST_SECONDS = 120.0
-"""Seconds that it has in all, however slow the disk is."""
+"""Seconds that it may take in all, however slow the disk is."""
 _MOST_OBJECTS = 10_000
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 _MOST_SQUEEZED = 1100
@@ -47,7 +47,7 @@ def probe(path: str | Path) -> None:
 
 
 def structure_fault(file: Any) -> str | None:
-    """Return why an open file is not to be read: links out of it, foreign filters, sizes that it does not have."""
+    """Return why an open file cannot be read safely: external links, unknown filters, impossible sizes."""
     import h5py
     from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -80,7 +80,7 @@ def structure_fault(file: Any) -> str | None:
 
 
 def _wrong(item: Any, path: str) -> str | None:
-    """Return why an array is not to be read, by its own description; None if it is sound."""
+    """Return why an array cannot be read safely, by its own description; None if it can."""
     if item.is_virtual or item.external:
         return "lies in other files"
     plan = item.id.get_create_plist()
@@ -105,7 +105,7 @@ def too_large(item: Any, count: int, stored: int) -> str | None:
 
 
 def _limit() -> None:
-    """Have the system end this process after some seconds of computing, or if it asks for much memory."""
+    """Limit this process: the system ends it after some seconds of computing, or if it asks for much memory."""
     try:
         import resource
     except ImportError:
@@ -121,7 +121,7 @@ def _limit() -> None:
 
 
 def main(path: str) -> None:
-    """Print why a file is not to be read, if it is not. HDF5 may crash, or never end."""
+    """Print why a file cannot be read safely, if it cannot. HDF5 may crash, or never end."""
     import h5py
 
     _limit()

@@ -1,6 +1,6 @@
-"""VTKHDF: how a trajectory is laid out in its file, and the system beside it; see docs/files.md.
+"""VTKHDF: the layout of a trajectory in its file, and of the system beside it; see docs/files.md.
 
-Functions take open h5py files, so that HDF5 is loaded only where one is opened.
+Functions take open h5py files, so that HDF5 is loaded only when a file is opened.
 """
 
 import json
@@ -40,15 +40,15 @@ _TIMES, _SUBSTEPS = f"{ROOT}/Steps/Values", f"{OWN}/{SUBSTEPS}"
 _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
 """Bytes of a chunk; HDF5 takes no more than 4 GiB."""
 FORESEEN = 1024
-"""Frames whose offsets are written at once, where the number of frames is unknown."""
+"""Frames whose offsets are written at once, if the number of frames is unknown."""
 _MOST_FORESEEN = 1 << 16
-"""The most where it is known: their offsets take room even if the run ends early."""
+"""The most if it is known: their offsets take space even if the run ends early."""
 _BLOCK = 1 << 15
 """Connections whose strain is computed at a time: their coordinates fit into the cache."""
 
 
 class Record(NamedTuple):
-    """A frame and the arrays stored beside it; without a frame, the readings of one that is not kept."""
+    """A frame and the arrays stored beside it; without a frame, the readings of a frame that is not kept."""
 
     frame: Frame | None
     strain: NDArray | None = None
@@ -58,13 +58,13 @@ class Record(NamedTuple):
     """When each connection broke [s]."""
     contact_force: NDArray | None = None
     rows: Rows = MappingProxyType({})
-    """The readings since the frame before."""
+    """The readings since the previous frame."""
 
 
 class Layout:
-    """How a system's frames are laid out: the data stored once, and those that each frame adds.
+    """The layout of a system's frames: the data stored once, and the data that each frame adds.
 
-    `tears` stores when each connection broke; by default where any can break.
+    With `tears` the time at which each connection broke is stored; by default if any can break.
     """
 
     def __init__(
@@ -166,8 +166,8 @@ class Layout:
             self._readings.continue_after(k, float(self._times[k - 1]), until)
 
     def truncate(self, k: int) -> None:
-        """Cut the file to its first k frames; the next ones are written over the others."""
-        # VTK's reader writes past its memory where there are more times than frames.
+        """Cut the file to its first k frames; the next ones overwrite the others."""
+        # VTK's reader writes past its memory if there are more times than frames.
         last = float(self._times[k - 1])
         self._times.resize(k, axis=0)
         if self._broken_at is not None:  # connections that broke later are whole again
@@ -178,7 +178,7 @@ class Layout:
         self._file.flush()
 
     def holds(self, k: int, record: Record) -> bool:
-        """Return whether the file has this record, bit for bit, as its next readings and as frame k."""
+        """Return whether the next readings and frame k of the file equal this record, bit for bit."""
         frame = record.frame
         if self._readings is not None and not self._readings.holds(record.rows, None if frame is None else k):
             return False
@@ -231,13 +231,13 @@ class Layout:
         self._file.flush()
 
     def append_rows(self, rows: Rows) -> None:
-        """Write readings, unless the file has them, and flush them."""
+        """Write readings, unless the file has them already, and flush them."""
         if self._readings is not None:
             self._readings.add(rows)
             self._file.flush()
 
     def _arrays(self) -> Iterator[tuple[Growing, int]]:
-        """Yield the arrays that grow, and how many rows a frame has in each."""
+        """Yield the growing arrays, and a frame's number of rows in each."""
         yield Growing(_SUBSTEPS, (), np.int32, self._foreseen), 1
         yield Growing(_TIMES, (), np.float64, self._foreseen, {"fillvalue": np.nan, "fill_time": "ifset"}), 1
         for name, stride in self._offsets().items():
@@ -251,7 +251,7 @@ class Layout:
             yield Growing(f"{ROOT}/{name}", width, self._dtype, chunk, GZIP if self._compress else {}), rows
 
     def _offsets(self) -> dict[str, NDArray[np.int64]]:
-        """Return the difference from frame to frame in each array of offsets in Steps."""
+        """Return the step from frame to frame in each array of offsets in Steps."""
         strides = {"PartOffsets": 0, "NumberOfParts": 0, "CellOffsets": [0] * 4, "ConnectivityIdOffsets": [0] * 4}
         strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
         if CONTACT in self._per_frame:
@@ -277,7 +277,7 @@ class Layout:
         return np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
 
     def _in_space(self, values: NDArray) -> NDArray:
-        """Return vectors of particles as those of VTK's points, shape [point_count, 3]."""
+        """Return vectors of particles as vectors of VTK's points, shape [point_count, 3]."""
         n, dim = values.shape
         if dim == 3 and self._embedded is None:
             return np.ascontiguousarray(values, dtype=self._dtype)
@@ -288,7 +288,7 @@ class Layout:
         return result
 
     def _pieces(self, k: int, frame: Frame, record: Record) -> Iterator[tuple[Any, int, NDArray]]:
-        """Yield pieces of frame k: the array, where in it the piece begins, and its rows."""
+        """Yield pieces of frame k: the array, the piece's first row in it, and the rows."""
         vectors = {POINTS: frame.position, VELOCITY: frame.velocity, CONTACT: record.contact_force}
         for name, dataset in self._datasets.items():
             start = k * self._per_frame[name]

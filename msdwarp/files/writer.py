@@ -29,7 +29,7 @@ _QUEUED = 4
 
 
 class _Pending(Protocol):
-    """A frame that is still being copied to the host, as `Readback.take` returns it; methods wait for it."""
+    """A frame that is still being copied to the host, returned by `Readback.take`; methods wait for it."""
 
     @property
     def substeps(self) -> int: ...
@@ -66,7 +66,7 @@ class TrajectoryWriter:
         Information about the run: numbers, texts, or lists and mappings of these, as in JSON.
     readings
         For each probe, by name: how often it is read ("frame" or "substep"), and the names of its columns.
-        Readings are also written of frames that are not kept.
+        Readings are also written for frames that are not kept.
     scene
         Data of the surroundings for pictures: JSON data, and arrays by name.
     behind
@@ -225,7 +225,7 @@ class TrajectoryWriter:
         self.close()
 
     def _raise_error(self, *, again: bool) -> None:
-        """Raise the thread's error, if there is one; one that was raised before only if `again`."""
+        """Raise the thread's error, if there is one; an error that was already raised only if `again`."""
         if self._error is not None and (again or not self._raised):
             self._raised = True
             raise self._error
@@ -255,7 +255,7 @@ class TrajectoryWriter:
             self._error = self._error or self._explained(error)
 
     def _explained(self, error: Exception) -> Exception:
-        """Return an error that names the file and says how much of it is kept."""
+        """Return an error that names the file and the number of frames kept."""
         if not isinstance(error, OSError | RuntimeError):  # HDF5's errors are of these two kinds
             return error
         n, number = self.frame_count, getattr(error, "errno", None)
@@ -268,7 +268,7 @@ class TrajectoryWriter:
 
 
 def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> int:
-    """Return how many frames a file has: `kept` at least, of this system and these probes, or raise ValueError."""
+    """Return a file's number of frames; raise ValueError for less than `kept`, or another system or probes."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(

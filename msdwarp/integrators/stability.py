@@ -1,4 +1,4 @@
-"""Stability: how fast a system can oscillate and creep, and the substeps that follow from it.
+"""Stability: bounds of a system's rates of oscillation and relaxation, and the substeps that follow from them.
 
 For a linear system M x'' = −K x − B x' an explicit method is stable while the step stays below a limit set
 by the largest eigenvalues of M⁻¹K and M⁻¹B; each integrator states that limit (`stable_step`). Both
@@ -90,7 +90,7 @@ def stability_limit(system: System, integrator: Integrator) -> float:
 
 
 def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:
-    """Return a choice of `substeps` whatever the limit; if no step is stable, limit and `least` are 0."""
+    """Return a choice of `substeps`, stable or not; if no step is stable, limit and `least` are 0."""
     limit = integrator.stable_step(rates)
     least = max(1, math.ceil(1.0 / (fps * limit))) if limit > 0.0 else 0
     return StepChoice(rates, limit, least, substeps, fps)
@@ -112,7 +112,7 @@ def choose_stable(
 def choose_substeps(
     rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
 ) -> StepChoice:
-    """Return the least number of substeps per frame within `safety` of the limit, or the one given.
+    """Return the least number of substeps per frame within `safety` of the limit, or the given number.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Access: which requests to a page are answered, by Host, origin and token."""
+"""Access: decides by Host, origin and token whether a page answers a request."""
 
 import hmac
 import ipaddress
@@ -19,15 +19,15 @@ EVERYWHERE = ("0.0.0.0", "::", "")
 
 
 class Access:
-    """Who may open a page.
+    """The rule for who may open a page.
 
     With each request a browser sends the name of the server (Host), and for requests of other pages their origin
     (Origin). Any page can make a browser send requests to this machine, but only with its own origin; and with a
     Host other than this machine's only if that name resolves to it (DNS rebinding).
 
     `host` is the address of the page: unless only this machine can reach it, requests need a token. `allow_origin`
-    are other origins whose pages may control this one, such as that of a proxy: scheme, host and port. ValueError
-    is raised if one is invalid.
+    are other origins whose pages may control this one, such as a proxy's: scheme, host and port. ValueError is
+    raised if one is invalid.
     """
 
     def __init__(self, host: str, allow_origin: Iterable[str] = ()) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 HOST, PORT = "127.0.0.1", 8080
 """Where the page is by default: only this machine can open it."""
 SIZE = (1280, 720)
-"""Width and height that the camera is placed for."""
+"""Width and height for which the camera is placed."""
 WORTH = 10_000
 """The fewest vertices that take more bytes than an image of them."""
 MOST_WAITING = 20
@@ -48,7 +48,7 @@ class Browser:
         try:
             import viser
 
-            from .guard import allow_any_thread, guarded  # which need what viser brings
+            from .guard import allow_any_thread, guarded  # which need packages that viser brings
         except ImportError as error:
             raise ValueError(MISSING) from error
         if port is not None and not 1 <= checks.count("port", port, 1) <= 65535:
@@ -104,7 +104,7 @@ class Browser:
         self._panel.open(view)
 
     def stage(self) -> None:
-        """Show another scene, or the same drawn in another way."""
+        """Show another scene, or another drawing of the scene."""
         view = self._view
         with self._server.atomic():
             if view.source is not self._scene:
@@ -139,7 +139,7 @@ class Browser:
         self._panel.stage()
 
     def _place_camera(self) -> None:
-        """Place the camera as pictures do, but further away: bodies move, and the panel covers a part."""
+        """Place the camera as in pictures, but further away: bodies move, and the panel covers a part."""
         camera, opening = self._stage.camera, math.radians(VIEW_ANGLE)
         eye = camera.target + 1.8 * (camera.eye - camera.target)
         first = self._server.initial_camera
@@ -150,7 +150,7 @@ class Browser:
             client.camera.position, client.camera.look_at = eye, camera.target
 
     def _add_ground(self) -> None:
-        """Add the ground where pictures have it."""
+        """Add the ground of pictures."""
         ground = self._stage.ground
         if ground is None:
             return
@@ -224,7 +224,7 @@ class Browser:
             self._look_for_slow()
 
     def _show_triangles(self) -> None:
-        """Move the patches; where colours change, show the triangles of each colour as a mesh of their own."""
+        """Move the patches; if colours change, show the triangles of each colour as a mesh of their own."""
         drawing = self._view.shown.drawing
         points: Any = drawing.points.numpy()
         for node, patch in self._patches:
@@ -259,7 +259,7 @@ class Browser:
         return [(k, one, self._links[k]) for k, one in clients.items()]
 
     def _look_for_slow(self) -> None:
-        """Have the view send images if triangles are late again and again."""
+        """Make the view send images if triangles are late again and again."""
         vertices = sum(len(patch.corners) for _, patch in self._patches)
         if vertices + len(self._view.shown.drawing.points) < WORTH:
             return

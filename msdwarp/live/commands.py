@@ -17,7 +17,7 @@ from .state import ViewState
 SLOWEST, FASTEST = 1 / 64, 64.0
 """Bounds of the speed of playing, over real time."""
 SENDS = ("auto", "triangles", "images")
-"""What a page can be sent."""
+"""Kinds of data that a page can be sent."""
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -19,9 +19,9 @@ _STARTING = threading.Lock()
 
 @contextmanager
 def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
-    """Have a server that viser starts in this context refuse what `Access` and `Filter` do not allow.
+    """Let a server that viser starts in this context refuse all that `Access` and `Filter` do not allow.
 
-    viser has no setting for that. It uses the package websockets, whose `serve` gets other settings here: a check
+    viser has no setting for this. It uses the package websockets, whose `serve` gets other settings here: a check
     of each request, the class of connections, and the longest message. While `busy()`, messages wait at their
     senders. ValueError is raised if viser starts a server in another way.
     """
@@ -41,7 +41,7 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
         async def recv(self, decode: bool | None = None) -> Any:
             while True:
                 data = await super().recv(decode)
-                await asyncio.sleep(0)  # so that the message before counts
+                await asyncio.sleep(0)  # so that the previous message is handled
                 while busy():
                     await asyncio.sleep(0.01)
                 if messages.passes(data):
@@ -53,7 +53,7 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
     before, started = server.serve, list[bool]()
 
     def serve(handler: Any, *words: Any, **options: Any) -> Any:
-        if not handler.__module__.startswith("viser"):  # another thread's, of something else
+        if not handler.__module__.startswith("viser"):  # from another thread, not viser's
             return before(handler, *words, **options)
         inner = options.get("process_request")
 

@@ -51,7 +51,7 @@ class Handling:
 
         Deeds are "scale" (name, factor), "freeze", "gravity" (value [m/s²]), "wind" (velocity [m/s]), "hold"
         (particles, to [m], stiffness [N/m], damping [N s/m]), "pin" (particles) and "contact" (side, name, value);
-        see `SCALED`, `SIDES` and `ROUGH`. ValueError is raised for any other, or if the simulation cannot go on
+        see `SCALED`, `SIDES` and `ROUGH`. ValueError is raised for any other, or if the simulation cannot continue
         with it; then nothing has changed.
         """
         checks.one_of("deed", deed, DEEDS)

@@ -14,11 +14,11 @@ QUALITY = 80
 ROWS, LEAST_ROWS = 1080, 144
 """The most and the fewest rows of an image."""
 STEPS = (144, 216, 288, 432, 576, 720, 900)
-"""Rows of images that take too long with ROWS: few, so that the size does not change with every image."""
+"""Rows of smaller images, if ROWS take too long: a few sizes, so that they do not change with every image."""
 IN_MOTION = 1 / 15
 """The longest time to draw an image while something moves [s]; else it is made coarser."""
 AT_REST, PATIENCE = 1.5, 0.3
-"""The same for a scene at rest, and how long it must have been at rest [s]."""
+"""The longest time to draw an image of a scene at rest, and how long it must have been at rest [s]."""
 SHARE = 1 / 3
 """The largest share of time for drawing on the CPU, which the simulation needs too."""
 
@@ -75,11 +75,11 @@ class Images:
         self._free_at = 0.0
 
     def follow(self) -> None:
-        """Have the next images show the present drawing."""
+        """Note that the drawing has changed: the next images show it."""
         self._frame, self._moved, self._fits = self._frame + 1, time.perf_counter(), False
 
     def send(self, links: list[tuple[int, Any, Link]]) -> None:
-        """Draw for each client that has its last image and would see another; who waited longest comes first."""
+        """Draw for each client that has its last image and needs another; the longest wait comes first."""
         present = {k for k, _, _ in links}
         self._sent = {k: sent for k, sent in self._sent.items() if k in present}
         turn = {k: place for place, k in enumerate(self._sent)}
@@ -88,7 +88,7 @@ class Images:
                 link.ask()
 
     def _send_to(self, k: int, client: Any) -> bool:
-        """Draw for a client, if it would see a different image; return whether it would."""
+        """Draw for a client, if its image has changed; return whether it has."""
         camera, now = client.camera, time.perf_counter()
         pose = (*camera.position, *camera.wxyz, camera.image_width, camera.image_height)
         if not np.isfinite(pose).all() or min(pose[-2:]) < 1:
@@ -103,7 +103,7 @@ class Images:
             self._caster.refit()
             self._fits = True
         self._caster.look_from(_camera(camera), (max(16, round(wanted * pose[-2] / pose[-1])), wanted))
-        # On a CPU shadows take most of the time: what moves goes without.
+        # On a CPU shadows take most of the time: moving scenes are drawn without them.
         image = self._caster.shoot(shadows=not (self._on_cpu and moves))
         client.scene.set_background_image(image, format="jpeg", jpeg_quality=QUALITY)
         client.flush()

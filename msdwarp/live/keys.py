@@ -1,4 +1,4 @@
-"""Keys: those of the 2014 program, and what they do."""
+"""The keys of a view, which include those of the 2014 program, and their commands."""
 
 from typing import Any, NamedTuple
 
@@ -33,7 +33,7 @@ KEYS = (
     Key("p", "pin", {}, "pin the particles held, or held last"),
     Key("h", "help", {}, "this list"),
 )
-"""All keys; one that shift changes is here without it, and then with it."""
+"""All keys; a key that shift changes comes without shift, and then with it."""
 SCENES = "123456789"
 """The keys of scenes."""
 ARROWS = {"right": "→", "up": "↑", "down": "↓"}

@@ -19,7 +19,7 @@ from ..world import Scene
 from .opening import scene_of
 
 VIEWS = 12
-"""Pictures around a still, among which the mouse chooses."""
+"""Number of pictures around a still, from which the mouse chooses."""
 TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor: grab" draggable="false">
 <script>{{
   const views = [{views}], image = document.getElementById("{name}"), width = {width};

@@ -12,7 +12,7 @@ LEVELS = 24
 MOST_COLOURS = 12
 """Colours of a texture in a browser."""
 FINE = 40_000
-"""Triangles that a textured drawing is divided into at least: they show its pattern."""
+"""The fewest triangles into which a textured drawing is divided, to show its pattern."""
 MOST_DIVISIONS = 16
 """The most pieces of the side of a triangle."""
 
@@ -21,8 +21,8 @@ class Patch(NamedTuple):
     """Triangles of one colour.
 
     `weights` are the barycentric coordinates of its vertices, shape [vertex_count, 3], in triangles of the
-    drawing's vertices `corners`, of the same shape; or None, and the vertices are the drawing's `corners`, shape
-    [vertex_count]. `faces` are of its own vertices, shape [face_count, 3].
+    drawing's vertices `corners`, of this shape. If `weights` is None, the vertices are the drawing's `corners`,
+    shape [vertex_count]. `faces` are triangles of its own vertices, shape [face_count, 3].
     """
 
     corners: NDArray[np.integer]
@@ -39,7 +39,7 @@ class Patch(NamedTuple):
 
 
 def patches(drawing: Drawing) -> list[Patch]:
-    """Return all of a drawing, or only the obstacles if the body's colours change over time."""
+    """Return the patches of a drawing; only those of obstacles if the body's colours change over time."""
     divisions = round(np.sqrt(FINE / max(len(drawing.triangles), 1)))
     divisions = min(max(divisions, 1), MOST_DIVISIONS)
     found: list[Patch] = []

@@ -1,4 +1,4 @@
-"""Picking: which particles the mouse holds, and by which springs."""
+"""Picking: the particles that the mouse holds, and the springs by which it holds them."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ from ..bodies import AXES, System, in_space, pieces
 FREQUENCY = 25.0
 """√(k / m) of a hand's springs [rad/s], m the mass of the whole piece: the piece follows within 0.1 s."""
 MOST_OF_SPRINGS = 0.5
-"""Largest spring constant of a hand on a particle, over the sum of those of the particle's springs."""
+"""Largest spring constant of a hand on a particle, over the sum of the particle's spring constants."""
 MOST_WEIGHTS = 50.0
 """Largest pull, over the weight of the piece."""
 SPREAD, MOST_HELD = 2.0, 32
@@ -63,7 +63,7 @@ class Picking(NamedTuple):
         return cls(near, offset, stiffness, np.minimum(damping, most), reach)
 
     def pulled(self, position: NDArray, target: NDArray) -> NDArray[np.float64]:
-        """Return the targets of the particles [m], shape [held_count, d], for that of the point, shape [3]."""
+        """Return the targets of the particles [m], shape [held_count, d], for a target of the point, shape [3]."""
         here = self.point(position)
         way = _in_plane(target, position.shape[1]) - here
         length = float(np.linalg.norm(way))
@@ -75,7 +75,7 @@ class Picking(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """A hand: what it holds, for whom, who alone can end the drag, its target [m], and the last held particles."""
+    """A hand: its grip, its owner, who alone can end the drag, its target [m], and the particles last held."""
 
     grip: Picking | None = None
     holder: Any = None
@@ -99,7 +99,7 @@ def _in_plane(point: NDArray, dim: int) -> NDArray[np.float64]:
 def hit(
     origin: ArrayLike, direction: ArrayLike, points: NDArray, triangles: NDArray
 ) -> NDArray[np.float64] | None:
-    """Return where a ray first meets triangles, shape [any, 3] like `points`; None if it meets none."""
+    """Return the first point of a ray on triangles, shape [any, 3] like `points`; None if it meets none."""
     origin, direction = checks.vector("origin", origin, 3), checks.vector("direction", direction, 3)
     a, b, c = (points[triangles[:, k]].astype(np.float64) for k in range(3))
     # The point is at origin + distance direction = a + u (b - a) + v (c - a).

@@ -22,7 +22,7 @@ FIRST_FRAME = "first_frame"
 
 
 class Recording:
-    """Frames of a running simulation, from the present one on, in a new folder, by default a free out/NAME-live.
+    """Frames of a running simulation, beginning now, in a new folder, by default a free out/NAME-live.
 
     FileExistsError is raised if the folder exists.
     """

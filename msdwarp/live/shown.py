@@ -34,7 +34,7 @@ class Shown:
         self._largest = 0.0
 
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
-        """Return a drawing without the springs that are broken at a time [s]: this one, if no more have broken."""
+        """Return a drawing without the springs broken at a time [s]: this drawing, if no more have broken."""
         count = int((broken_at <= time).sum())
         if count == self._broken:
             return self

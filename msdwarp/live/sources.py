@@ -18,7 +18,7 @@ from .handling import Handling
 MOST_SEEN = 200
 """The most frames of a trajectory that are read to place the camera."""
 ASPECT = 16 / 9
-"""Width over height of the picture that the camera is placed for; others see nearly the same."""
+"""Width over height of the picture for which the camera is placed; other pictures show nearly as much."""
 
 
 class Reading(NamedTuple):
@@ -77,7 +77,7 @@ class Running:
         """Return None: the positions to come are unknown."""
 
     def advance(self) -> bool:
-        """Go on by a frame; raise SimulationDiverged if it cannot be simulated."""
+        """Simulate one frame; raise SimulationDiverged if it diverges."""
         self._simulation.step()
         for call in self.after_frame:
             call()
@@ -85,7 +85,7 @@ class Running:
 
     def broken_at(self) -> NDArray | None:
         """Return when springs broke [s], shape [connection_count]; None if none can."""
-        if not self.scene.system.tears:  # other changed fields would be copied in vain
+        if not self.scene.system.tears:  # avoids a copy of other changed fields
             return None
         return self._simulation.stepping.changed_fields().get("broken_at")
 
@@ -137,7 +137,7 @@ class Played:
         return np.concatenate([outermost(positions[k], look, ASPECT) for k in chosen])
 
     def advance(self) -> bool:
-        """Go on by a frame; return whether there was one."""
+        """Show the next frame; return whether there was one."""
         before = self._k
         self.seek(before + 1)
         return self._k > before

@@ -19,7 +19,7 @@ READ_EVERY = 0.2
 AVERAGED = 10
 """Number of pictures that speeds are averaged over."""
 BEHIND = 0.25
-"""A larger delay of simulated time is not made up for [s]."""
+"""If simulated time is later than this, the view does not catch up [s]."""
 
 
 def _message(error: BaseException) -> str:

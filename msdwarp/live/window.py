@@ -28,7 +28,7 @@ PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
 ROOM = 0.8
 """Zoom of the first camera: bodies move."""
 BELOW = 0.35
-"""Height below a body without ground, which may fall, that the first camera sees, over the body's length."""
+"""Height that the first camera shows below a body without ground, which may fall, over the body's length."""
 PULLS, HELPS = "drag the body to pull it; ", "h lists the keys"
 """The last line of the text; its first part only if there is a body to pull."""
 MOUSE = """beside  drag: turn the camera

@@ -1,4 +1,4 @@
-"""What OpenGL draws, in pictures and in windows: lights, the ground, a drawing's triangles and their shadows."""
+"""The actors of OpenGL, in pictures and in windows: lights, the ground, a drawing's triangles and shadows."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ def ground_actor(pv: Any, ground: Ground) -> Any:
 class Actors:
     """The triangles of a drawing and their shadows, added to a PyVista plotter and updated in place.
 
-    Where there is a ground, drawn by `painted`, `on_ground` is the piece of it that shows shadows and hides the
+    If there is a ground, drawn by `painted`, `on_ground` is the piece of it that shows shadows and hides the
     ground below; the caller adds it. `light` is the unit vector towards the key light.
     """
 
@@ -58,7 +58,7 @@ class Actors:
         self.on_ground: Any = None if ground is None else self._add_on_ground(ground, painted.texture)
 
     def _add_bodies(self) -> None:
-        """Add the drawing's triangles, one actor for all that have the same properties."""
+        """Add the drawing's triangles, with one actor for all triangles of equal properties."""
         drawing, texture = self._drawing, None
         if drawing.texture is not None:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
@@ -100,7 +100,7 @@ class Actors:
     def _clip_at_ground(self, points: NDArray, ground: Ground) -> None:
         """Clip triangles below the ground, which is drawn before all else and hides nothing.
 
-        This is only done if there are any: clipping costs a CPU a sixth of the picture.
+        Without such triangles nothing is clipped: on a CPU clipping takes a sixth of a picture's time.
         """
         height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
         deep = self._drawing.below + UNSEEN * ground.reach

@@ -12,13 +12,13 @@ from ..kernels.pictures import drawing
 from .stage import VIEW_ANGLE, Stage
 
 MOST_ARROWS = 1500
-"""Of more forces the largest are drawn."""
+"""The most arrows in a picture; of more forces the largest are drawn."""
 LONGEST = 0.16
-"""Length of the longest arrow by the height of the picture, at the camera's target."""
+"""Length of the longest arrow over the height of the picture, at the camera's target."""
 FAINTEST = 0.02
 """Forces below this share of the full one are not drawn."""
 COLOUR = (0.0, 0.62, 0.66)
-"""On neither colour scale."""
+"""Colour of arrows, which is on neither colour scale."""
 
 
 class Arrows:

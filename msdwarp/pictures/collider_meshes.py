@@ -17,7 +17,7 @@ from ..world import Box, Capsule, Collider, Cone, Plane, Scene, Sphere
 AROUND = 72
 """Segments of a circle: an outline of 500 pixels is off by a quarter of a pixel."""
 WALL = 0.75
-"""Half the edge of the square that is drawn of a plane, by the diagonal of the scene."""
+"""Half the edge of the square drawn for a plane, over the diagonal of the scene."""
 SAMPLES = 61
 """Times at which the extent of a moving obstacle is sampled."""
 
@@ -36,7 +36,7 @@ class Mesh(NamedTuple):
 
 
 def meshes(scene: Scene) -> list[tuple[Collider, Mesh]]:
-    """Return the colliders of a scene that are drawn, and their meshes: all but planes."""
+    """Return the colliders of a scene that are drawn, all except planes, and their meshes."""
     dim = scene.system.dim
     return [(one, mesh_of(one, dim)) for one in scene.colliders if type(one) in _MESHES]
 
@@ -70,10 +70,10 @@ def walls(scene: Scene, towards: Sequence[NDArray]) -> list[tuple[Collider, Mesh
 def mesh_of(collider: Collider, dim: int) -> Mesh:
     """Return the mesh of a sphere, box, capsule or cone in a space of `dim` coordinates.
 
-    Texture coordinates: of a box as of `msdwarp.box`, its six faces in tiles; of the others u runs around the
-    axis and v along it on the surface, from the south pole, the round end at `start`, or the rim of the base,
-    0, to the north pole, the other end, or the apex, 1. The base of a cone shows the middle of the texture, at
-    the scale that u has on the rim.
+    Texture coordinates: a box has its six faces in tiles, like `msdwarp.box`. For the others u runs around the
+    axis and v along it on the surface: from 0 at the south pole, the round end at `start`, or the rim of the base,
+    to 1 at the north pole, the other end, or the apex. The base of a cone shows the middle of the texture, at the
+    scale that u has on the rim.
     """
     return _MESHES[type(collider)](collider.geometry(dim))
 
@@ -156,7 +156,7 @@ _MESHES: dict[type, Callable[[dict[str, Any]], Mesh]] = {Sphere: _ball, Box: _bl
 
 
 def _frame(axis: NDArray) -> NDArray[np.float64]:
-    """Return a right-handed frame, shape [3, 3], whose third column is along `axis`; that of z is x, y, z."""
+    """Return a right-handed frame, shape [3, 3], with `axis` as third column; for z the frame is x, y, z."""
     e3 = axis / np.linalg.norm(axis)
     aside = np.array([1.0, 0.0, 0.0]) if abs(e3[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     e1 = aside - (aside @ e3) * e3

@@ -1,4 +1,4 @@
-"""What moves in pictures: the triangles that follow the particles and the colliders, and their colours."""
+"""The moving part of pictures: triangles that follow particles and colliders, and their colours."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -36,7 +36,7 @@ INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
 MOST_BALLS, LARGE_BALLS = 200, 50
 """The most particles drawn as balls unless the look says otherwise; the most drawn with 162 vertices, not 42."""
 MOST_TUBES = 6000
-"""Of more springs with strain only those on the outside of a body, which hide the others, are drawn."""
+"""Of more springs, drawn by strain, only those on the outside of a body are drawn; they hide the rest."""
 FULL_STRAIN = 0.2
 """The strain at the ends of its scale unless a look or a run says otherwise."""
 ROUND, MOST_JOINTS = 8, 2000
@@ -58,9 +58,9 @@ class Drawing:
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
     These are the system's surface, and a tube along each spring of bodies without surface, or between bodies.
-    Where `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
-    spring and, in small systems, a ball at each particle. Behind them are the solid colliders. Springs are not
-    drawn once they are broken by the system's `broken_at`. `points`, `normals` and `colours` are float32 of shape
+    If `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
+    spring and, in small systems, a ball at each particle. Solid colliders come last. Springs are not drawn
+    once they are broken by the system's `broken_at`. `points`, `normals` and `colours` are float32 of shape
     [vertex_count, 3], `gloss`, `closed` and `takes_shadows` of [triangle_count]. `body` are the parts that follow
     the particles, `obstacles` those of the colliders. `scale` is the scale of the colours, `stops` the colours
     along it: of values of the particles or of the strain of springs; None if colours show nothing.
@@ -95,7 +95,7 @@ class Drawing:
         self.obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
         parts = [*self.body, *self.obstacles]
         self.below = max(part.radius for part in parts)
-        """How far below the ground something may be and still be seen [m]."""
+        """Depth below the ground down to which triangles are drawn [m]."""
 
         ends = np.cumsum([0, *(len(part.uv) for part in parts)]).tolist()
         arrays: list[Any] = [wp.zeros(ends[-1], dtype=wp.vec3, device=device) for _ in range(3)]
@@ -110,7 +110,7 @@ class Drawing:
         self.takes_shadows = np.repeat(takes_shadows, counts)
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
-        paint = np.ones((ends[-1], 3))  # white shows a texture as it is
+        paint = np.ones((ends[-1], 3))  # white leaves a texture unchanged
         if self.texture is None:
             for part in parts:
                 paint[part.vertices] = part.finish.colour
@@ -166,7 +166,7 @@ class Drawing:
             dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
             halvings = 2 if system.particle_count <= LARGE_BALLS else 1
             return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings)]
-        # Where two springs meet, in the colour of one of them: between more, no gap is seen.
+        # At particles with two springs, in the colour of one of them; between more springs no gap is visible.
         particle, first, count = np.unique(ends, return_index=True, return_counts=True)
         bends, along = particle[count == 2], first[count == 2] // 2
         if not len(bends):
@@ -197,7 +197,7 @@ class Drawing:
         return Finish(np.array(colour), texture, 0.0 if self.colours_move else gloss)
 
     def _textured(self, parts: Sequence[Part]) -> tuple[NDArray | None, list[NDArray]]:
-        """Return the texture of all parts, and their coordinates in it; without any where none has one."""
+        """Return the texture of all parts, and their coordinates in it; None if no part has a texture."""
         uvs, finishes = [part.uv for part in parts], [part.finish for part in parts]
         if self.colours_move or all(finish.texture is None for finish in finishes):
             return None, uvs
@@ -255,9 +255,9 @@ def _coordinate(vectors: Any, k: int) -> wp.array:
 
 
 def atlas(images: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], list[tuple[NDArray, NDArray]]]:
-    """Return one image of several, on top of each other, and (c, s) of each: its uv is at c + s uv in the whole.
+    """Return an image of several, on top of each other, and (c, s) for each: its uv becomes c + s uv in the whole.
 
-    Each has a frame of its outermost pixels, so that interpolation at its edges does not reach its neighbours.
+    Each has a frame that repeats its outermost pixels, so that interpolation at edges does not reach neighbours.
     """
     framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
     width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)

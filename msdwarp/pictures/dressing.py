@@ -1,6 +1,6 @@
-"""Dressing: which look each part of a body has, and which springs are drawn although there is a surface.
+"""Dressing: the look of each part of a body, and the springs that are drawn in spite of a surface.
 
-Looks are numbered: 0 is the scene's, then those of groups in their order. Of several the last one counts.
+Looks are numbered: 0 is the scene's, the groups' follow in their order. Of several looks the last one counts.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ def look_of_particles(scene: Scene) -> NDArray[np.int32]:
 
 
 def look_of_triangles(surface: Surface, look_of: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the number of each triangle's look, shape [triangle_count], by those of particles."""
+    """Return the number of each triangle's look, shape [triangle_count], from the looks of particles."""
     own = look_of[surface.particle]
     if surface.weights is not None:
         own = np.where(surface.weights != 0, own, 0).max(axis=1)
@@ -46,7 +46,7 @@ def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
 
 
 def torn(system: System) -> Bare | None:
-    """Return the faces of a system that tears: of the cells of solids, and the triangles of sheets.
+    """Return the faces of a system that tears: the faces of solids' cells, and the triangles of sheets.
 
     None if it does not tear, or its surface is embedded in a lattice.
     """
@@ -63,10 +63,10 @@ def inside_of(triangles: NDArray[np.int32]) -> Surface:
 
 
 def uncovered(system: System) -> NDArray[np.bool_]:
-    """Return which springs lie inside no body with a surface, shape [connection_count]: ropes, and ties of bodies.
+    """Return a mask of springs inside no body with a surface, shape [connection_count]: ropes, and ties of bodies.
 
-    The springs of one entry of `System.directions` form a body; so do particles in no entry that springs in no
-    entry connect. A spring from a rope to a ball, in the directions of neither, belongs to neither.
+    The springs of an entry of `System.directions` form a body. Particles in no entry form bodies by the springs
+    between them. A spring from a rope to a ball, in no entry, belongs to neither body.
     """
     connections, count, surface = system.connections, len(system.directions), system.surface
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
@@ -97,7 +97,7 @@ def uncovered(system: System) -> NDArray[np.bool_]:
 
 
 def outermost_connections(system: System) -> NDArray[np.bool_]:
-    """Return which springs lie on the outside of a body, shape [connection_count].
+    """Return a mask of the springs on the outside of a body, shape [connection_count].
 
     They join particles of its surface; if that is embedded in a lattice or missing, particles with fewer
     neighbours than others.

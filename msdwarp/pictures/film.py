@@ -26,7 +26,7 @@ except ImportError:  # there is none for this processor: slower, the same pictur
     import zlib
 
 MOST_WRITERS, WAITING = 8, 3
-"""Threads that write frames, at most, and pictures that wait for the film: so much memory and no more."""
+"""The most threads that write frames, and the most pictures that wait for the film: they limit the memory."""
 FRAME_FORMATS = ("png", "none")
 FILM_FORMATS = ("webp", "mp4", "gif", "none")
 Picture = NDArray[np.uint8]
@@ -83,7 +83,7 @@ def _written(images: Iterable[Picture], folder: Path | None) -> Generator[Pictur
 
 
 def _in_thread(images: Iterable[Picture], take: Callable[[Iterator[Picture]], None]) -> None:
-    """Have a thread take pictures one by one while the next are made; a few wait at most.
+    """Pass pictures one by one to a thread while the next are made; at most a few wait.
 
     An error of the thread is raised at the next picture, or at the end.
     """
@@ -109,7 +109,7 @@ def _in_thread(images: Iterable[Picture], take: Callable[[Iterator[Picture]], No
                 if done.done():
                     break
         finally:
-            hand_over(None)  # the end, also of a film that was broken off
+            hand_over(None)  # the end, also of a film that was interrupted
         done.result()
 
 
@@ -139,9 +139,9 @@ def processors() -> int:
 
 
 class _Reel(Image.Image):
-    """The pictures as a Pillow image of many frames, each made when it is sought.
+    """The pictures as a Pillow image of many frames, each made when Pillow seeks it.
 
-    As `append_images` they would all be in memory at once: Pillow makes a list of those for WebP.
+    As `append_images` all pictures would be in memory at once, because Pillow makes a list of them for WebP.
     """
 
     def __init__(self, images: Iterator[Picture], count: int) -> None:

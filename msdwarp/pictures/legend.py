@@ -12,7 +12,7 @@ from .arrows import COLOUR
 from .drawing import ColourScale
 
 ROOM = 0.125
-"""Height of a legend at the upper edge, by that of the picture."""
+"""Height of a legend at the upper edge, over the height of the picture."""
 INK, VEIL = (60, 66, 72, 255), (255, 255, 255, 150)
 """Colours of letters and of the translucent background."""
 Stops = tuple[tuple[float, float, float], ...]
@@ -30,14 +30,14 @@ def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
     unit = height / 720
     length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
     font = ImageFont.load_default(size)
-    # A margin on either side for half the last number, and more where the label is longer than that leaves.
+    # A margin on either side for half the last number; more if the label needs it.
     left, top = max(4 * size, math.ceil((font.getlength(scale.label) - length + size) / 2)), round(1.6 * size)
     legend = Image.new("RGBA", (length + 2 * left, thick + 4 * size), VEIL)
     pixels = np.broadcast_to(np.round(255 * ramp(stops, length)).astype(np.uint8), (thick, length, 3))
     legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
     pen = ImageDraw.Draw(legend)
     pen.text((left + length / 2, size / 5), scale.label, INK, font, anchor="ma")
-    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # where there is no room for three numbers
+    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # a short bar has no space for three numbers
         value = (2 * share - 1 if scale.signed else share) * scale.full
         label = f"{value:+g}" if scale.signed and value else f"{value:g}" + (" or more" if share == 1 else "")
         pen.text((left + share * length, top + thick + size / 4), label, INK, font, anchor="ma")

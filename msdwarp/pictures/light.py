@@ -1,4 +1,4 @@
-"""Light: where it comes from, how strong it is and how soft its shadows are, in all pictures alike.
+"""Light: its directions, its strength and the softness of its shadows, equal in all pictures.
 
 A surface of colour c, unit normal n and gloss g that is seen from the direction v is as bright as
 
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 KEY_FROM, FILL_FROM = (-0.75, -0.35, 1.1), (0.9, -0.4, 0.1)
-"""Where the key light is, over the camera's left shoulder, and the fill light: to the right, forwards, upwards."""
+"""Directions (right, forwards, upwards) of the key light, over the camera's left shoulder, and the fill light."""
 AMBIENT, KEY, HEAD, FILL = 0.42, 0.44, 0.32, 0.15
-"""Light from all around, the key light, a weaker one at the camera, and one that fills what is turned away from
-the key light; only the key light casts shadows."""
+"""Light from all around, the key light, a weaker light at the camera, and a light for faces turned away from the
+key light; only the key light casts shadows."""
 BOUNCE = 0.18
 """Light from below, as a bright floor sends it up: without it faces that look down are dark. A face sees the share
 (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""

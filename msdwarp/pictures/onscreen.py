@@ -18,13 +18,13 @@ from .opengl_window import import_pyvista, no_display
 from .stage import VIEW_ANGLE, Camera, Stage, view_axes
 
 GROUND, SHADOWS, SCENE, PANELS = 0, 1, 2, 3
-"""Layers, each drawn over those before it; PyVista has two of its own at 1 and 2, which are empty."""
+"""Layers, each drawn over the previous ones; PyVista has two of its own at 1 and 2, which are empty."""
 X11 = "vtkXOpenGLRenderWindow"
 """VTK's window on a display of Linux."""
 BY_PROCESSOR = ("llvmpipe", "softpipe", "swrast", "GDI Generic")
 """Names of OpenGL without a graphics card."""
 SAMPLES = 4
-"""Samples per pixel with one."""
+"""Samples per pixel with a graphics card."""
 EVENTS = {
     "KeyPressEvent": "key",
     "LeftButtonPressEvent": "left",
@@ -37,7 +37,7 @@ EVENTS = {
     "MouseWheelForwardEvent": "wheel in",
     "MouseWheelBackwardEvent": "wheel out",
 }
-"""VTK's names of events, and those used here."""
+"""VTK's names of events, and the names used here."""
 STEEPEST = math.radians(89.0)
 """Largest elevation of the camera [rad], short of where up is undefined."""
 
@@ -70,7 +70,7 @@ class OnScreen:
         self._panels: dict[str, Any] = {}
         self._renderers: Any = self._layers()
         self._plotter.show(interactive_update=True, auto_close=False)
-        # Smooth edges cost a graphics card little, a CPU much.
+        # Smooth edges take a graphics card little time, a CPU much.
         if not any(name in self._plotter.render_window.ReportCapabilities() for name in BY_PROCESSOR):
             self._plotter.render_window.SetMultiSamples(SAMPLES)
         self._listen()
@@ -169,7 +169,7 @@ class OnScreen:
     def panel(self, name: str, image: Image.Image | None, x: float = 0.0, y: float = 0.0) -> None:
         """Replace the RGBA image of this name over the drawing; None removes it.
 
-        Its lower left corner is at (x, y), in pixels from that of the window.
+        Its lower left corner is at (x, y), in pixels from the window's lower left corner.
         """
         self._remove(name)
         if image is not None:
@@ -276,7 +276,7 @@ class Orbit:
 
 @contextmanager
 def _on_a_display() -> Iterator[None]:
-    """Have VTK choose a visible window, though pictures drawn before may have chosen an invisible one."""
+    """Let VTK choose a visible window, although earlier pictures may have chosen an invisible one."""
     name = "VTK_DEFAULT_OPENGL_WINDOW"
     before = os.environ.get(name)
     if sys.platform.startswith("linux"):

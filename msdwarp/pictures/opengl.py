@@ -16,7 +16,7 @@ from .opengl_window import import_pyvista
 from .stage import VIEW_ANGLE, Stage
 
 BEHIND, SCENE, FRONT = 0, 1, 2
-"""Layers, each drawn over those before it: the ground's shadows, what casts them, and arrows."""
+"""Layers, each drawn over the previous ones: the ground's shadows, bodies and colliders, and arrows."""
 
 
 class OpenGL:
@@ -32,7 +32,7 @@ class OpenGL:
         shape = (stage.height, stage.width)
         height, width = (2 * n for n in shape)
         self._plotter = self._new_plotter(pv, (width, height))
-        # What OpenGL draws is read back into memory that Warp sees too.
+        # OpenGL's picture is read back into memory that Warp shares.
         self._read = pv.convert_array(np.zeros((width * height, 4), np.uint8))
         fine = pv.convert_array(self._read).reshape(height, width, 4)
         self._fine = wp.array(fine, dtype=wp.vec4ub, device="cpu", copy=False)
@@ -92,7 +92,7 @@ class OpenGL:
         return renderer
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        """Return the picture of the present drawing, uint8 of shape [height, width, 3]."""
         drawn = self._actors.follow(shadows=shadows)
         if self._arrows is not None:
             self._arrow_mesh.GetPoints().Modified()

@@ -1,4 +1,4 @@
-"""Which of VTK's windows can be used on this machine; the import of PyVista."""
+"""The choice of VTK's window for this machine, and the import of PyVista."""
 
 import ctypes
 import functools
@@ -14,16 +14,16 @@ ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
 def import_pyvista() -> Any:
     """Return PyVista, untyped: a type checker would take half a minute to read all of VTK."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # those of VTK and PyVista themselves
+        warnings.simplefilter("ignore")  # warnings of VTK and PyVista themselves
         return importlib.import_module("pyvista")
 
 
 @functools.cache
 def opengl_window() -> str | None:
-    """Return the VTK window class that can draw off-screen here, or None if no OpenGL library is found.
+    """Return VTK's window class for off-screen drawing: a chosen VTK_DEFAULT_OPENGL_WINDOW first.
 
-    VTK's own search crashes then. A window class that the user chose (VTK_DEFAULT_OPENGL_WINDOW) is respected;
-    systems other than Linux always have OpenGL.
+    Return "" for VTK's own choice outside Linux, and None if Linux has no OpenGL library: VTK's own search would
+    crash.
     """
     chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW")
     if chosen or not sys.platform.startswith("linux"):
@@ -40,7 +40,7 @@ def opengl_window() -> str | None:
 
 
 def _egl_works() -> bool:
-    """Return whether libEGL is installed and one of its devices can be initialised, as VTK does."""
+    """Return whether libEGL and libGL load and an EGL device can be initialised."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
         ctypes.CDLL("libGL.so.1")

@@ -74,7 +74,7 @@ class Part:
         _launch(drawing.colour_by_value, len(self.colours), [shares, *self.mixture, stops], [self.colours])
 
     def take_strain_of(self, connections: NDArray, rest_length: NDArray, device: str) -> None:
-        """Have each piece show the strain of a spring."""
+        """Let each piece show the strain of a spring."""
         springs = wp.array(connections, dtype=wp.vec2i, device=device)
         self._strain_of = springs, wp.array(rest_length, dtype=float, device=device)
 
@@ -181,7 +181,7 @@ class Balls(Part):
 
 
 class Obstacle(Part):
-    """A solid collider; one that `moves` follows its pose."""
+    """A solid collider; if it `moves`, the part follows its pose."""
 
     def __init__(self, collider: Collider, mesh: Mesh, dim: int, finish: Finish, device: str) -> None:
         self.uv, self.finish, self.triangles = mesh.uv, finish, mesh.triangles
@@ -191,14 +191,14 @@ class Obstacle(Part):
         self._normals = wp.array(mesh.normals, dtype=wp.vec3, device=device)
 
     def follow(self, x: wp.array, time: float) -> None:
-        """Turn and shift the mesh to where the collider is."""
+        """Turn and shift the mesh to the collider's pose."""
         turn, shift = pose_in_space(self._collider, time, self._dim)
         inputs = [self._points, self._normals, wp.mat33(*turn.ravel()), wp.vec3(*shift)]
         _launch(drawing.place_rigid, len(self.points), inputs, [self.points, self.normals])
 
 
 def is_closed(surface: Surface) -> bool:
-    """Tell whether a surface has no boundary: each edge of a triangle is another's, in the opposite direction."""
+    """Return whether a surface has no boundary: each edge is in another triangle, in the opposite direction."""
     if surface.weights is None:
         place = surface.particle
     else:
@@ -211,7 +211,7 @@ def is_closed(surface: Surface) -> bool:
 
 
 def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
-    """Return for each corner of triangles, at the vertices `use`, the first corner that has the same normal."""
+    """Return the first corner with an equal normal for each corner of triangles, at the vertices `use`."""
     vertex = use if normal_of is None else normal_of[use]
     _, first, which = np.unique(vertex, return_index=True, return_inverse=True)
     return first[which.ravel()]

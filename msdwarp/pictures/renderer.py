@@ -20,7 +20,7 @@ from .stage import Stage
 from .warp_renderers import Rasteriser, RayCaster
 
 BACKENDS = ("auto", "raster", "raycast", "opengl")
-"""What can draw; "auto" is one of the others."""
+"""The renderers; "auto" chooses one of the others."""
 
 
 class Renderer:
@@ -79,7 +79,7 @@ class Renderer:
             colouring = "strain" if scene.look.strain else "texture"
         start_warp()
         self.backend = _chosen(backend, device)
-        """What draws: "raster", "raycast" or "opengl"."""
+        """The renderer in use: "raster", "raycast" or "opengl"."""
         self.drawing = Drawing(scene, colouring, _device(device) if self.backend == "raycast" else "cpu")
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
@@ -163,7 +163,7 @@ class Renderer:
         return self._backend.draw(shadows=shadows)
 
     def _is_here(self, position: NDArray | wp.array) -> bool:
-        """Tell whether positions are on the drawing's device, so that they need not be copied to the host."""
+        """Return whether positions are on the drawing's device, so that they need not be copied to the host."""
         return (
             isinstance(position, wp.array)
             and position.device == wp.get_device(self.drawing.device)
@@ -188,7 +188,7 @@ def no_opengl() -> str | None:
 
 
 def _chosen(backend: str, device: str | None) -> str:
-    """Return what draws; raise RuntimeError if OpenGL is requested where it cannot."""
+    """Return the name of the renderer; raise RuntimeError if OpenGL is requested but not available."""
     if backend == "auto":
         if device is not None and device != "cpu":
             return "raycast"
@@ -204,7 +204,7 @@ def _device(device: str | None) -> str:
         return wp.get_preferred_device().alias
     try:
         return wp.get_device(device).alias
-    except Exception as error:  # which one it is depends on what is wrong with the name
+    except Exception as error:  # its type depends on the mistake in the name
         known = ", ".join(one.alias for one in wp.get_devices())
         raise ValueError(f"device is {checks.repr_short(device)}; it must be one of {known}") from error
 
@@ -214,7 +214,7 @@ def _on_host(value: NDArray | wp.array) -> NDArray:
 
 
 def _numbers(name: str, value: ArrayLike) -> NDArray:
-    """Return an array uncopied, since a whole run may be in it; raise ValueError if it is not one of numbers."""
+    """Return an array without copying it, since it may hold a whole run; raise ValueError if it has no numbers."""
     given = np.asarray(value)
     return given if given.dtype.kind in "iuf" else checks.array(name, value)
 
@@ -229,7 +229,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray
 
 
 def _pixels(resolution: object) -> tuple[int, int]:
-    """Return the width and height of pictures; raise ValueError if they are none."""
+    """Return the width and height of pictures; raise ValueError if they are invalid."""
     if not isinstance(resolution, Sequence | np.ndarray) or isinstance(resolution, str) or len(resolution) != 2:
         given = checks.repr_short(resolution)
         raise ValueError(f"resolution is {given}; it must be two whole numbers, width and height")

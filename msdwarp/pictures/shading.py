@@ -1,6 +1,6 @@
-"""How OpenGL lights what it draws: Phong's model with shadows, in place of what VTK writes into its shaders.
+"""Light in OpenGL: Phong's model with shadows, in place of VTK's own code in its shaders.
 
-VTK multiplies textures with all light, highlights too; here highlights are white on whatever they lie.
+VTK multiplies textures with all light, including highlights; here highlights are white on every texture.
 """
 
 from typing import Any

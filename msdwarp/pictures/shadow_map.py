@@ -1,4 +1,4 @@
-"""A shadow map: the surfaces of a drawing that the key light reaches first; those behind are in shadow."""
+"""A shadow map: the surfaces of a drawing nearest to the key light; everything behind them is in shadow."""
 
 import math
 
@@ -12,25 +12,25 @@ from .light import SOFTNESS, across, spread
 from .stage import Ground
 
 SIZE = 768
-"""Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width the bodies seldom fill."""
+"""Texels along an edge: about as fine as pictures of 1280 x 720 pixels, since bodies seldom fill their width."""
 BLOCKS, REACH = SIZE // shadow.BLOCK, 2
-"""Blocks of texels along an edge, and how many around each count for its largest value."""
+"""Blocks of texels along an edge, and the rings of blocks around each that count for its largest value."""
 SAMPLES = 16
-"""Texels that kernels sample where a shadow fades."""
+"""Texels that kernels sample at the soft edge of a shadow."""
 MARGIN = 14
 """Empty texels around the drawing, so that soft edges of shadows end inside the map."""
 EDGE = 13.0
-"""How far soft edges of shadows reach, in texels."""
+"""Width of soft edges of shadows, in texels."""
 STEPS = 4
 """Sizes of the map to each doubling: few, so that it seldom changes between frames."""
 
 
 class ShadowMap:
-    """A square across the key light, whose texels hold how far towards the light the nearest surface is.
+    """A square normal to the key light; each texel holds the distance of the nearest surface towards the light.
 
     After L. Williams, "Casting curved shadows on curved surfaces", SIGGRAPH 1978. The drawing is on the CPU;
     `light` is the unit vector towards the light. `depth` are distances towards it [m], float32 of shape
-    [SIZE, SIZE], and `around` the largest of each block and those around it, four times, of shape
+    [SIZE, SIZE]. `around` is the largest distance in each block and the blocks around it, four times, of shape
     [SIZE / BLOCK, SIZE / BLOCK, 4].
     """
 
@@ -83,7 +83,7 @@ class ShadowMap:
         low, high = along.min(axis=0).astype(float), along.max(axis=0).astype(float)
         extent = max(*(high - low)[:2], 1e-6 * float(np.abs(along).max()), 1e-30) * SIZE / (SIZE - 2 * MARGIN)
         self.width = 2.0 ** (math.ceil(STEPS * math.log2(extent)) / STEPS)
-        # Whole texels, so that edges of shadows do not shimmer while the square follows what moves.
+        # Whole texels, so that edges of shadows do not shimmer while the square follows the bodies.
         middle = np.round((low + high) / 2 / self.texel) * self.texel
         self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
         data = self.data

@@ -15,17 +15,17 @@ from .light import FILL_FROM, KEY_FROM, towards
 VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
 MARGIN = 1.12
-"""How much wider the view is than what it must hold."""
+"""Width of the view over the width that it must hold."""
 UNSEEN = 1e-3
-"""How far below the ground things may reach and still be drawn, over the extent of all that the camera sees.
-Contact lets what lies on the ground sink in by as little, and it would vanish in spots."""
+"""Depth below the ground down to which things are drawn, over the extent of all that the camera sees. Contact lets
+bodies on the ground sink in by as little; without this they would vanish in spots."""
 
 
 def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
     """Return the outermost particles of a frame, shape [any, d], which alone determine the camera and the ground.
 
-    A camera that sees those of all frames sees all particles in all frames. `aspect` is the picture's width over
-    its height.
+    A camera that sees the outermost particles of all frames sees all particles in all frames. `aspect` is the
+    picture's width over its height.
     """
     right, up, back = axes_of(look)
     sides = [axis / tan for axis, tan in zip((right, up), _tangents(aspect), strict=True)]
@@ -55,7 +55,7 @@ def _tangents(aspect: float, margin: float = MARGIN) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Where the picture is taken from: `eye` towards `target` [m], with unit vectors of the view."""
+    """The camera of a picture: `eye` looks at `target` [m], with unit vectors of the view."""
 
     eye: NDArray
     target: NDArray
@@ -78,9 +78,9 @@ class Camera:
         `aspect` is the picture's width over its height. A `zoom` divides the distance to the target. The share
         `above` of the height, at the upper edge, is kept free.
         """
-        # In view coordinates a point (a, b, c) right of, above and behind the target is seen by a camera
-        # at distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound
-        # the view meet at the best target and distance.
+        # In view coordinates a point (a, b, c) right of, above and behind the target is visible to a camera at
+        # distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound the
+        # view meet at the best target and distance.
         right, up, back = axes_of(look)
         middle, distance = (points.min(axis=0) + points.max(axis=0)) / 2, 0.0
         a, b, c = ((points - middle) @ axis for axis in (right, up, back))
@@ -160,7 +160,7 @@ class Ground:
 
 
 class Stage:
-    """What stands still in all pictures of a scene: the camera, the ground, and the colours around.
+    """The fixed part of all pictures of a scene: the camera, the ground, and the colours around.
 
     The camera keeps `positions` in view [m], shape [..., d]; `size` is the width and height of pictures in pixels.
     For `zoom` and `above` see `Camera.that_sees`.
@@ -170,7 +170,7 @@ class Stage:
         self, scene: Scene, positions: NDArray, size: tuple[int, int], zoom: float = 1.0, above: float = 0.0
     ) -> None:
         solids = extent(scene)
-        if (plane := scene.ground) is not None:  # what is below the ground need not be seen
+        if (plane := scene.ground) is not None:  # points below the ground need not be visible
             normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
             solids = solids - np.minimum(solids @ normal - plane.offset, 0.0)[:, None] * normal
         points = np.concatenate([in_space(positions, np.float64).reshape(-1, 3), solids])

@@ -18,16 +18,16 @@ def timelapse(
     times: ArrayLike,
     values: ArrayLike | None = None,
 ) -> NDArray[np.uint8]:
-    """Return one picture of several poses, laid over each other in order, each more opaque than the one before.
+    """Return one picture of several poses, laid over each other in order, each more opaque than the previous one.
 
     A pose's pixels are those that differ from a picture without the body; earlier poses show through it. Shadows
     are as dark as their bodies are opaque, and fall on the ground and obstacles, not on poses. Colliders have the
     pose of the last time.
 
-    The camera of the `renderer` should see all poses. `positions` are those of their particles [m], shape
-    [pose_count, particle_count, d], `times` when they are [s], and `values` as for `Renderer.image`, shape
-    [pose_count, particle_count]. ValueError is raised if there is no pose, a pose lacks its time or the values
-    that the colouring needs, or an array is not finite or not of the right shape.
+    The camera of the `renderer` should see all poses. `positions` [m] have the shape
+    [pose_count, particle_count, d], and `times` [s] are those of the poses. `values` are as for `Renderer.image`,
+    shape [pose_count, particle_count]. ValueError is raised if there is no pose, a pose lacks its time or the
+    values that the colouring needs, or an array is not finite or not of the right shape.
     """
     count = len(positions)
     if not count:
@@ -55,9 +55,9 @@ def timelapse(
 
 
 def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, NDArray]:
-    """Return the body's colour in a picture, and how much of each pixel it covers, given the picture without it.
+    """Return the body's colour in a picture, and its share of each pixel, given the picture without it.
 
-    A pixel on its outline is a blend of both; the body is taken to have the colour of its neighbours there.
+    A pixel on its outline is a blend of both; the body's colour there is assumed to be that of the neighbours.
     """
     body = (image != stage).any(axis=2, keepdims=True)
     inside = _sum_around(body) == 9

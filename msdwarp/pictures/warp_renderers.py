@@ -23,11 +23,11 @@ BAND, MOST_THREADS = 32, 8
 AROUND = 8
 """Corners around the shadow on the ground, which bound the part of the picture that changes."""
 POINTS = {"cpu": 4, "cuda": 16}
-"""Points of the light that each of a pixel's four rays samples where a shadow fades, on a CPU and on a GPU."""
+"""Points of the light that each of a pixel's four rays samples at soft edges of shadows, on a CPU and on a GPU."""
 THREADS = 1 << 17
 """Threads on a GPU that refine pixels: enough to fill it; each takes several pixels if need be."""
 LANES = 16
-"""Of these threads this many share a pixel: one alone would cast 68 rays in sequence."""
+"""Threads that share a pixel: one alone would cast 68 rays in sequence."""
 REFITS = 32
 """Pictures for which a search tree is refitted before it is rebuilt: its boxes overlap more as bodies move."""
 _BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
@@ -126,7 +126,7 @@ class RayCaster:
 
     @in_turn
     def shoot(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture of the drawing as it was at the last `refit`."""
+        """Return the picture of the drawing at the last `refit`."""
         self._view.shadows = int(shadows)
         width, height = self._size
         device = self.drawing.device
@@ -171,7 +171,7 @@ class _Searched:
 
 
 def _body_of(drawn: Drawing | Arrows) -> Any:
-    """Return a drawing or arrows as kernels read them, in the same memory, without a search tree."""
+    """Return the struct of a drawing or of arrows for kernels, in the same memory, without a search tree."""
     body, device = shading.Body(), drawn.device
     body.points, body.normals, body.colours = drawn.points, drawn.normals, drawn.colours
     body.uv = wp.array(drawn.uv, dtype=wp.vec2, device=device)

@@ -16,9 +16,9 @@ _dropped = list[Any]()
 
 
 def in_turn(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a function that waits for this thread's turn with Warp; what it calls belongs to the same turn.
+    """Return a function that waits for this thread's turn with Warp; its calls belong to the same turn.
 
-    While one thread records a graph, Warp adds to it what others launch on that device. Cached factories of
+    While one thread records a graph, Warp adds other threads' launches on this device to it. Cached factories of
     kernels and Warp's dictionaries do not expect a second thread either.
     """
 

@@ -78,10 +78,10 @@ def resisting_bending(
 ) -> System:
     """Return a flat sheet with springs to second neighbours; see the module.
 
-    `flat` is the sheet without them as `lattice` makes it, `mask` tells which points of its lattice are particles,
-    and the rigidity D [N m] is above 0. A spring is where there are both connections that it spans, so that none
-    bridges a hole or a notch. Its damper has the ratio b/k of those. It lies along the chord, and so it damps
-    bending of a flat sheet to second order alone.
+    `flat` is the sheet without them, made by `lattice`, `mask` are the points of its lattice that are particles,
+    and the rigidity D [N m] is above 0. A spring exists if both connections that it spans exist, so that none
+    bridges a hole or a notch. Its damper has their ratio b/k. It lies along the chord, so it damps bending of a
+    flat sheet only to second order.
 
     In a `solid` sheet, of a material, each spring has the share of cells beside it that are whole, and forces are
     balanced up to the margin. Else constants are alike within a direction, so that the stencil holds them, and the
@@ -136,7 +136,7 @@ def resisting_bending(
 def _turns(
     flat: System, name: str, step: tuple[int, ...], mask: NDArray[np.bool_], *, solid: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the places in a direction where a line can turn: the connections before and after, and the shares."""
+    """Return the connections before and after each point where a line of a direction can turn, and the shares."""
     part = flat.directions[0][name]
     beginning = np.full(mask.shape, -1)  # the connection that begins at each point
     points = np.argwhere(mask.T)[:, ::-1]

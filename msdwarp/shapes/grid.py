@@ -40,7 +40,7 @@ def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...
 
 
 def particle_numbers(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
-    """Return each point's particle, shape [nx, ny, nz]; where the mask is False the number means nothing."""
+    """Return each point's particle, shape [nx, ny, nz]; numbers where the mask is False have no meaning."""
     if mask is None:
         return np.arange(np.prod(shape), dtype=np.int32).reshape(shape[::-1]).T
     return (np.cumsum(mask.T, dtype=np.int32) - 1).reshape(shape[::-1]).T
@@ -77,21 +77,21 @@ def lattice_connections(
 
 
 def ends_of(step: Sequence[int], shape: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Return the points of a grid that have a neighbour one step further, and those neighbours, as slices."""
+    """Return the points of a grid that have a neighbour one step further, and the neighbours, as slices."""
     here = tuple(slice(max(0, -s), min(n, n - s)) for s, n in zip(step, shape, strict=True))
     there = tuple(slice(max(0, s), min(n, n + s)) for s, n in zip(step, shape, strict=True))
     return here, there
 
 
 def whole_cells(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which cells have particles at all their corners, shape [nx − 1, ny − 1, nz − 1]."""
+    """Return the mask of cells with particles at all corners, shape [nx − 1, ny − 1, nz − 1]."""
     for axis in range(mask.ndim):
         mask = np.delete(mask, -1, axis) & np.delete(mask, 0, axis)
     return mask
 
 
 def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8]:
-    """Return how many whole cells each connection along a step is part of, in the order of `ends_of`.
+    """Return the number of whole cells around each connection along a step, in the order of `ends_of`.
 
     The step 0 stands for the points themselves.
     """
@@ -128,7 +128,7 @@ def first_loose(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> tuple[int,
 
 
 def count_pieces(particle_count: int, connections: NDArray[np.int32]) -> int:
-    """Return into how many pieces the connections leave the particles."""
+    """Return the number of pieces into which connections join the particles."""
     return int(np.count_nonzero(pieces(particle_count, connections) == np.arange(particle_count)))
 
 

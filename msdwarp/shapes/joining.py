@@ -10,13 +10,13 @@ from .. import checks
 from ..bodies import CONNECTION_FIELDS, System, joined, particles_meant
 
 NOW = "now"
-"""The rest length that is the present distance."""
+"""The value of `rest_length` for the present distance."""
 ROUNDING = 1e-9
 """Relative tolerance of a reach: 3 × 0.1 counts as within 0.3."""
 _MOST_CELLS = 1 << 20
 """Most cells along an axis in the search for near particles."""
 _MOST_AT_ONCE = 1 << 22
-"""About how many distances are computed together."""
+"""Approximate number of distances that are computed together."""
 
 
 def join(
@@ -102,7 +102,7 @@ def join(
 
 
 def _pairs(pairs: ArrayLike, of_a: int, of_b: int) -> NDArray[np.int32]:
-    """Return pairs as they are given, checked."""
+    """Return the given pairs after checks."""
     given = checks.indices("pairs", pairs, 2, max(of_a, of_b))
     if not len(given):
         raise ValueError("pairs is empty; it must name one pair at least")
@@ -112,7 +112,7 @@ def _pairs(pairs: ArrayLike, of_a: int, of_b: int) -> NDArray[np.int32]:
 
 
 def _distances(system: System, connections: NDArray[np.int32], found: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return how far apart pairs are [m]; raise ValueError where they coincide, and a spring has no direction."""
+    """Return the distances of pairs [m]; raise ValueError if two coincide, so that a spring has no direction."""
     first, second = np.moveaxis(system.position[connections], 1, 0)
     together = (first == second).all(axis=1)
     if together.any():
@@ -147,10 +147,11 @@ def _near(a: System, b: System | None, within: float, on: tuple[Any, Any]) -> ND
 
 
 def nearest(x: NDArray[np.float64], y: NDArray[np.float64], within: float) -> NDArray[np.int64]:
-    """Return which of the points y [m] is nearest to each of x, shape [x_count]; −1 where none is within reach.
+    """Return the index of the nearest point y [m] to each point x, shape [x_count]; −1 if none is within reach.
 
-    Of several at the same distance it is the first. Points y are sorted into cells as large as the reach, so that
-    near ones lie in a cell beside. Cells along the last coordinate follow each other, so that three are one range.
+    Of several equally near points it is the first. Points y are sorted into cells as large as the reach, so that
+    near points are in adjacent cells. Cells along the last coordinate follow each other, so that three form one
+    range.
     """
     found, least = np.full(len(x), -1), np.full(len(x), np.inf)
     reach = within * (1 + ROUNDING)

@@ -27,7 +27,7 @@ def _section(
 ) -> float:
     """Return the cross section of a chain [m²] or the thickness of a sheet [m]; 1 without a material, or if solid.
 
-    Raises ValueError unless a lattice is of constants alone, or of a material with all of its sections.
+    Raises ValueError unless a lattice has either constants only, or a material with all its sections.
     """
     given, why = sections, "without a material it must be left out"
     if material is not None:
@@ -102,7 +102,7 @@ def _lattice(
 def _constants_of(
     material: Material, section: float, mask: NDArray[np.bool_], spacing: float, diagonals: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """Return mass, stiffness and damping of a lattice of a material, each cell's share by share."""
+    """Return mass, stiffness and damping of a lattice of a material, summed from the shares of cells."""
     whole, axes = whole_cells(mask), mask.ndim
     by_axes = material.cell_stiffness(axes, spacing, section, diagonals=diagonals)
     steps = lattice_directions(axes, diagonals=diagonals).values()
@@ -117,7 +117,7 @@ def _constants_of(
 
 
 def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
-    """Return the spacing along each axis, given as one number or, of several axes, as one for each."""
+    """Return the spacing along each axis, from one number or from one number for each axis."""
     if axes == 1 or not (isinstance(spacing, list | tuple) or np.ndim(spacing) > 0):
         return (checks.positive("spacing", cast(float, spacing)),) * axes
     each = cast(Sequence[float], spacing)
@@ -129,7 +129,7 @@ def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
 
 
 def _check_shape(shape: Sequence[int], axes: int, neighbours: int) -> None:
-    """Check the number of particles along each axis, and that there is memory for them and their connections."""
+    """Check the number of particles along each axis, and the memory for them and their connections."""
     if not isinstance(shape, Sequence) or len(shape) != axes:
         raise ValueError(f"shape is {shape!r}; it must be {axes} numbers of particles")
     for k, n in enumerate(shape):

@@ -1,4 +1,4 @@
-"""Bodies of any form: a closed mesh, filled with a lattice that carries it along."""
+"""Bodies of any form: a closed mesh, filled with a lattice that carries it."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ Mesh = tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]
 _SAME = 1e-6
 """Points nearer than this, over the mesh's longest extent, are merged: single precision errs by less."""
 _SHARP = math.cos(math.radians(30))
-"""Where triangles at a point meet at more than this angle, coincident vertices keep normals of their own."""
+"""If triangles at a point meet at more than this angle, coincident vertices keep normals of their own."""
 
 
 def from_mesh(
@@ -87,7 +87,7 @@ def from_mesh(
 
 
 def read_mesh(mesh: Any) -> Mesh:
-    """Return a mesh without points that no triangle has; raise ValueError if it is none."""
+    """Return a mesh without unused points; raise ValueError if it is invalid."""
     uv = None
     if hasattr(mesh, "triangulate") and hasattr(mesh, "points"):
         surface = mesh.triangulate()
@@ -112,7 +112,7 @@ def read_mesh(mesh: Any) -> Mesh:
 
 
 def _used(points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.integer]) -> Mesh:
-    """Return a mesh without the points that no triangle has."""
+    """Return a mesh without unused points."""
     used, numbers = np.unique(triangles, return_inverse=True)
     return points[used], None if uv is None else uv[used], numbers.reshape(-1, 3)
 
@@ -120,9 +120,10 @@ def _used(points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles
 def _closed(
     points: NDArray[np.float64], triangles: NDArray[np.intp], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return (points, triangles) of a closed mesh that faces outwards; raise ValueError if it is none.
+    """Return (points, triangles) of a closed mesh, facing outwards; raise ValueError if it is not closed.
 
-    Points nearer to each other than the tolerance are merged, and triangles without a third corner left out.
+    Points nearer to each other than the tolerance are merged; triangles that then have only two corners are left
+    out.
     """
     one = _coincident(points, tolerance)
     corners = one[triangles]
@@ -140,7 +141,7 @@ def _closed(
             f"mesh is not closed: of its {len(edges)} edges {wrong.sum()} have not two triangles, such as that "
             f"from {a} to {b} [m from its middle] with {times[first]}"
         )
-    # Neighbours that agree about outside walk their edge in opposite directions.
+    # Neighbours with the same orientation have their common edge in opposite directions.
     disagree = np.bincount(edge.ravel(), weights=forwards.ravel()) != 1
     if disagree.any():
         raise ValueError(
@@ -156,10 +157,10 @@ def _closed(
 
 
 def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
-    """Return, for each point, the first of those that it coincides with, shape [any].
+    """Return the first point that coincides with each point, shape [any].
 
-    Points in the same cell of a grid coincide. Two that are near may be in different cells, but then not in those
-    of a grid that is shifted by half a cell along the right axes.
+    Points in one cell of a grid coincide. Two near points may be in different cells, but then they share a cell of
+    a grid that is shifted by half a cell along the right axes.
     """
     if tolerance == 0:
         tolerance = 1.0
@@ -180,7 +181,7 @@ def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.int
 
 @in_turn
 def _filled(points: NDArray[np.float64], triangles: NDArray[np.intp], shape: Sequence[int]) -> NDArray[np.bool_]:
-    """Return which cells, of size 1 around the origin, have their centre inside a closed mesh."""
+    """Return the mask of cells, of size 1 around the origin, with their centre inside a closed mesh."""
     import warp as wp  # which no other shape needs
 
     from ..kernels.filling import find_depths
@@ -237,7 +238,7 @@ def halved(
 
 
 def _shared_normals(points: NDArray[np.float64], triangles: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the vertex whose normal each vertex takes, one in the same place with nearly the same."""
+    """Return the vertex whose normal each vertex uses: one at the same point with nearly the same normal."""
     corner = points[triangles]
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal = np.zeros_like(points)

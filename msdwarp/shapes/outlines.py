@@ -10,9 +10,9 @@ from ..bodies import Material, System
 from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enough, held
 
 _FINER = 4
-"""How many times finer than its lattice a cloth is drawn."""
+"""Spacing of a cloth's lattice over the spacing of its drawn grid."""
 _CORNER = math.radians(15)
-"""Where an outline turns by more than this, the drawn margin has a corner too."""
+"""If an outline turns by more than this, the drawn margin has a corner there, too."""
 
 
 def cloth(
@@ -72,7 +72,7 @@ def cloth(
 
 
 def _polygon(outline: ArrayLike) -> NDArray[np.float64]:
-    """Return the corners of a simple polygon, shape [n, 2]; raise ValueError if it is none."""
+    """Return the corners of a simple polygon, shape [n, 2]; raise ValueError if it is not simple."""
     corners = checks.array("outline", outline)
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ValueError(f"outline has shape {corners.shape}; it must be (n, 2)")
@@ -110,7 +110,7 @@ def _cross(a: NDArray, b: NDArray) -> NDArray:
 
 
 def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points of a grid are inside a polygon, shape [nx, ny]."""
+    """Return the mask of a grid's points inside a polygon, shape [nx, ny]."""
     end = np.roll(corners, -1, axis=0)  # inside points have an odd number of sides before them
     inside = np.empty((len(x), len(y)), dtype=bool)
     for j, height in enumerate(y):
@@ -122,7 +122,7 @@ def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.
 
 
 def _cells_of(corners: NDArray[np.float64], shape: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which cells, of size 1 around the origin, a polygon fills: with their centre inside, or held."""
+    """Return the mask of cells, of size 1 around the origin, that fill a polygon: centre inside, or `held`."""
     ends = np.append(corners, corners[:1], axis=0)
     along = np.insert(np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1)), 0, 0.0)
     samples = np.linspace(0, along[-1], math.ceil(along[-1] / SAMPLED) + 1)

@@ -1,4 +1,4 @@
-"""Shells: hollow bodies, the edges of whose triangles are connections."""
+"""Shells: hollow bodies with connections along the edges of their triangles."""
 
 from itertools import combinations
 from typing import Any
@@ -64,7 +64,7 @@ def shell(
 
 
 def edges_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the edges of triangles, each once, and the far corners of each two that share one, shape [any, 2]."""
+    """Return the edges of triangles, each once, and the opposite corners across shared edges, shape [any, 2]."""
     edges, side, _ = sides_of(triangles)
     far, side = np.roll(triangles, 1, axis=1).T.ravel(), side.T.ravel()
     order = np.argsort(side, kind="stable")

@@ -20,13 +20,13 @@ def embed(
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Return points as mixtures of the corners of lattice cells: (particle, weights), shape [any, 2^d] each.
 
-    A point is interpolated, linearly along each axis, in the cell that contains it. Where that cell is not
-    whole, since a particle is missing at a corner, it is extrapolated from the nearest whole cell. Raises
+    A point is interpolated, linearly along each axis, in the cell that contains it. If this cell is not whole,
+    because a particle is missing at a corner, the point is extrapolated from the nearest whole cell. Raises
     ValueError if no cell is whole, or a point is not finite.
 
     `number` is the particle at each lattice point, shape [nx, ny] or [nx, ny, nz], and `corner` the position of
-    the first [m]. `whole` tells which cells have a particle at every corner, one fewer along each axis. Of points
-    [m] with more coordinates than the lattice the first ones count.
+    the first [m]. `whole` is the mask of cells with a particle at every corner, one fewer along each axis. If
+    points [m] have more coordinates than the lattice, the first ones count.
     """
     dim = number.ndim
     place = (np.asarray(points, dtype=np.float64)[:, :dim] - np.asarray(corner)) / spacing
@@ -49,10 +49,10 @@ def nearest_cells(
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the cell nearest to each place, shape [any, d], and its distance, shape [any]; both in cells.
 
-    The distance is 0 inside, and inf where no cell was found. One beyond `within` need not be the nearest.
+    The distance is 0 inside, and inf if no cell was found. A cell beyond `within` need not be the nearest.
 
-    The cells around the one that a place lies in are searched shell by shell. Those of shell r + 1 are at
-    least r away, so that a cell found within r stands. A place outside the grid starts at its margin.
+    The cells around a place's own cell are searched shell by shell. Cells of shell r + 1 are at least r away, so a
+    cell found within r is the nearest. For a place outside the grid the search starts at the margin.
     """
     last = np.array(cells.shape) - 1
     own = np.clip(np.floor(place), 0, last).astype(np.intp)
@@ -77,7 +77,7 @@ def nearest_cells(
 
 
 AWAY, SAMPLED = 0.6, 0.4
-"""Distances in cells: further than the first from all cells the skin is lost; its samples are the second apart."""
+"""The largest distance of the skin from the nearest cell, and the distance of its samples, both in cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +91,14 @@ class Skin:
     triangles: NDArray[np.int64]
     """Vertices of each triangle, shape [triangle_count, 3]."""
     normal_of: NDArray[np.int64] | None = None
-    """The vertex whose normal each vertex takes, shape [vertex_count]."""
+    """The vertex whose normal each vertex uses, shape [vertex_count]."""
 
 
 def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) -> System:
     """Return the lattice of some cells' corners, centred at the origin, that carries a skin.
 
-    `cells` is a mask of shape [nx, ny] or [nx, ny, nz], `kind` are keywords of `lattice`. Raises ValueError if
-    there is no cell, or they are several pieces, or as `lattice` does.
+    `cells` is a mask of shape [nx, ny] or [nx, ny, nz], `kind` are keywords of `lattice`. Raises ValueError like
+    `lattice`, and if there is no cell or there are several pieces.
     """
     if not cells.any():
         raise ValueError(f"spacing is {spacing:g}; it must be smaller: no cell of that size has its centre inside")
@@ -106,7 +106,7 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) 
     for axis in range(cells.ndim):
         mask = np.insert(mask, 0, False, axis) | np.insert(mask, mask.shape[axis], False, axis)
     whole = whole_cells(mask)
-    # The particles of a cell are joined along its edges, so that axes alone tell the pieces.
+    # The particles of a cell are joined along its edges, so connections along axes determine the pieces.
     joined, _ = lattice_connections(mask.shape, lattice_directions(mask.ndim, diagonals=False), mask, whole)
     pieces = count_pieces(int(np.count_nonzero(mask)), joined)
     if pieces > 1:
@@ -136,7 +136,7 @@ def fine_enough(spacing: float, sizes: Mapping[str, float]) -> float:
 
 
 def cells_along(length: float, spacing: float) -> int:
-    """Return how many cells cover a length, less what rounding adds: ten tenths are no more than one."""
+    """Return the number of cells that cover a length, corrected for rounding: ten tenths are not more than one."""
     return math.ceil(length / spacing * (1 - 1e-12))
 
 

@@ -1,4 +1,4 @@
-"""Solids of revolution: a lattice inside, and a smooth surface around it that the lattice carries along."""
+"""Solids of revolution: a lattice, and a smooth surface around it that the lattice carries."""
 
 import itertools
 import math
@@ -143,7 +143,7 @@ def cone(
 
 
 def _columns(radius: float, spacing: float) -> int:
-    """Return how many vertices go around: a multiple of 4, no more than a spacing apart."""
+    """Return the number of vertices around a solid: a multiple of 4, no more than a spacing apart."""
     return max(_AROUND, 4 * math.ceil(math.tau * radius / spacing / 4))
 
 

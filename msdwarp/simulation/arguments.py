@@ -12,7 +12,7 @@ MOST_FRAMES = 10**9
 
 
 def frame_count(duration: float, fps: float) -> int:
-    """Return how many frames of 1/fps s a duration [s] has, rounded; raise ValueError if there is none."""
+    """Return the number of frames of 1/fps s in a duration [s], rounded; raise ValueError if it is 0."""
     frames = checks.positive("duration", duration) * checks.positive("fps", fps)
     count = round(min(frames, 2.0 * MOST_FRAMES))
     if count > MOST_FRAMES:

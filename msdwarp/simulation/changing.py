@@ -25,7 +25,7 @@ from ..world import (
     with_contact,
 )
 from .properties import PresentWorld
-from .step_controller import StepController
+from .substep_controller import StepController
 
 
 class Changing(PresentWorld):

@@ -29,7 +29,7 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
 
 
 def saved_worlds(stepping: Stepping) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
-    """Return the same for each world of an ensemble, without the fields of its system."""
+    """Return arrays and numbers like `saved` for each world of an ensemble, without the fields of its system."""
     moving = {name: stepping.model.by_world(to_host(array)) for name, array in _state_arrays(stepping).items()}
     baselines = np.stack(np.broadcast_arrays(*stepping.watch.baseline), axis=-1)
     found = []

@@ -18,7 +18,7 @@ from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe,
 from .arguments import frame_count
 from .changing import check_supports_contact
 from .checkpoint import saved_drives, saved_system, saved_worlds
-from .divergence import SimulationDiverged
+from .divergence_error import SimulationDiverged
 from .ensemble_parameters import parameter_rows, taken_from
 from .ensemble_results import dataset, import_xarray, observations
 from .properties import Present
@@ -63,8 +63,7 @@ class Ensemble(Present):
     colliders, loads
         With a `System`: obstacles, loads, and contact between bodies.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
-        As for `Simulation`. All worlds have the same number of substeps; "auto" is that of the world that needs
-        most.
+        As for `Simulation`. All worlds have the same number of substeps; "auto" is the largest that a world needs.
     force_algorithm
         As for `Simulation`; "auto" is the stencil or gather on a GPU, and scatter on the CPU: these repeat bit for
         bit.
@@ -252,7 +251,7 @@ class Ensemble(Present):
 
     @property
     def status(self) -> NDArray[np.str_]:
-        """The status of each world: "running", "not finite" or "energy" (it grew without a cause)."""
+        """Status of each world: "running", "not finite" or "energy" (it exceeded its limit and the work done)."""
         return np.array(STATUS)[self._world_status().status]
 
     @property
@@ -312,7 +311,7 @@ class Ensemble(Present):
         """Return the state of each world, with which `Simulation.restore` continues it bit for bit.
 
         The simulation must have the world's parameters and the ensemble's `integrator`, `fps`, `substeps`,
-        precision and algorithm, as `simulation_of` returns it. A diverged world is where it stopped.
+        precision and algorithm, like that of `simulation_of`. A diverged world has the state in which it stopped.
         """
         frames = self._world_status().good_frames
         shared = {"fps": self.fps, "integrator": repr(self.integrator), "changes": 0}

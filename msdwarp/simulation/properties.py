@@ -81,12 +81,12 @@ class Present:
 
     @property
     def choice(self) -> StepChoice:
-        """The number of substeps of a frame, and the reason; in an ensemble that of the world that needs most."""
+        """The number of substeps of a frame, and the reason; in an ensemble the largest that a world needs."""
         return self.stepping.choice
 
     @property
     def substeps(self) -> int:
-        """Integrator steps per frame; with automatic substeps, those of the last frame."""
+        """Integrator steps per frame; with automatic substeps, the number in the last frame."""
         return self.choice.substeps
 
     @property
@@ -109,7 +109,7 @@ class Present:
         """Current positions [m]: a Warp array on the device, which later steps overwrite.
 
         It has vectors, shape [particle_count]; `Renderer.image` can draw it without a copy to the host. In an
-        ensemble it has those of all worlds, each beginning `model.stride` after the previous one.
+        ensemble it has the vectors of all worlds; each world begins `model.stride` after the previous one.
         """
         return self.state.x
 

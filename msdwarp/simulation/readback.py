@@ -1,4 +1,4 @@
-"""Frames of a simulation, copied to the host while it goes on."""
+"""Frames of a simulation, copied to the host while it continues."""
 
 import queue
 from typing import Any
@@ -15,7 +15,7 @@ from .simulation import Simulation
 
 
 class Readback:
-    """Copies frames of a simulation to the host while it goes on.
+    """Copies frames of a simulation to the host while it continues.
 
     On a GPU a frame is first copied there, before the simulation writes over it; from that copy it goes to the
     host on a stream of its own. On the CPU it is copied at once.
@@ -57,7 +57,7 @@ class Readback:
             self._free.put(_Buffers(simulation.model, strain, contact_forces))
 
     def take(self) -> "Taken":
-        """Return the present frame, which is on its way; wait while `depth` others have not been released."""
+        """Return the present frame, still on its way to the host; wait while `depth` others are not released."""
         buffers = self._free.get()
         self._fill(buffers)
         return Taken(self._simulation, buffers, self._free)
@@ -101,7 +101,7 @@ class Taken:
         self._released = False
 
     def arrived(self) -> tuple[Frame, NDArray | None]:
-        """Wait for it, in any thread, and return it: the same as `Simulation.frame` returned at its time.
+        """Wait for it, in any thread, and return it: equal to `Simulation.frame` at its time.
 
         The arrays are overwritten by a later frame once this one has been released.
 
@@ -127,10 +127,10 @@ class Taken:
         return Frame(self._time, position, velocity), arrays.get("strain")
 
     def broken_at(self) -> NDArray | None:
-        """Wait for it, and return when connections had broken by then [s]; None where none can break.
+        """Wait for it, and return the times at which connections had broken [s]; None if none can break.
 
-        It is inf where they were whole, shape [connection_count]. As for `arrived`, the array is overwritten once
-        this one has been released.
+        Shape [connection_count], inf for whole connections. As for `arrived`, the array is overwritten once this
+        frame has been released.
         """
         self._buffers.wait()
         return self._buffers.on_host.get("broken_at")
@@ -138,8 +138,8 @@ class Taken:
     def contact_force(self) -> NDArray | None:
         """Wait for it, and return the contact force on each particle [N]; None if it was not requested.
 
-        It is what `Simulation.contact_force` returned at its time, shape [particle_count, d]. As for `arrived`,
-        the array is overwritten once this one has been released.
+        It equals `Simulation.contact_force` at its time, shape [particle_count, d]. As for `arrived`, the array is
+        overwritten once this frame has been released.
         """
         self._buffers.wait()
         return self._buffers.on_host.get("contact_force")

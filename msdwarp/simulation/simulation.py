@@ -38,10 +38,10 @@ from ..world import (
 from . import checkpoint
 from .arguments import frame_count, in_order
 from .changing import Changing, check_supports_contact
-from .divergence import SimulationDiverged, describe
+from .divergence_error import SimulationDiverged, describe
 from .readings import Readings
-from .step_controller import StepControlFailed, StepController
 from .stepping import Stepping
+from .substep_controller import StepControlFailed, StepController
 
 
 class Simulation(Changing):
@@ -58,7 +58,7 @@ class Simulation(Changing):
     colliders
         Obstacles.
     collider_rule
-        Rule for contact with obstacles: "coulomb", or "report" for that of the 2014 report; see
+        Rule for contact with obstacles: "coulomb", or "report" for the rule of the 2014 report; see
         `msdwarp.kernels.colliders`.
     loads
         Loads on the bodies, such as `Force` or `Wind`.
@@ -70,8 +70,8 @@ class Simulation(Changing):
         Frames per second of simulated time.
     substeps
         Integrator steps per frame. "auto" uses as few as `safety` allows (see `msdwarp.integrators.stability`),
-        and more if the energy would grow without a cause (see `msdwarp.simulation.step_controller`). `choice` has
-        the current number and the reason, `substep_history` its changes.
+        and more if the energy would grow without a cause (see `msdwarp.simulation.substep_controller`). `choice`
+        has the current number and the reason, `substep_history` its changes.
     safety
         Fraction of the stability limit that automatic substeps may use, 0 … 1.
     refresh
@@ -211,7 +211,7 @@ class Simulation(Changing):
         self._step_controller = StepController() if automatic else None
         self._load(self._initial)
         self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
-        """From when on [s] a frame took how many substeps."""
+        """Pairs of a time [s] and the number of substeps of a frame from then on."""
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system and prepare to advance it by the given substeps, or choose them."""
@@ -337,7 +337,7 @@ class Simulation(Changing):
 
     @in_turn
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
-        """Return what `restore` needs to continue from this frame, bit for bit: arrays, and numbers and names."""
+        """Return arrays, and numbers and names, from which `restore` continues this frame bit for bit."""
         arrays, numbers = checkpoint.saved(self.stepping)
         arrays |= checkpoint.saved_drives(self._loads, self.model)
         own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}

@@ -35,7 +35,7 @@ from ..engine import (
 from ..integrators import Integrator, StepChoice
 from ..runtime import in_turn, record
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
-from .divergence import Divergence
+from .divergence_error import Divergence
 from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
 
@@ -119,7 +119,7 @@ class Stepping:
         self._balance_graph: Any = None
         self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
-        """How many more frames, and balances, are launched before they are recorded."""
+        """Number of frames, and of balances, that are still launched before they are recorded."""
         small = is_told_by_frames(dynamics)
         self._can_sum_balance, self.sum_balance = watch_energy and small, True
         """Whether frames can sum their energy balance; whether the next ones do. Otherwise requests sum it."""
@@ -133,7 +133,7 @@ class Stepping:
 
     @property
     def backup(self) -> Backup:
-        """The state at the start of the last frame."""
+        """A copy of the state at the start of the last frame, which `go_back` restores."""
         return self._tracks.current.backup
 
     @property

@@ -24,7 +24,7 @@ class Track:
 class Tracks:
     """The tracks of a run. Frames that were not launched ahead use the `first`.
 
-    `current` is the track of the last frame; `ahead` is that of the next frame, if it has been launched.
+    `current` is the track of the last frame; `ahead` is the next frame's track, if it has been launched.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:

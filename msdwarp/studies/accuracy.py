@@ -1,4 +1,4 @@
-"""Accuracy: the error of a method on a scene, and the cheapest method that stays under a tolerance."""
+"""Accuracy: the error of a method on a scene, and the cheapest method with an error under a tolerance."""
 
 import math
 import time
@@ -15,7 +15,7 @@ from ..simulation import Simulation, SimulationDiverged, frame_count
 from ..world import Scene
 
 MOST_REFINEMENT = 64
-"""The most substeps tried, as a multiple of those that are stable."""
+"""The most substeps tried, as a multiple of the stable number."""
 
 
 class Measurement(NamedTuple):
@@ -27,7 +27,7 @@ class Measurement(NamedTuple):
     error: float
     """Largest error of a frame: root mean square of the particles' position errors over the system's size."""
     seconds: float
-    """Time to simulate one second [s]; NaN where the error is too large for it to matter."""
+    """Time to simulate one second [s]; NaN if it was not measured because the error is too large."""
 
     @property
     def evaluations(self) -> int:
@@ -41,7 +41,7 @@ class Reference(NamedTuple):
     position: NDArray[np.float64]
     """Positions [m], shape [frame_count, particle_count, d]."""
     error: NDArray[np.float64]
-    """Estimate of its own error, by frame, as `Measurement.error`."""
+    """Estimate of the reference's own error in each frame, defined as `Measurement.error`."""
     size: float
     """Largest extent of the system at the start [m]."""
 
@@ -64,10 +64,10 @@ def make_reference(
     finer: int = 8,
     report: Callable[[str], None] = lambda line: None,
 ) -> Reference:
-    """Return the scene by RK4 in float64, with `finer` times the substeps that are stable.
+    """Return the scene by RK4 in float64, with `finer` times the stable number of substeps.
 
-    Its own error is estimated from a run with half as many that starts from positions rounded to float32: no
-    method in float32 is charged for changes of the motion by rounding alone, as when a body buckles.
+    Its own error is estimated from a run with half as many substeps that starts from positions rounded to float32.
+    So the error of methods in float32 does not include changes of the motion by rounding alone, as in buckling.
     """
     stable = Simulation(scene.system, integrator=RK4(), device=device).substeps
     system, runs = scene.system, []
@@ -88,9 +88,9 @@ def tune(
     horizon: float = 1.0,
     report: Callable[[str], None] = lambda line: None,
 ) -> tuple[list[Measurement], float]:
-    """Measure every method on a scene, with the substeps that bring its error under a tolerance.
+    """Measure every method on a scene, with substeps that bring its error under a tolerance.
 
-    Errors are measured over the horizon [s], which is shortened to the scene's duration, and to the time for which
+    Errors are measured over the horizon [s], which is shortened to the scene's duration, and to the time in which
     the reference is certain to a tenth of the tolerance. Returns all measurements, the default method with its
     automatic substeps first, and the horizon used. `report` is called with a line about each run before it starts.
     Raises ValueError for a scene with a schedule, or if the reference is certain for less than a frame.
@@ -131,7 +131,7 @@ def _measure_method(
     device: str | None,
     report: Callable[[str], None],
 ) -> Iterator[Measurement]:
-    """Yield measurements from the automatic substeps on, until one is under the tolerance."""
+    """Yield measurements, beginning with automatic substeps, until one has an error under the tolerance."""
     method, horizon = METHODS[name], (len(reference.position) - 1) / 60.0
     if name == "leapfrog-extrapolated" and not scene.system.damping.any():
         return  # the same as leapfrog
@@ -165,7 +165,7 @@ def _measure_method(
 
 
 def _seconds(scene: Scene, found: list[Measurement], device: str | None, rounds: int = 5) -> NDArray[np.float64]:
-    """Return the time for one second of each [s]: medians of several rounds, in which the methods take turns."""
+    """Return the computing time [s] per simulated second: medians of rounds in which the methods take turns."""
     simulations = []
     for one in found:
         how: dict[str, Any] = {"substeps": one.substeps, "precision": one.precision, "device": device}

@@ -1,4 +1,4 @@
-"""fit: parameters of a scene from a measured motion."""
+"""Parameters of a scene, fitted to a measured motion by `fit`."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -13,23 +13,23 @@ from ..files import Trajectory
 from ..integrators import Integrator, Leapfrog
 from ..simulation import frame_count
 from ..world import Scene
+from .fit_predictions import Worlds
 from .fit_result import FitResult
 from .fit_warnings import noise_warnings, time_warnings, value_warnings
 from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
 from .measured import Channel, TrackedPoints, channels_of, frame_rate
 from .parameters import parameters_of
-from .worlds import Worlds
 
 MISSING = "fitting needs SciPy: pip install 'msdwarp[fit]'"
 GROWING, WHOLE = "growing", "whole"
 SHORTEST = 1 / 32
 """The first horizon, as a share of the time measured; each next one is twice as long."""
 LEAST_TIMES = 4
-"""Instants that a horizon has at least."""
+"""Least number of measured times in a horizon."""
 STEPS = 6
 """Most steps on each horizon but the last."""
 ROUNDS, WORTH = 4, 0.7
-"""Most rounds of clouds, and the share of the sum of squares below which another one is worth it."""
+"""Most rounds of clouds; another one follows if a round reduces the sum of squares to at most this share."""
 UNCERTAIN = 1.0
 """A standard deviation of ln(value) above which a parameter counts as unseen."""
 SHARE = 0.3
@@ -38,7 +38,7 @@ OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
 """The time step is short enough if its error is below this part of a standard deviation, or of the value, or this
 multiple of the jumps by contact, which also depend on it."""
 MOST_REFINEMENT = 16
-"""The most substeps taken, as a multiple of those that are stable."""
+"""The most substeps taken, as a multiple of the stable number."""
 
 
 def fit(
@@ -204,7 +204,7 @@ def fit(
 
 
 def _horizons(requested: Any, channels: list[Channel], end: float) -> list[float]:
-    """Return the times [s] up to which measurements count, one after the other; the last is the end."""
+    """Return the ends [s] of the successive horizons; the last one is the end of the measurements."""
     times = np.unique(np.concatenate([one.time[one.time > 0] for one in channels]))
     if isinstance(requested, str):
         checks.one_of("horizon", requested, (GROWING, WHOLE))
@@ -223,7 +223,7 @@ def _horizons(requested: Any, channels: list[Channel], end: float) -> list[float
 
 
 def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
-    """Return where the search starts, shape [count, parameters]: the scene's values, and a Latin hypercube."""
+    """Return the starting points, shape [count, parameters]: the scene's values, and a Latin hypercube."""
     first = np.zeros((1, problem.count))
     if count == 1:
         return first
@@ -241,7 +241,7 @@ def _finish(
     seed: int,
     report: Callable[[str], None],
 ) -> tuple[NDArray, Linear, NDArray, bool]:
-    """Return the best θ up to a time [s], its linearisation, the covariance by jumps, and whether it converged."""
+    """Return the best θ until `end` [s], its linearisation, the covariance by jumps, and whether it converged."""
     best, converged = problem.finish(theta, end, tolerance)
     step, p = DIFFERENCE[problem.precision], problem.count
     linear, jumps = problem.linear(best[None], end, step)[0], np.zeros((p, p))

@@ -9,7 +9,7 @@ from .least_squares import CLOSE, Problem
 from .measured import Channel
 
 SURE = 2.33
-"""A normal number is above this in one case of a hundred: as often there is a warning about perfect noise."""
+"""A normal variable is above this in one case of a hundred, so perfect noise causes a warning as often."""
 ALIKE = 0.3
 """Correlation r of residuals at neighbouring times that is ignored: standard deviations are at most 1.4 times too
 small, sqrt((1 + r) / (1 - r))."""
@@ -18,7 +18,7 @@ OTHER = 1.5
 BY_STEP = 2.0
 """Residuals below this multiple of the time step's error are errors of the time step."""
 OUTRIGHT = 1000
-"""Stable substeps of a frame above which the times measured are probably in another unit."""
+"""If a frame needs more substeps than this, the measured times are probably in another unit."""
 
 
 def noise_warnings(
@@ -27,7 +27,7 @@ def noise_warnings(
     """Return how residuals, shape [rows, width], differ from independent noise of the given size.
 
     `parameters` is the number fitted, and `step` the root mean square of the time step's error, in the unit of
-    the channel. If `robust`, the median tells the size of residuals, as some points may be wrong.
+    the channel. If `robust`, the size of residuals is their median, because some points may be wrong.
     """
     seen = left[np.isfinite(left)]
     freedom = max(len(seen) - parameters, 1)
@@ -54,7 +54,7 @@ def noise_warnings(
 
 
 def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the correlation of residuals at neighbouring times, and how many of them are independent.
+    """Return the correlation of residuals at neighbouring times, and the number of independent residuals.
 
     If residuals are independent in time, the correlation is normal about 0 with the variance 1 / (n T), with T
     instants and n = (tr C)² / tr C² independent numbers at each, where C is the covariance of the measurements at

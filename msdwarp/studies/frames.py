@@ -1,4 +1,4 @@
-"""Frames of trajectories: the system as it was in one, and the energies of its particles."""
+"""Frames of trajectories: the system in a frame, and the energies of its particles."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from ..world import Change
 
 
 def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> list[Change]:
-    """Return the changes that had been made before frame k was simulated, in their order."""
+    """Return the changes made before frame k was simulated, in their order."""
     fps = trajectory.attributes.get("options", {}).get("fps", trajectory.fps)  # a file may hold every n-th frame
     before = round(trajectory.times[k] * fps) - 1
     ordered = sorted(schedule, key=lambda change: change.time)
@@ -19,9 +19,9 @@ def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> 
 
 
 def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -> System:
-    """Return the system as it is in frame k of a trajectory.
+    """Return the system in frame k of a trajectory.
 
-    Parameters have been changed as the schedule says. Rest lengths that change follow from the strains; ValueError
+    It includes the changes of the schedule. If rest lengths change, they are computed from the strains; ValueError
     is raised if these are not in the file.
     """
     system = start = trajectory.system
@@ -41,14 +41,14 @@ def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -
 def recovered_rest_length(system: System, strain: NDArray) -> NDArray[np.float64]:
     """Return rest lengths [m], shape [connection_count], from the strains of the springs.
 
-    A spring between particles that coincide keeps the system's rest length: its strain does not tell.
+    A spring between coincident particles keeps the system's rest length, which its strain does not determine.
     """
     ratio = 1.0 + strain.astype(np.float64)
     return np.divide(system.length, ratio, out=np.array(system.rest_length), where=ratio > 0)
 
 
 def particle_energies(system: System) -> NDArray[np.float64]:
-    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half of each spring's.
+    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half that of its springs.
 
     Pinned particles have no kinetic energy.
     """

@@ -33,10 +33,10 @@ _FORMS = (
 
 
 def values_of(name: str, text: str) -> list[str] | None:
-    """Return the values that a list or a range stands for, as texts; None if the text is a single value.
+    """Return the values of a list or a range, as texts; None if the text is a single value.
 
-    Numbers are rounded to twelve digits, so that two ranges that share a value share it to the last bit.
-    Raises ValueError if it begins as a list or a range, and is none.
+    Numbers are rounded to twelve digits, so that values that two ranges share are equal to the last bit.
+    Raises ValueError if the text begins like a list or a range, and is none.
     """
     if "," not in text and not re.match(f"{_NUMBER}:", text):
         return None
@@ -179,7 +179,7 @@ def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
 
 
 def source(function: Callable[..., Any]) -> str | None:
-    """Return a digest of a function's source, without functions that it calls; None where there is none."""
+    """Return a digest of a function's source, without functions that it calls; None if there is no source."""
     try:
         return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
     except (OSError, TypeError):

@@ -1,4 +1,4 @@
-"""History: energies, momentum and heights of a trajectory over time, from its file alone, and a plot of them."""
+"""History: energies, momentum and heights of a trajectory over time, from its file alone, and their plot."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ class Moment(NamedTuple):
 
 
 def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Change] = ()) -> Iterator[Moment]:
-    """Return an iterator over a trajectory's moments: one frame is in memory at a time.
+    """Return an iterator over a trajectory's moments, with one frame in memory at a time.
 
     They are computed on the CPU in float64 from the stored frames, the run's gravity [m/s²] and schedule. Raises
     ValueError if gravity is out of range, or rest lengths change and strains are not in the file.
@@ -120,7 +120,7 @@ def _plot(trajectory: Trajectory, table: NDArray[np.void], path: Path) -> None:
     draw_curves(heights, table["time_s"], curves, "height [m]" if system.dim > 1 else "x [m]")
     heights.fill_between(table["time_s"], table["lowest_m"], table["highest_m"], color=DARK, alpha=0.08, lw=0)
     heights.set_xlabel("time [s]")
-    for axes in panels:  # above them a legend hides nothing, and on the right leaves room for a power of ten
+    for axes in panels:  # a legend above hides nothing; to the right there is space for a power of ten
         axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0.2)
     figure.align_ylabels()
     name = Path(trajectory.attributes.get("scene", trajectory.path)).stem

@@ -1,6 +1,6 @@
-"""Sums of squares that a fit makes small: residuals, their derivatives, and damped Gauss-Newton steps.
+"""The least-squares problem of a fit: residuals, their derivatives, and damped Gauss-Newton steps.
 
-Unknowns are the logarithms of parameters, counted from where they start: θ = ln(value / start).
+Unknowns are logarithms of parameters relative to their starting values: θ = ln(value / start).
 """
 
 from collections.abc import Callable
@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .fit_predictions import Worlds
 from .measured import spread
-from .worlds import Worlds
 
 DIFFERENCE = {"float64": 1e-6, "float32-compensated": 1e-4, "float32": 1e-3}
 """Differences of θ for derivatives, by precision; rounding errors are 1e-10, 1e-3 (in forces), 1e-3 and more."""
 WIDE = 1e-2
-"""The difference on the way: with contact residuals jump a little as θ changes, and this sees the trend."""
+"""Difference of θ before the last steps: with contact residuals jump a little, and this shows their trend."""
 FLOOR = {"float64": 1e-7, "float32-compensated": 1e-4, "float32": 1e-3}
-"""Least visible change by a unit of θ, as a share of the variation of the measurements."""
+"""Least visible change per unit of θ, as a share of the variation of the measurements."""
 ABOVE_FLOOR = 10.0
 """Changes of residuals below this multiple of the floor are indistinguishable from rounding."""
 Loss = Callable[[NDArray], NDArray]
@@ -46,7 +46,7 @@ WIDEST = 0.1
 CLOSE = 1e-2
 """Starts as close as this in θ count as one."""
 WORSE = 10.0
-"""Starts whose sum of squares is this multiple of the least are given up."""
+"""Starts whose sum of squares is this multiple of the least are dropped."""
 
 
 class Linear(NamedTuple):
@@ -77,7 +77,7 @@ class Problem:
         return np.exp(theta) * [one.start for one in self.parameters]
 
     def floor(self, end: float) -> float:
-        """Return the least change of a residual by a unit of θ that can be seen."""
+        """Return the least visible change of a residual per unit of θ."""
         rows = [one.until(end).sum() for one in self.channels]
         squares = [(spread(one) / one.noise) ** 2 for one in self.channels]
         return FLOOR[self.precision] * float(np.sqrt(np.average(squares, weights=rows)))
@@ -91,7 +91,7 @@ class Problem:
         return float(LOSSES[self.loss][0](residuals**2).sum())
 
     def residuals(self, theta: NDArray[np.float64], end: float) -> NDArray[np.float64]:
-        """Return (simulated − measured) / noise up to a time [s], shape [worlds, rows], for θ of each world."""
+        """Return (simulated − measured) / noise until `end` [s], shape [worlds, rows], for θ of each world."""
         predicted = self.worlds.predict(self.values(theta), end)
         parts = [
             (simulated - one.values)[:, one.until(end)] / one.noise
@@ -102,7 +102,7 @@ class Problem:
     def linear(self, theta: NDArray[np.float64], end: float, size: float) -> list[Linear]:
         """Return residuals and derivatives for θ of shape [starts, parameters], by one run of all worlds.
 
-        Derivatives are differences over `size` in each θ, away from a bound that is near.
+        Derivatives are one-sided differences over `size` in each θ, away from a near bound.
         """
         p = self.count
         steps = np.where(theta + size > self.high, -size, size)
@@ -112,14 +112,14 @@ class Problem:
         return [Linear(one[0], slope.T) for one, slope in zip(residuals, slopes, strict=True)]
 
     def approach(self, theta: NDArray[np.float64], end: float, most: int) -> NDArray[np.float64]:
-        """Return better θ up to a time [s], by at most `most` steps of Levenberg and Marquardt.
+        """Return better θ for the measurements until `end` [s], by at most `most` Levenberg-Marquardt steps.
 
         All starts, shape [starts, parameters], take their steps together: one run of (parameters + 1) worlds for
         each, where SciPy would need a run for each start.
         """
         theta, first = theta.copy(), theta.copy()
         linear = self.linear(theta, end, WIDE)
-        # Each start is held by the guess, the more firmly the worse it fits, and by the floor at least.
+        # The guess holds each start, more firmly if it fits worse, and at least by the floor.
         rows, floor = len(linear[0].residuals), self.hold(end)
         hold = [max(np.sqrt(self.cost(one.residuals) / rows) / GUESS, floor) for one in linear]
         damped = np.full(len(theta), 1e-3)
@@ -149,7 +149,7 @@ class Problem:
         return theta[kept]
 
     def finish(self, theta: NDArray[np.float64], end: float, tolerance: float) -> tuple[NDArray, bool]:
-        """Return the best θ up to a time [s], and whether the search converged."""
+        """Return the best θ for the measurements until `end` [s], and whether the search converged."""
         from scipy.optimize import least_squares
 
         hold = self.hold(end)
@@ -183,15 +183,15 @@ class Problem:
         return found.x, found.status > 0
 
     def hold(self, end: float) -> float:
-        """Return the derivative of an added residual that keeps invisible parameters where they are."""
+        """Return the derivative of an added residual that keeps undetermined parameters at their values."""
         return self.floor(end) * np.sqrt(int(sum(one.until(end).sum() for one in self.channels)))
 
     def of_step(
         self, theta: NDArray[np.float64], end: float, linear: Linear, order: int
     ) -> tuple[NDArray, NDArray, NDArray]:
-        """Return what endlessly short steps would change: θ, its standard deviation beside that, and residuals.
+        """Return the change of θ for infinitely short steps, θ's standard deviation, and the change of residuals.
 
-        By Richardson's extrapolation from half the steps, with a method of some order.
+        By Richardson's extrapolation from half the step, for a method of this order.
         """
         stable = self.worlds.substeps
         self.worlds.refine(2)
@@ -208,9 +208,9 @@ class Problem:
     def is_jagged(self, theta: NDArray[np.float64], end: float, linear: Linear) -> bool:
         """Return whether residuals jump as θ changes, as they do with contact.
 
-        Smooth residuals change to one side by the opposite of their change to the other side, and by the
-        derivatives at θ, but for a share of the order of the difference. Derivatives, over a smaller difference,
-        miss most jumps; across one they are far too large, and values would seem certain.
+        Changes of smooth residuals to both sides are opposite and follow the derivatives at θ, except for a share
+        of the order of the difference. Derivatives use a smaller difference and miss most jumps. Across a jump
+        they are far too large, and values would seem certain.
         """
         steps = JAGGED * np.eye(self.count)
         residuals = self.residuals(np.concatenate([theta[None], theta + steps, theta - steps]), end)
@@ -229,8 +229,8 @@ class Problem:
     def smooth(self, theta: NDArray[np.float64], end: float, seed: int) -> tuple[NDArray, NDArray, NDArray]:
         """Return the best θ in shrinking clouds of worlds, the Jacobian of the trend there, and a covariance.
 
-        A plane fitted to the residuals of a cloud tells where the sum of squares is least without the jumps. The
-        better of the world there and the best of the cloud is the centre of the next one. The covariance is that
+        A plane fitted to the residuals of a cloud gives the θ of the least sum of squares without the jumps. The
+        better of the world there and the best of the cloud is the centre of the next cloud. The covariance is that
         of θ by the jumps about the plane.
         """
         p, random = self.count, np.random.default_rng(seed)
@@ -254,6 +254,6 @@ class Problem:
             best, linear = at[least], Linear(residuals[least], np.asarray(plane[1:].T, dtype=np.float64))
             trial = np.clip(centre + np.clip(step, -WIDEST, WIDEST), self.low, self.high)
             off = residuals - plane[0] - (at - centre) @ plane[1:]
-            moves = off @ np.linalg.pinv(plane[1:])  # the changes of θ that jumps are mistaken for
+            moves = off @ np.linalg.pinv(plane[1:])  # the changes of θ with the same effect as the jumps
             jumps = moves.T @ moves / len(moves)
         return best, linear.jacobian, jumps

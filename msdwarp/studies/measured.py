@@ -1,4 +1,4 @@
-"""Measured motion that a fit is to follow: tracked points, a trajectory, values of probes."""
+"""Measured motion for a fit: tracked points, a trajectory, values of probes."""
 
 import csv
 from collections.abc import Mapping
@@ -84,7 +84,7 @@ class Channel:
     noise: float = 1.0
     """The unit of residuals, in the unit of the values."""
     entry: NDArray[np.int64] | None = None
-    """Which of the tracked particles a row is of, shape [rows]."""
+    """Index of each row's particle among the tracked ones, shape [rows]."""
     noise_given: bool = False
     """Whether `noise` is given, and not the variation of the values."""
 
@@ -97,18 +97,18 @@ class Channel:
 
     @property
     def entries(self) -> NDArray[np.int64]:
-        """The tracked particle of each row, by its place among them, shape [rows]."""
+        """Index of each row's particle among the tracked ones, shape [rows]."""
         return np.zeros(len(self.time), dtype=int) if self.entry is None else self.entry
 
     def until(self, end: float) -> NDArray[np.bool_]:
-        """Return which values were measured after the start and up to a time [s], shape [rows, width]."""
+        """Return a mask of values measured after the start and until `end` [s], shape [rows, width]."""
         return np.isfinite(self.values) & ((self.time > 0) & (self.time <= end))[:, None]
 
     def at_times(self, frames: NDArray[np.float64], fps: float) -> NDArray[np.float64]:
         """Return simulated values at the measured times and points, shape [worlds, rows, width].
 
-        `frames`, from frame 0 on, is of shape [frame_count, worlds, ...]. Between frames there is a cubic spline,
-        and after the last one its value.
+        `frames`, shape [frame_count, worlds, ...], begins with frame 0. Between frames there is a cubic spline;
+        after the last frame its value stays.
         """
         place = np.minimum(self.time * fps, len(frames) - 1)
         if (np.abs(place - np.round(place)) < ON_FRAME).all():
@@ -150,7 +150,7 @@ def _with_noise(channel: Channel, noise: Any) -> Channel:
 
 
 def spread(channel: Channel) -> float:
-    """Return how much the values of a channel vary over time: their root mean square about their means."""
+    """Return the variation of a channel's values over time: their root mean square about their means."""
     sums = 0.0
     for k in np.unique(channel.entries):
         for column in channel.values[channel.entries == k].T:
@@ -237,7 +237,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
 
 
 def frame_rate(channels: list[Channel]) -> float:
-    """Return the frame rate at which all measured times end a frame; 60 if there is none."""
+    """Return a frame rate for which all measured times are ends of frames; 60 if there is none."""
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     gaps = np.diff(times)
     gap = float(gaps[gaps > ON_FRAME * gaps.max()].min())

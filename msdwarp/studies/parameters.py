@@ -1,4 +1,4 @@
-"""Parameters of a scene that a fit may change, each a positive number, and the scene that has others."""
+"""Parameters of a scene that a fit may change, each a positive number, and the scene with other values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class Parameter:
 
     name: str
     pattern: NDArray[np.float64]
-    """The values of springs, particles or obstacles at the value 1; of gravity its direction."""
+    """The values of springs, particles or obstacles if the parameter is 1; for gravity its direction."""
     start: float
     low: float
     high: float
@@ -38,7 +38,7 @@ class Parameter:
 
     @property
     def is_one_number(self) -> bool:
-        """Whether the value is that of each spring, particle or obstacle."""
+        """Whether each spring, particle or obstacle has the parameter itself as its value."""
         return bool((self.pattern == 1.0).all())
 
     def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Sweeps: a scene at all points of a grid, each point a run of its own, on as many machines as there are."""
+"""Sweeps: a scene at all points of a grid, each point a run of its own, on one or more machines."""
 
 import inspect
 import shutil
@@ -37,7 +37,7 @@ from .sweep_points import (
 from .workers import gpus_for, workers_for
 
 _TRIES = 3
-"""How often a point is tried whose worker is lost."""
+"""How often a point is tried if its worker is lost."""
 _PAUSE = 0.05
 """Seconds between two checks of the futures."""
 
@@ -75,7 +75,7 @@ def sweep(
     folder
         Folder of the runs and results. It may contain those of an earlier sweep.
     parameters, **options
-        What is the same at all points: parameters of the scene, options of `Simulation` and the `duration` [s].
+        Values common to all points: parameters of the scene, options of `Simulation` and the `duration` [s].
     observe
         Functions by name. Each is called with the `Simulation` at its end and returns a number.
     executor
@@ -160,7 +160,7 @@ class FunctionTask(NamedTuple):
         return Setup(scene, duration, options | {"integrator": integrator}, self.observe)
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
-        """Simulate the scene to its end, with its trajectory if files are kept; return the final numbers."""
+        """Simulate the scene to its end and return the final numbers; write a trajectory if `keeps_files`."""
         scene, duration, options, observe = self.setup()
         simulation = Simulation.from_scene(scene, **options)
         frames = frame_count(duration, simulation.fps)
@@ -192,7 +192,7 @@ def complete(
     """Simulate the planned points that are not in the folder yet, and write the results of all.
 
     Return the results, how many points were worlds of ensembles, and why others, by number, were not. Without a
-    `device` the processes share the GPUs. Other arguments and errors are those of `sweep`.
+    `device` the processes share the GPUs. Other arguments and errors are as for `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
@@ -215,7 +215,7 @@ def complete(
         remove_unfinished(runs)
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
         left = {k: planned[k] for k, row in enumerate(rows) if not row}
-        for point in left.values():  # a power cut may have left a part of a run
+        for point in left.values():  # after a power cut a part of a run may be there
             shutil.rmtree(runs / point.digest, ignore_errors=True)
         count, refused = len(left), dict[int, str]()
         tasks = {k: point.task for k, point in left.items()}
@@ -279,7 +279,7 @@ def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: A
 
 
 def _check_folder(folder: Path) -> None:
-    """Raise OSError if a folder holds something that is no sweep."""
+    """Raise OSError if a folder contains anything other than a sweep."""
     if folder.exists() and not folder.is_dir():
         raise NotADirectoryError(f"folder is {folder}, which is a file; it must be a folder, new or of a sweep")
     there = [path for path in folder.iterdir() if not disk.is_unfinished(path)] if folder.exists() else []

@@ -1,4 +1,4 @@
-"""Points of a sweep as worlds of ensembles, if they differ only in parameters of worlds."""
+"""Points of a sweep as worlds of ensembles, for points that differ only in parameters of worlds."""
 
 import hashlib
 import pickle
@@ -25,7 +25,7 @@ OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 OF_SYSTEM = (*OF_CONNECTIONS, "mass", "position", "velocity")
 """Fields of a system that may differ between worlds."""
 ONLY_OF_YIELDING = ("original_length",)
-"""Fields that do not matter unless springs yield, as they do in no ensemble."""
+"""Fields that matter only if springs yield; otherwise worlds may differ in them."""
 MOST_WORLDS, MOST_ON_CPU = 4096, 64
 """Worlds of an ensemble at most: enough to fill a GPU. A sweep that is ended loses an unfinished ensemble."""
 MOST_NUMBERS = 1 << 23
@@ -38,7 +38,7 @@ World = tuple[int, Simulate, float]
 
 
 def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
-    """Simulate points in ensembles, yield their worlds, and note in `refused` why other points are none.
+    """Simulate points in ensembles, yield their worlds, and note in `refused` why other points are excluded.
 
     A world equals a simulation of its own with as many substeps, bit for bit wherever worlds of `Ensemble` do.
     "auto" takes the substeps of the world that needs most, and adds none; `fixed_only` leaves such points out.
@@ -77,7 +77,7 @@ def ensemble_summary(done: int, refused: Mapping[int, str]) -> str:
 
 
 def _digest_of_shared(setup: Setup) -> bytes:
-    """Return a digest of what worlds of an ensemble share; raise ValueError if it cannot be pickled."""
+    """Return a digest of everything that worlds of an ensemble share; raise ValueError if it cannot be pickled."""
     scene, system = setup.scene, setup.scene.system
     own = (*OF_SYSTEM, *(() if system.yields else ONLY_OF_YIELDING))
     shared = {one.name: getattr(system, one.name) for one in fields(System) if one.name not in own}
@@ -114,7 +114,7 @@ def _run_together(several: list[Numbered], refused: dict[int, str]) -> Iterator[
 
 
 def _is_refused_alone(setup: Setup) -> bool:
-    """Return whether an ensemble refuses the scene whatever the parameters of its worlds."""
+    """Return whether an ensemble refuses the scene for any parameters of its worlds."""
     try:
         _ensemble([setup])
     except UnstableStep:
@@ -125,7 +125,7 @@ def _is_refused_alone(setup: Setup) -> bool:
 
 
 def _ensemble(several: list[Setup]) -> Ensemble:
-    """Return an ensemble whose parameters are those that differ between scenes."""
+    """Return an ensemble of scenes: its parameters are the fields that differ between them."""
     scenes = [setup.scene for setup in several]
     rows: dict[str, NDArray] = {
         name: np.array([getattr(scene.system, name) for scene in scenes]) for name in OF_SYSTEM

@@ -18,12 +18,12 @@ _MOST_PANELS = 6
 def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None, force: bool = False) -> Path:
     """Draw the results.nc of a sweep into `*.png`: over one parameter lines, over two maps; return its path.
 
-    Of more parameters the two with most values are drawn, and the mean is over the others; around a line a band
-    shows the least and the greatest. A cross marks a point at which no run came to its end. By default energies,
-    the largest strain, and what was probed and observed are drawn, else the result `show` alone.
+    With more parameters, the two with most values are drawn, as means over the others; a band around a line shows
+    the least and the greatest value. A cross marks a point at which no run came to its end. By default energies,
+    the largest strain, probes and observed quantities are drawn; with `show` only this result.
 
     Raises ValueError if the file holds no results, or not this one, or none is a number, or xarray is missing; and
-    as `output_path` does.
+    like `output_path`.
     """
     path = output_path(path, ".png", force)
     found = read_results(Path(results))
@@ -73,7 +73,7 @@ def _figure(found: Any, names: list[str]) -> Any:
 
 
 def _line(axes: Any, mean: Any, ended: NDArray) -> NDArray[np.float64]:
-    """Draw a line with crosses, and return where its points stand."""
+    """Draw a line with crosses, and return the places of its points along the axis."""
     places = _places(axes.xaxis, axes.set_xscale, mean[mean.dims[0]].values)
     axes.plot(places, mean.values, color=BLUE, marker="o" if len(places) <= 60 else "", ms=3.5, lw=1.6)
     axes.plot(places[~ended], np.full((~ended).sum(), 0.03), "x", color=RED, transform=axes.get_xaxis_transform())
@@ -95,7 +95,7 @@ def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
 
 
 def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
-    """Return where values stand on an axis, logarithmic for a decade or more; texts stand in order."""
+    """Return the places of values on an axis, logarithmic for a decade or more; texts are in order."""
     if values.dtype.kind not in "iuf":
         axis.set_ticks(range(len(values)), [str(value) for value in values])
         return np.arange(len(values), dtype=float)

@@ -70,7 +70,7 @@ class Point(NamedTuple):
 
 
 def stored_row(folder: Path) -> Row | None:
-    """Return the row in the folder of a point; None if there is none that can be read."""
+    """Return the row in the folder of a point; None if no row can be read."""
     try:
         row = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -111,7 +111,7 @@ def run_point(
         try:
             os.rename(made, folder)
         except OSError:
-            if stored_row(folder) is None:  # else another worker came first, with the same
+            if stored_row(folder) is None:  # else another worker was first, with an equal row
                 raise
         return row
     except OSError as error:
@@ -162,7 +162,7 @@ WORDS = ("status", "message", "run")
 
 
 def import_xarray() -> Any:
-    """Return xarray; raise ValueError that says how to get it, where it or h5netcdf is not installed."""
+    """Return xarray; raise ValueError that says how to get it if it or h5netcdf is not installed."""
     try:
         import h5netcdf  # noqa: F401  # pyright: ignore[reportMissingImports]
         import xarray  # pyright: ignore[reportMissingImports]

@@ -29,10 +29,10 @@ class GrowingTable:
     """Writes lines of numbers, each at once to disk, under a head of column names.
 
     An existing file is replaced, or continued after `behind` lines, or after the line `until` a time [s]. Its
-    later lines then stay as long as the same ones are written again; the first that differs takes the place of all
-    that follow, once it is on disk. Files of earlier versions have only the first `columns_before` columns.
+    later lines then stay as long as equal lines are written again; the first different line replaces all that
+    follow, once it is on disk. Files of earlier versions have only the first `columns_before` columns.
 
-    Raise ValueError, which calls the file by `word`, if the one to continue is not such a table, or lacks lines.
+    Raise ValueError, which calls the file by `word`, if the file to continue has other columns or lacks lines.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class GrowingTable:
         self._lines, self._kept = self._existing(behind, until, word)
 
     def _existing(self, behind: int, until: float, word: str) -> tuple[list[list[str]], int]:
-        """Return the lines of the file to continue, and how many of them to keep."""
+        """Return the lines of the file to continue, and the number of lines to keep."""
         if not (behind or until) or not self.path.exists():
             return [], 0
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
@@ -74,7 +74,7 @@ class GrowingTable:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close the file; an error on the way here is not hidden by one of this."""
+        """Close the file; an error in closing does not hide an earlier one."""
         assert self._file is not None
         try:
             self._file.close()

@@ -20,10 +20,10 @@ VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 
 class Workers(ThreadPoolExecutor):
-    """An executor of processes in which one that dies fails only its present call; the next gets a new process.
+    """An executor of processes. If a process dies, only its present call fails; the next call gets a new process.
 
-    All processes end with this one, however it ends. They are spawned: CUDA does not survive a fork. They take the
-    GPUs in turn, named as in `CUDA_VISIBLE_DEVICES`; without any, all see all.
+    All processes end with this one, however it ends. They are spawned, because CUDA does not survive a fork. They
+    take the GPUs in turn, named as in `CUDA_VISIBLE_DEVICES`; without `gpus` every process sees all devices.
     """
 
     def __init__(self, count: int, gpus: Sequence[str] = ()) -> None:
@@ -36,7 +36,7 @@ class Workers(ThreadPoolExecutor):
             self._idle.put((gpus[k % len(gpus)] if gpus else None, None))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
-        """Have a process call a function of a module, and return its future."""
+        """Pass a call of a module's function to a process, and return its future."""
         return super().submit(self._call, fn, args, kwargs)
 
     def _call(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:

@@ -12,7 +12,7 @@ from .colliders import Collider
 from .loads import Load
 
 NOW = "now"
-"""The rest length that is the distance at the start."""
+"""The value of `rest_length` for the distance at the start."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,7 +152,7 @@ class MouseSpring(Load):
         return mask_of(self.on, system.particle_count)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it names particles that this system does not have, or is of another space."""
+        """Raise ValueError if it names particles that this system lacks, or has other dimensions."""
         checks.within("on", self.on, checks.index_below(system.particle_count))
         if len(self.on) and self.to.shape[1] != system.dim:
             raise ValueError(f"to has {self.to.shape[1]} coordinates; it must have {system.dim}")

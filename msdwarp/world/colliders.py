@@ -45,7 +45,7 @@ class Collider:
     motion: Motion | None = None
 
     places: ClassVar[tuple[str, ...]] = ()
-    """Names of the points that it is given by [m], which `geometry` calls a and b."""
+    """Names of the points that define it [m], which `geometry` calls a and b."""
     lengths: ClassVar[tuple[str, ...]] = ()
     """Names of its lengths, above 0 [m]."""
 
@@ -87,7 +87,7 @@ class Collider:
         return _wrong_length(name, getattr(self, name), dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return what `kernels.colliders.signed_distance` reads of it: a, b [dim], radius, axes [dim, dim]."""
+        """Return its numbers for `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
         points = {letter: getattr(self, name) for letter, name in zip("ab", self.places, strict=False)}
         return points | {name: getattr(self, name) for name in self.lengths}
 
@@ -270,12 +270,12 @@ class Cone(Collider):
 
 
 def _wrong_length(name: str, value: tuple[float, ...] | None, dim: int) -> str | None:
-    """Return that a collider has another number of coordinates, where it has."""
+    """Return a message if a collider has another number of coordinates; else None."""
     return None if value is None or len(value) == dim else f"{name} is {value}; it must have {dim} coordinates"
 
 
 def _words(value: Any) -> str:
-    """Return a collider's number, numbers or function as its text shows it."""
+    """Return a collider's number, numbers or function as text."""
     if isinstance(value, np.ndarray | np.generic | list):
         value = np.asarray(value).tolist()
     if callable(value):

@@ -109,11 +109,11 @@ def restitution_of(damping_ratio: float) -> float:
 
 
 class Ruled(tuple[Load, ...]):
-    """Loads that `with_contact` returned: a `Contact` among them was given as `contact`."""
+    """Loads that `with_contact` returned; any `Contact` among them was given as `contact`."""
 
 
 def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | None) -> Ruled:
-    """Return loads with the rules of contact, if any, behind them, in place of earlier ones.
+    """Return loads, followed by the rules of contact, if any, in place of earlier ones.
 
     Raises ValueError if one of the loads is a bare `Load`, or a `Contact` that was not given as `contact`.
     """

@@ -1,4 +1,4 @@
-"""Drives: particles whose places are prescribed as a function of time."""
+"""Drives: particles with positions prescribed as a function of time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from .motion import Motion, pose
 class PrescribedMotion(Load):
     """Moves particles along a given path; their connections feel the position and velocity.
 
-    A drive without motion is a pin that `at(t, unpin=...)` releases; particles go on with their velocity then.
+    A drive without motion is a pin that `at(t, unpin=...)` releases; particles then continue with their velocity.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class PrescribedMotion(Load):
         self.bound(system).pose(0.0)
 
     def bound(self, system: System) -> "Driven":
-        """Return it with the values that it takes from the starting state."""
+        """Return the drive with its values from the starting state."""
         held = np.flatnonzero(self.particles(system))
         start = np.array(system.position[held])
         if self.about is not None:
@@ -83,18 +83,18 @@ class Driven(PrescribedMotion):
         return self
 
     def pose(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o): at `time` what started at y is at R y + o; raise ValueError if that is no pose."""
+        """Return (R, o): at `time` a particle that started at y is at R y + o; raise ValueError without a pose."""
         assert self.motion is not None
         return pose(self.motion, self.centre, time)
 
     def keeping(self, kept: NDArray[np.bool_]) -> "Driven":
-        """Return the drive of these of its particles alone, a mask of shape [particle_count]."""
+        """Return a drive that keeps only the particles in a mask of shape [particle_count]."""
         still = kept[self.held]
         return replace(self, held=self.held[still], start=self.start[still])
 
 
 def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-    """Return loads as they act on a system that starts as this one; raise ValueError if two drive a particle."""
+    """Return loads bound to the start of this system; raise ValueError if two of them drive a particle."""
     result, owner = list(loads), np.full(system.particle_count, -1)
     for k, one in enumerate(loads):
         try:
@@ -115,7 +115,7 @@ def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
 
 
 def driven_particles(loads: Sequence[Load], system: System) -> NDArray[np.bool_]:
-    """Return which particles are driven, shape [particle_count]."""
+    """Return the mask of driven particles, shape [particle_count]."""
     driven = np.zeros(system.particle_count, dtype=bool)
     for one in loads:
         if isinstance(one, PrescribedMotion):

@@ -1,4 +1,4 @@
-"""Gravity: a number or a vector, or a function of time, which then is a load."""
+"""Gravity: a number, a vector, or a function of time, which is treated as a load."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ function of time [s] that returns one of these."""
 class Falling(Force):
     """The weight m g(t) of particles under gravity that depends on time; `force` is g [m/s²].
 
-    It has no potential: what it does to a system is work.
+    It has no potential energy; it does external work on a system.
     """
 
     def at(self, times: NDArray[np.float64], dim: int, name: str = "gravity") -> NDArray[np.float64]:
@@ -29,7 +29,7 @@ class Falling(Force):
 def gravity_at(
     gravity: Gravity, times: NDArray[np.float64], dim: int, name: str = "gravity"
 ) -> NDArray[np.float64]:
-    """Return gravity at these times [m/s²], shape [time_count, d]; raise ValueError if it is none."""
+    """Return gravity at these times [m/s²], shape [time_count, d]; raise ValueError if it is invalid."""
     if not callable(gravity):
         return np.broadcast_to(checks.gravity(name, gravity, dim), (len(times), dim))
     try:
@@ -46,7 +46,7 @@ def gravity_at(
 
 
 def with_potential(gravity: Gravity) -> Any:
-    """Return the part of gravity that has a potential: a constant one, or none of a function of time."""
+    """Return the part of gravity with a potential: constant gravity itself, 0 for a function of time."""
     return 0.0 if callable(gravity) else gravity
 
 

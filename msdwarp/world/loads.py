@@ -1,4 +1,8 @@
-"""Loads: what acts on a system from outside, beside gravity and obstacles."""
+"""Loads: actions on a system from outside, beside gravity and obstacles.
+
+A `Force` with a `wp.func` needs no new class. Another new load needs an effect in `engine/loads`, and a line in
+`engine/stepping/assemble.py`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
@@ -24,9 +28,9 @@ class Load:
 
     on: Any = None
     argument: ClassVar[str] = "loads"
-    """The argument of a scene that it is given by."""
+    """The argument of a scene to which it belongs."""
     constant: ClassVar[tuple[str, ...]] = ()
-    """What must stay the same if another load takes its place between two frames; if empty, none can."""
+    """Fields that must be equal in a load that replaces this one between two frames; if empty, none can."""
 
     def __repr__(self) -> str:
         required, others = [], []
@@ -52,7 +56,7 @@ class Load:
         self.particles(system)
 
     def bound(self, system: System) -> "Load":
-        """Return the load with the values that it takes from the starting state."""
+        """Return the load with its values from the starting state."""
         return self
 
 
@@ -61,7 +65,7 @@ class VectorLoad(Load):
     """A load given by a vector, a function of time that returns one, or a `wp.func` of position and time."""
 
     vector: ClassVar[str]
-    """The field that this is."""
+    """The name of the field with the vector."""
 
     def __post_init__(self) -> None:
         """Check the vector."""
@@ -144,7 +148,7 @@ def in_words(value: Any) -> str:
 
 
 def particles_in_words(on: Any) -> str:
-    """Return a group's name, or how many particles are meant."""
+    """Return a group's name, or the number of particles, as text."""
     if isinstance(on, str):
         return repr(on)
     given = np.asarray(on)
@@ -157,14 +161,14 @@ def named(function: Any) -> str:
 
 
 def is_device_function(given: Any) -> bool:
-    """Tell whether something is a `wp.func`, to be compiled into kernels."""
+    """Return whether something is a `wp.func`, to be compiled into kernels."""
     return type(given).__module__.partition(".")[0] == "warp"
 
 
 def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Return numbers, or what a function of time gives, at these times, shape [time_count, width].
+    """Return numbers, or the values of a function of time, at these times, shape [time_count, width].
 
-    Raises ValueError if they are not as many, or one is not finite.
+    Raises ValueError if there are not `width` of them, or one is not finite.
     """
     if not callable(given):
         values = np.atleast_2d(np.asarray(given, dtype=np.float64))
@@ -194,9 +198,9 @@ def check_loads(loads: Sequence[Load], system: System) -> None:
 
 
 def differ_in_values(before: Sequence[Load], after: Sequence[Load]) -> dict[Load, Load] | None:
-    """Return the new load for each one that is replaced; None if more than values differs.
+    """Return the new load for each one that is replaced; None if they differ in more than values.
 
-    A load keeps what is `constant`. A vector stays a vector, and a function of time one.
+    The fields in `constant` must be equal. A vector must stay a vector, and a function of time such a function.
     """
     if len(before) != len(after):
         return None

@@ -1,4 +1,4 @@
-"""Look: how a scene is drawn."""
+"""Look: colours and other properties of a scene in pictures."""
 
 from dataclasses import dataclass, fields
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .. import checks
 
 OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "particles", "tube")
-"""What a body can have of its own; the rest belongs to the whole picture."""
+"""Fields that a body can set for itself; the others belong to the whole picture."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +94,7 @@ class Look:
         return (self.colour, self.gloss) != (Look.colour, Look.gloss)
 
     def of_the_picture(self) -> list[str]:
-        """Return the names of what it sets, unlike a plain look, for the whole picture and not for a body."""
+        """Return the names of the fields of the whole picture that it sets, unlike a plain look."""
         values = {one: getattr(self, one.name) for one in fields(self) if one.name not in OF_BODIES}
         return [
             one.name

@@ -1,4 +1,4 @@
-"""Motions: poses of what moves as a function of time, at one time or at many at once."""
+"""Motions: poses of colliders and drives as a function of time, at one time or at many."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +24,7 @@ def displacement_and_turn(given: Any) -> tuple[Any, Any]:
 
 
 def pose(motion: Motion, centre: NDArray, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (R, o): at `time` a point y of what turns about `centre` lies at R y + o.
+    """Return (R, o): at `time` a point y of a body that turns about `centre` is at R y + o.
 
     Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
     """
@@ -41,8 +41,8 @@ def poses(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (R, o) for all of `times`, shapes [time_count, d, d] and [time_count, d].
 
-    Bit for bit what `pose` returns for each. Raises ValueError that names what moves and the time if it has no
-    pose then, or moves by more than `furthest` [m].
+    They equal those of `pose` bit for bit. Raises ValueError with the name and the time if there is no pose then,
+    or a displacement exceeds `furthest` [m].
     """
     found = _at_once(motion, centre, times)
     if found is not None and np.abs(found[1]).max() <= furthest:
@@ -59,7 +59,7 @@ def poses(
 
 
 def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray, NDArray] | None:
-    """Return the same, computed in whole arrays; None if the form is not the same each time."""
+    """Return poses computed in whole arrays; None if the motion's result changes its form over time."""
     dim, turned = len(centre), set[bool]()
 
     def numbers(time: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Pressure: on a surface from one side, given or of a gas that it encloses."""
+"""Pressure on a surface from one side: given, or by an enclosed gas."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -102,7 +102,7 @@ class EnclosedGas(Pressed):
             raise ValueError(f"on encloses {enclosed:.3g} m³; it must be above 0, with triangles that face out")
 
     def bound(self, system: System) -> Self:
-        """Return the gas with its volume, if that was to be that of this system."""
+        """Return the gas with its volume: by default the volume in this system."""
         if self.volume is not None:
             return self
         self.check(system)

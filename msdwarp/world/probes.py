@@ -1,4 +1,7 @@
-"""Probes: what is measured while a scene runs, as a tracker or a load cell would."""
+"""Probes: measurements while a scene runs, like those of a tracker or a load cell.
+
+`engine/diagnostics/probes.py` takes them, with the sums in `kernels/reductions/probes.py`.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -110,7 +113,7 @@ def checked_probes(
 
 
 def probes_by(every: str, probes: Mapping[str, Probe]) -> dict[str, Probe]:
-    """Return those of the probes that are read every frame, or every substep."""
+    """Return the probes that are read every "frame", or every "substep"."""
     return {name: one for name, one in probes.items() if one.every == every}
 
 

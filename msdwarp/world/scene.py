@@ -1,4 +1,4 @@
-"""Scene: a system, its surroundings and its look; what a file in scenes/ builds."""
+"""Scene: a system, its surroundings and its look; files in scenes/ build scenes."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ from .schedule import Change
 Observed = Callable[[NDArray, NDArray], NDArray]
 """A quantity of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
 _SHOWN = 3
-"""Colliders, and loads, that the text of a scene shows; of more it gives the number."""
+"""The most colliders, and loads, that a scene's text shows; of more it gives the number."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +108,7 @@ class Scene:
             raise ValueError("system has neither a surface nor connections: there is nothing to draw")
 
     def _checked_looks(self) -> dict[str, Look]:
-        """Return the looks of groups; raise ValueError if one is of no group, or sets what only a scene's can."""
+        """Return the looks of groups; raise ValueError for an unknown group, or a field of the whole scene."""
         looks = dict(checks.mapping("looks", self.looks))
         for name, look in looks.items():
             checks.one_of("a name in looks", name, self.system.groups)
@@ -137,7 +137,7 @@ class Scene:
         return "\n  ".join(lines)
 
     def replace(self, **changes: Any) -> Self:
-        """Return this scene with some fields changed, which are checked as those of a new one.
+        """Return this scene with some fields changed, which are checked as in a new scene.
 
         Raises ValueError as the class does, and TypeError for an unknown field.
         """

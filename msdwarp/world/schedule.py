@@ -1,4 +1,4 @@
-"""Changes of a system's parameters while it runs, at once or at times that are set beforehand."""
+"""Changes of a system's parameters while it runs, at once or at set times."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """New parameters from a time on; its fields are the arguments of `at`, which makes it."""
+    """New parameters from a time on; the fields are the arguments of `at`."""
 
     time: float = 0.0
     group: str | ArrayLike | None = None
@@ -55,9 +55,9 @@ class Change:
         return not others and set(self.parameters) == {"velocity"}
 
     def is_due(self, frame_index: int, fps: float) -> bool:
-        """Return whether the change is made once `frame_index` frames, of `fps` per second, are behind.
+        """Return whether the change is due after `frame_index` frames, at `fps` frames per second.
 
-        It takes effect with the first frame that begins at its time or later, frame k beginning at k / fps [s].
+        It takes effect with the first frame that begins at its time or later; frame k begins at k / fps [s].
         """
         # A time meant as k / fps is rounded, and so is its product with fps: together by up to 4e-16 of k, less
         # than this millionth of a frame in a run of 10⁹ frames. Without it the change could be a frame late.
@@ -99,8 +99,9 @@ class Change:
     ) -> NDArray[np.float64]:
         """Return the velocities after the change [m/s], shape [particle_count, d].
 
-        `now` are those before it, and `held` is the mask of pinned or driven particles, which keep theirs. Raises
-        ValueError if the group is unknown, all its particles are held, or a velocity is out of range.
+        `now` are the velocities before it, and `held` is the mask of pinned or driven particles, which keep
+        theirs. Raises ValueError if the group is unknown, all its particles are held, or a velocity is out of
+        range.
         """
         chosen, value = self.particles(system), self.parameters["velocity"]
         if held[chosen].all():
@@ -114,7 +115,7 @@ class Change:
         return result
 
     def released_from(self, loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-        """Return bound loads without the drives of `unpin`; raise ValueError if none of it is driven."""
+        """Return bound loads without drives on the particles `unpin`; raise ValueError if none is driven."""
         if self.unpin is None:
             return tuple(loads)
         free = particles_meant("unpin", self.unpin, system)
@@ -129,7 +130,7 @@ class Change:
         return chosen, np.all(chosen[system.connections], axis=1)
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return which particles are in the group, shape [particle_count]."""
+        """Return the mask of the group's particles, shape [particle_count]."""
         return particles_meant("group", self.group, system)
 
 

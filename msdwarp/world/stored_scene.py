@@ -16,7 +16,7 @@ from .scene import Scene
 from .schedule import OF_PARTICLES, Change
 
 Stored = tuple[dict[str, Any], dict[str, NDArray]]
-"""What JSON can hold, and arrays by name."""
+"""JSON data, and arrays by name."""
 _COLLIDERS = {kind.__name__: kind for kind in (Plane, Sphere, Box, Capsule, Cone)}
 _TEXTURES = ("texture", "obstacle_texture")
 
@@ -32,7 +32,7 @@ class Recorded:
     """Rotation vectors or angles [rad], shape [any, 3 or 1]; None if it never turned."""
 
     def __call__(self, time: float) -> Any:
-        """Return the displacement, or a pair of it and the turn, as `Collider.motion` does."""
+        """Return the displacement, or a pair of displacement and turn, like `Collider.motion`."""
         shift, turn = (
             None if values is None else np.array([np.interp(time, self.times, column) for column in values.T])
             for values in (self.displacement, self.turn)
@@ -43,7 +43,7 @@ class Recorded:
 def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
     """Return a scene without its system; motions of its colliders are sampled at these times [s].
 
-    Changes of parameters are kept as the values that they give the system as it is at the start.
+    Changes of parameters are stored as the values that they would give the system at the start.
     """
     arrays: dict[str, NDArray] = {}
     times = np.unique(np.asarray(times, dtype=float))
@@ -66,7 +66,7 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
 
 
 def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Scene:
-    """Return the scene of a system that `scene_as_stored` described; raise ValueError if it is none."""
+    """Return a system's scene from the data of `scene_as_stored`; raise ValueError if they are invalid."""
     try:
         looks = described.get("looks", [])  # absent in older files
         return Scene(
@@ -83,7 +83,7 @@ def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapp
 
 
 def known_until(scene: Scene) -> float:
-    """Return the time until which all motions of colliders are known [s]: inf where they are functions."""
+    """Return the time until which all motions of colliders are known [s]; functions are known until inf."""
     recorded = [one.motion for one in scene.colliders if isinstance(one.motion, Recorded)]
     return min((float(motion.times[-1]) for motion in recorded), default=np.inf)
 
@@ -164,7 +164,7 @@ def _gravity(gravity: Gravity) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Return a number, text, or numbers as JSON has them."""
+    """Return a number, text, or numbers as JSON data."""
     return value if value is None or isinstance(value, str) else np.asarray(value).tolist()
 
 

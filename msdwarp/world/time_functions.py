@@ -1,4 +1,4 @@
-"""Functions of time, evaluated at all times of a frame at once where they can be."""
+"""Functions of time, evaluated at all times of a frame at once if possible."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,14 +26,13 @@ def flat(value: Any) -> NDArray[np.float64]:
 
 
 def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what a function of time gives at each time, its numbers side by side, shape [time_count, width].
+    """Return the values of a function of time at each time, its numbers side by side, shape [time_count, width].
 
-    It returns a number, several, or a tuple of these. It is called with all times at once, which costs as much as
-    one call. Where it cannot take an array (as one with `if t < 1`), or returns other values than for three of its
-    numbers, it is called for each.
+    The function returns a number, several, or a tuple of these. It is called with all times at once, which takes
+    as long as one call. It is called for each time if it cannot take an array (with `if t < 1` in it), or if the
+    values for an array differ from those for three single times.
 
-    Raises what the function raises for one of the times, and ValueError if its values are no numbers, or not
-    always as many.
+    Raises the function's own exceptions, and ValueError if its values are not numbers, or their number varies.
     """
     count = len(times)
     tried = sorted({0, count // 2, count - 1})
@@ -49,7 +48,7 @@ def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArr
 
 
 def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDArray[np.float64] | None:
-    """Return the same by one call with all times; None if the function cannot be called so."""
+    """Return the values from one call with all times; None if the function does not support this."""
     more = _LEAST - len(times)
     given = np.concatenate([times, np.repeat(times[-1:], more)]) if more > 0 else times.copy()
     try:
@@ -66,7 +65,7 @@ def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDAr
 
 
 def _same(found: NDArray, known: NDArray) -> bool:
-    """Tell whether these are the same numbers, but for rounding."""
+    """Return whether numbers are equal except for rounding."""
     if len(found) != len(known):
         return False
     pairs = zip(found.tolist(), known.tolist(), strict=True)  # of few numbers quicker than NumPy

@@ -11,7 +11,7 @@ from runs import UNDRAWN, assert_same_run
 
 from msdwarp import Trajectory
 from msdwarp.disk import alone_in
-from msdwarp.files.restart import read_restart
+from msdwarp.files.checkpoint_file import read_restart
 
 
 @pytest.mark.slow

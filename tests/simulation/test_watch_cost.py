@@ -23,8 +23,8 @@ from msdwarp import (
     chain,
 )
 from msdwarp.engine import DivergenceMonitor
-from msdwarp.simulation.step_controller import StepController
 from msdwarp.simulation.stepping import Stepping
+from msdwarp.simulation.substep_controller import StepController
 
 WATCHED = {"threads": 1, "gravity": 0.0}
 FRAMES = 20

@@ -19,7 +19,7 @@ PRECISIONS = {
 def find_device(name: str | None) -> Any:
     """Return the Warp device called `name`; by default the first CUDA device, else the CPU.
 
-    Raises ValueError that lists the devices there are if this is none of them.
+    Raises ValueError that lists the existing devices if there is none of this name.
     """
     start_warp()
     if name is None:
@@ -39,7 +39,7 @@ def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.ar
 
 
 def upload_fields(data: Any, device: Any, **values: Any) -> None:
-    """Upload arrays of numbers as fields of a kernel's struct, each of the type that its field has."""
+    """Upload arrays of numbers as fields of a kernel's struct, with the types of the fields."""
     for name, numbers in values.items():
         setattr(data, name, wp.array(numbers, dtype=data._cls.vars[name].type.dtype, device=device))
 

@@ -1,4 +1,4 @@
-"""Frame tables: numbers that depend on time, in tables on a device that are filled for each frame."""
+"""Frame tables: numbers that depend on time, in tables on a device, filled for each frame."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .device import view_of
 
 Tables = dict[str, NDArray]
-"""Tables by name, of the device's precision; those of vectors and matrices have their coordinates behind."""
+"""Tables by name, in the device's precision; coordinates of vectors and matrices are the last axes."""
 _ALIGNED = 4
 """Tables begin at multiples of this many numbers, so that the device reads them fast."""
 
@@ -18,12 +18,12 @@ _ALIGNED = 4
 class InFrames:
     """Tables on a device with numbers that the host computes for each frame: poses, forces, rest lengths.
 
-    They lie in one piece of memory, there and on the host, so that a frame costs one copy. A frame can be prepared
-    while the one before it runs.
+    They are in one piece of memory, on the device and on the host, so that a frame costs one copy. A frame can be
+    prepared while the previous one runs.
 
-    `tables` has the shape and the Warp type of each table by name, all of the same `scalar`. `fill(time, tables)`
-    writes into the host's tables what they hold in the frame that begins at `time` [s]; what it does not write
-    stays as it was, at first 0. `arrays` are the tables on the device, `tables` those on the host.
+    `tables` has the shape and the Warp type of each table by name, all with the scalar type `scalar`.
+    `fill(time, tables)` writes the host's tables for the frame that begins at `time` [s]; other entries keep their
+    values, at first 0. `arrays` are the tables on the device, `tables` those on the host.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class InFrames:
             places[name] = total, whole
             total += -(-math.prod(whole) // _ALIGNED) * _ALIGNED
         self._device, self._there = device, wp.zeros(total, dtype=scalar, device=device)
-        # The device copies by itself, later, only from memory that is pinned.
+        # Only pinned memory can be copied later, by the device itself.
         self._here = wp.zeros(total, dtype=scalar, device="cpu", pinned=device.is_cuda)
         self._copied = wp.Event(device) if device.is_cuda else None
         numbers, size = self._here.numpy(), wp.types.type_size_in_bytes(scalar)
@@ -51,7 +51,7 @@ class InFrames:
             self.arrays[name] = view_of(self._there, shape, dtype=dtype, offset=first * size)
         self._fill = fill
         self._holds: float | None = None
-        """When the frame begins that the host's tables are of; None where they are of none."""
+        """The start of the frame in the host's tables [s]; None if they are not of a frame."""
 
     def prepare(self, time: float) -> None:
         """Fill the host's tables for the frame that begins at `time` [s], while another may be running.
@@ -64,13 +64,13 @@ class InFrames:
             self._holds = None
 
     def begin_frame(self, time: float) -> None:
-        """Have the device's tables be those of the frame that begins at `time` [s]: filled now unless prepared.
+        """Upload the tables of the frame that begins at `time` [s], and fill them first unless they are prepared.
 
         If `fill` raises, the device's tables stay as they are.
         """
         if self._holds != time:
             self._fill_in(time)
-        self._holds = None  # each frame is filled once: a function need not return the same again
+        self._holds = None  # each frame is filled once: functions may return other values if called again
         self._copy()
 
     def upload(self, fill: Callable[[Tables], None]) -> None:
@@ -88,7 +88,7 @@ class InFrames:
         self._holds = time
 
     def _copy(self) -> None:
-        """Have the device copy the host's tables."""
+        """Let the device copy the host's tables."""
         wp.copy(self._there, self._here)
         if self._copied is not None:
             self._device.stream.record_event(self._copied)

@@ -1,4 +1,4 @@
-"""Launcher: divides a launch among threads of the CPU, as effects see it."""
+"""Launcher: the interface by which effects divide a launch among CPU threads."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -11,4 +11,4 @@ class Launcher(Protocol):
     """Whether launches are recorded for all threads."""
 
     def launch_parts(self, launch_part: Callable[[int, int], None]) -> None:
-        """Have each thread launch its part of something: `launch_part(thread, thread_count)`."""
+        """Let each thread launch its part, by `launch_part(thread, thread_count)`."""

@@ -1,7 +1,7 @@
-"""A crew of threads that replay graphs at once, one frame after the other.
+"""A crew of threads that replay the graphs of a frame at the same time, frame after frame.
 
-Graphs that wait for each other must all be under way: so there is one crew, and it takes one frame at a time,
-whichever simulation and thread that comes from.
+Graphs that wait for each other must all be running. So there is one crew for all simulations and threads, and it
+takes one frame at a time.
 """
 
 import os
@@ -14,14 +14,14 @@ import warp as wp
 
 
 class _Frame:
-    """Graphs to be replayed at once, each by one thread."""
+    """Graphs to be replayed at the same time, each by one thread."""
 
     def __init__(self, graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
         self.graphs, self.begin, self._give_up = graphs, begin, give_up
         self.replayed, self.done = SimpleQueue[BaseException | None](), SimpleQueue[BaseException | None]()
 
     def replay(self, k: int) -> None:
-        """Replay graph k. Warp's native code does it, and Python's lock is free meanwhile."""
+        """Replay graph k, in Warp's native code, which releases Python's lock."""
         error = None
         try:
             wp.capture_launch(self.graphs[k])
@@ -32,9 +32,9 @@ class _Frame:
 
 
 class _Crew:
-    """Threads that wait for frames: the first begins them, and has the others replay their graphs beside its own.
+    """Threads that wait for frames. The first one begins a frame, and passes graphs to the others.
 
-    A signal such as Ctrl-C reaches Python's main thread alone, which is none of them: a frame that has begun is
+    Signals such as Ctrl-C reach only Python's main thread, which is none of these: a frame that has begun is
     finished.
     """
 
@@ -83,8 +83,8 @@ _choosing = threading.Lock()
 def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
     """Replay graphs that wait for each other, each on a thread of its own; return when all are done.
 
-    `begin` is called before, and `give_up` where one cannot be replayed: it must make the others end. What has
-    been raised is raised here.
+    `begin` is called before, and `give_up` if a graph cannot be replayed: it must make the others end. Exceptions
+    of the threads are raised here.
     """
     with _choosing:
         if not _crew:

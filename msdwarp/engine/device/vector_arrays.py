@@ -1,4 +1,4 @@
-"""Arrays of vectors in records, as `msdwarp.kernels.records` reads and writes them."""
+"""Arrays of vectors in the records of `msdwarp.kernels.records`."""
 
 from typing import Any
 
@@ -9,9 +9,9 @@ from ...kernels.records import record_length
 from .device import view_of
 
 ALIGNED = 64
-"""Arrays that lie together begin at multiples of this many numbers: at lines of a GPU's cache."""
+"""Arrays in one piece of memory begin at multiples of this many numbers: at lines of a GPU's cache."""
 MOST_NUMBERS = 2**31 - 1
-"""Numbers in an array of Warp's."""
+"""The most numbers in an array of Warp."""
 
 
 def in_records(count: int, dim: int, scalar: Any, device: Any) -> wp.array:
@@ -22,9 +22,9 @@ def in_records(count: int, dim: int, scalar: Any, device: Any) -> wp.array:
 def records_together(
     arrays: int, count: int, dim: int, scalar: Any, device: Any, margin: int = 0
 ) -> tuple[wp.array, ...]:
-    """Return several such arrays, in one piece of memory, `_ref`, where Warp has arrays that large.
+    """Return several arrays of zeros, in one piece of memory, `_ref`, if Warp allows arrays that large.
 
-    `margin` vectors more may be read before the first and after the last of each.
+    Up to `margin` vectors may be read before the first and after the last one of each.
     """
     length, size = record_length(dim), wp.types.type_size_in_bytes(scalar)
     each = -(-(count + 2 * margin) * length // ALIGNED) * ALIGNED

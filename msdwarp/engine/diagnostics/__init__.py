@@ -1,1 +1,1 @@
-"""Measures of a state: energies, divergence, rates, sensors."""
+"""Measures of a state: energies, divergence, rates, probes."""

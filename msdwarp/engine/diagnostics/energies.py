@@ -17,7 +17,7 @@ from .readout import Sweep
 
 
 class Measures(NamedTuple):
-    """What a state holds, in an ensemble arrays with a row for each world. Pinned particles count for nothing."""
+    """Sums over a state, in an ensemble arrays with a row for each world. Pinned particles do not count."""
 
     kinetic_energy: float
     """Σ m v²/2 [J]."""
@@ -26,7 +26,7 @@ class Measures(NamedTuple):
     gravitational_energy: float
     """−Σ m g·x [J]."""
     dissipated_power: float
-    """Σ b l'² or by another law, what the dampers turn to heat [W]."""
+    """Power that dampers turn to heat [W]: Σ b l'², or by another law."""
     momentum: NDArray[np.float64]
     """Σ m v [kg m/s], shape [d]."""
     angular_momentum: NDArray[np.float64]
@@ -35,9 +35,9 @@ class Measures(NamedTuple):
     """Largest |l / l0 − 1|."""
 
     effect_energy: float = 0.0
-    """What other effects store, such as attachments [J]."""
+    """Energy stored by other effects, such as attachments [J]."""
     external_work: float = 0.0
-    """What loads, drives and moving obstacles have done on the system so far [J]."""
+    """Work of loads, drives and moving obstacles on the system so far [J]."""
 
     @property
     def energy(self) -> float:
@@ -51,8 +51,8 @@ def measure(
 ) -> Measures:
     """Return the measures of a state.
 
-    `velocity` are those at the instant of the positions, by default the state's own. `x_lost` is what positions
-    have lost by rounding, in compensated precision.
+    `velocity` are the velocities at the instant of the positions, by default the state's own. `x_lost` are the
+    rounding errors of positions, in compensated precision.
     """
     model, work = assembly.model, assembly.external_work
     v = state.v if velocity is None else velocity
@@ -80,8 +80,8 @@ def measure(
 class Sums:
     """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`.
 
-    Where `everything` is false, only the columns that show divergence are found, by a pass over the particles. The
-    work of loads is added up too, unless `with_work` is false.
+    If `everything` is false, a pass over the particles computes only the columns that show divergence. The work of
+    loads is added up too, unless `with_work` is false.
     """
 
     def __init__(self, assembly: Assembly, *, everything: bool = True, with_work: bool = True) -> None:
@@ -90,7 +90,7 @@ class Sums:
         self._shares = None if self._work is None else self._work.shares()
         count = max(model.particle_count, model.connection_count if everything else 0)
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
-        # Springs to second neighbours are strained in a flat sheet: the others alone say how far it is stretched.
+        # Springs to second neighbours are strained even in a flat sheet, so only the others show its stretch.
         plain = model.lengths_change or not everything
         between = None if plain else model.system.between_neighbours
         self._what = model.system.damper.law, assembly.fracture is not None, between is not None
@@ -98,9 +98,9 @@ class Sums:
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
     def launch(self, x: wp.array, u: wp.array, v: wp.array, x_lost: wp.array | None, found: wp.array) -> None:
-        """Launch the sums for particles at x that move at v, at u as the method has it; it may be recorded.
+        """Launch the sums for positions x, velocities v and the method's velocities u; it may be recorded.
 
-        `x_lost` is what x has lost by rounding.
+        `x_lost` are the rounding errors of x.
         """
         model = self._model
         if self._work is not None and self._shares is not None:
@@ -113,9 +113,9 @@ class Sums:
 
 
 def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:
-    """Write numbers of float32 that connections on the device have in the order of the system's.
+    """Write float32 numbers of the device's connections in the system's order.
 
-    `place` says where that of each goes; None where the order is the same.
+    `place` has the index in the system of each connection on the device; None if both orders are equal.
     """
     if place is None:
         wp.copy(result, values)
@@ -126,9 +126,9 @@ def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -
 def write_strain(assembly: Assembly, state: State, place: wp.array | None, strain: wp.array) -> None:
     """Write each connection's strain, length / rest length − 1, computed in float64, shape [connection_count].
 
-    That of a broken one is NaN.
+    The strain of a broken connection is NaN.
 
-    `place` says where that of each connection on the device goes; None where the order is the system's.
+    `place` has the index in the system of each connection on the device; None if both orders are equal.
     """
     model, fracture = assembly.model, assembly.fracture
     kernel = strain_each(model.dim, model.scalar, model.compensated, place is not None)

@@ -1,4 +1,4 @@
-"""The energy balance of a run: an energy that the method itself conserves, so that growth shows at once."""
+"""The energy balance of a run: an energy that the method itself conserves, so any growth shows at once."""
 
 from typing import Any, NamedTuple
 
@@ -13,16 +13,16 @@ from .energies import Sums
 from .readout import Found
 
 FEW = 32**3
-"""Of fewer particles each frame tells: on a GPU that costs less than to launch anything after some frames."""
+"""With fewer particles each frame sums its balance: on a GPU that costs less than launches after some frames."""
 
 
 class EnergyBalance(NamedTuple):
     """Energies of a state that show whether energy grows."""
 
     energy: float
-    """Kinetic, elastic, gravitational and other stored energy, as the method conserves it, less work [J]."""
+    """Kinetic, elastic, gravitational and other stored energy, as conserved by the method, less work [J]."""
     swing: float
-    """How much more there is of it as physics has it [J]."""
+    """The physical energy less the one that the method conserves [J]."""
     inner: float
     """Kinetic energy about the centre of mass, and elastic energy [J]."""
     kinetic: float
@@ -32,17 +32,17 @@ class EnergyBalance(NamedTuple):
     strain: float
     """Largest |l / l0 − 1|."""
     work: float = 0.0
-    """What loads, drives and moving obstacles have done [J], known to first order in the step."""
+    """Work of loads, drives and moving obstacles [J], known to first order in the step."""
 
 
 class EnergySums:
     """Computes the energy balance of a state, by sums that can be recorded.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
-    stability; docs/stability.md derives it. With the mean velocity v of both that is K(v) + U less the swing,
-    ½ Σ m |v − v_(n−½)|². Methods of other kinds let K + U itself only fall.
+    stability; docs/stability.md derives it. With the mean velocity v of both, this is K(v) + U less the swing,
+    ½ Σ m |v − v_(n−½)|². In methods of other kinds K + U itself can only fall.
 
-    `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 where a method keeps them together.
+    `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 if a method keeps them together.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:
@@ -60,7 +60,7 @@ class EnergySums:
         self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
 
     def balance(self, found: list[float]) -> EnergyBalance:
-        """Return the balance of the present state, from the numbers that were found."""
+        """Return the balance of the present state, from the sums in `found`."""
         model, kinetic, elastic = self._model, found[columns.MEAN_KINETIC], found[columns.ELASTIC]
         work = 0.0 if self._work is None else float(self._work.before[0]) + found[columns.WORK]
         free, swing = kinetic + found[columns.POTENTIAL] - work, found[columns.SWING]
@@ -76,20 +76,20 @@ class EnergySums:
 
 
 def is_told_by_frames(dynamics: Dynamics) -> bool:
-    """Tell whether it is faster to compute the balance in each frame than on request."""
+    """Return whether it is faster to compute the balance in each frame than on request."""
     model = dynamics.model
     few = model.particle_count < FEW and not model.in_worlds
     return model.device.is_cuda and few and not dynamics.launches_before_forces
 
 
 def mass(model: Model) -> Any:
-    """Return the mass of all that is not pinned [kg]; here and below of each world, where there are several."""
+    """Return the mass of the free particles [kg]; here and below for each world, if there are several."""
     rows = model.row_of("mass")
     return model.of_each(np.where(np.isfinite(rows), rows, 0.0).sum(axis=1))
 
 
 def weight(model: Model) -> Any:
-    """Return the weight of all that is not pinned [N]."""
+    """Return the weight of the free particles [N]."""
     falling = model.row_of("gravity")
     if model.falling is not None:  # only its scale matters
         falling = model.falling.at(np.zeros(1), model.dim)
@@ -97,7 +97,7 @@ def weight(model: Model) -> Any:
 
 
 def potential(model: Model, state: State) -> float:
-    """Return the gravitational energy −Σ m g·x of all that is not pinned [J], in the only world."""
+    """Return the gravitational energy −Σ m g·x of the free particles [J], in a single world."""
     free = np.isfinite(model.mass)
     moment = np.where(free, model.mass, 0.0) @ state.x.numpy().astype(np.float64)
     return -float(moment @ np.array(list(model.gravity), dtype=np.float64))
@@ -110,10 +110,10 @@ def size(state: State) -> Any:
 
 
 def rounding_energy(model: Model, state: State) -> Any:
-    """Return what rounding may make of nothing [J]: every spring stretched by the rounding of its ends' places.
+    """Return an allowance for rounding [J]: a thousand times the energy of springs stretched by rounded positions.
 
-    A thousand times that, since rounding errors of many substeps add up. Compensated sums keep what places lose:
-    only the lengths of springs are rounded.
+    A thousand times, because rounding errors of many substeps add up. Compensated sums keep the rounding errors of
+    positions, so only the lengths of springs are rounded.
     """
     place = np.abs(model.by_world(state.x.numpy())).max(axis=(1, 2)).astype(np.float64)
     if model.compensated and model.connection_count:

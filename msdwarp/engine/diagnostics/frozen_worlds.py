@@ -1,4 +1,4 @@
-"""FrozenWorlds: worlds of an ensemble that have diverged are put back to the frame's start, and stay there."""
+"""FrozenWorlds: puts diverged worlds of an ensemble back to the start of their last frame, where they stay."""
 
 from typing import Any, NamedTuple
 
@@ -9,28 +9,28 @@ from numpy.typing import NDArray
 from ...kernels.reductions import RUNNING, judge, put_back
 from ..device.device import view_of
 from ..stepping.assemble import Assembly
-from .divergence import Backup, DivergenceMonitor
+from .divergence_monitor import Backup, DivergenceMonitor
 from .readout import Found
 
 LEAST_THREADS, MOST_THREADS = 8, 2**20
-"""Threads that put a world back on a GPU, and all worlds together: most have nothing to do."""
+"""Threads that put a world back on a GPU, and the most for all worlds: most threads have nothing to do."""
 
 
 class WorldStatus(NamedTuple):
     """The status of each world, arrays of shape [worlds]."""
 
     status: NDArray[np.int32]
-    """0 while it runs, 1 where a number is no longer finite, 2 where energy has grown without a cause."""
+    """0 while it runs, 1 if a number is no longer finite, 2 if its energy exceeded the limit and the work done."""
     good_frames: NDArray[np.int32]
     """Frames until it diverged; −1 while it runs."""
     particle: NDArray[np.int32]
-    """The first particle that was no longer finite; −1 where all are."""
+    """The first particle that was no longer finite; −1 if all are finite."""
 
 
 class FrozenWorlds:
     """Judges each world at the end of a frame, on the device alone, by the sums of a `DivergenceMonitor`.
 
-    What has become of each stands in `frozen`, the launcher's own array (`Dynamics.frozen`).
+    The status of each world is in `frozen`, the launcher's own array (`Dynamics.frozen`).
     """
 
     def __init__(self, assembly: Assembly, watch: DivergenceMonitor, frozen: wp.array) -> None:
@@ -42,13 +42,13 @@ class FrozenWorlds:
         self._good_frames, self._particle = (wp.zeros_like(frozen) for _ in range(2))
         most_work = wp.zeros(model.worlds, dtype=wp.float64, device=model.device)
         self._own = [frozen, self._good_frames, self._particle, most_work]
-        # What effects change in frozen worlds is put back; contact between bodies is one world's alone.
+        # Effects' arrays of frozen worlds are put back, except those of contact between bodies.
         each = (one for one in assembly.all if one.by_world and one is not self._contact)
         self._put_back = {id(array) for one in each for array in one.changing}
 
     @property
     def changing(self) -> list[wp.array]:
-        """What a frame that must be repeated takes back: only lists of contacts may turn out too short."""
+        """Arrays to restore if a frame must be repeated, which happens only if lists of contacts are too short."""
         return self._own if self._contact is not None else []
 
     def launch(self, found: Found, backup: Backup) -> None:

@@ -1,4 +1,4 @@
-"""Rates: how fast a system can oscillate and creep, bounded in one pass (see `integrators.stability`)."""
+"""Bounds of a system's rates of oscillation and relaxation, in one pass (see `integrators.stability`)."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -19,18 +19,18 @@ from ..stepping.assemble import Assembly, assemble
 
 
 class Rates(NamedTuple):
-    """How fast a linear system M x'' = −K x − B x' can move; what stability limits depend on."""
+    """Rates of a linear system M x'' = −K x − B x', on which stability limits depend."""
 
     stiffness: float
     """Largest eigenvalue of M⁻¹K [1/s²]: a squared angular frequency."""
     damping: float
     """Largest eigenvalue of M⁻¹B [1/s]."""
     least_ratio: float
-    """Least damping over stiffness of a spring [s]; inf where nothing is stiff."""
+    """Least damping over stiffness of a spring [s]; inf if no spring is stiff."""
     effect_stiffness: float = 0.0
-    """The part of `stiffness` that effects add, which act explicitly in every method [1/s²]."""
+    """The part of `stiffness` by effects, which act explicitly in every method [1/s²]."""
     effect_damping: float = 0.0
-    """The same of `damping` [1/s]."""
+    """The part of `damping` by effects [1/s]."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -40,15 +40,15 @@ class Rates(NamedTuple):
 
     @property
     def damping_ratio(self) -> float:
-        """ζ of the fastest mode, where K and B share modes: 1 is critical."""
+        """ζ of the fastest mode, if K and B share modes: 1 is critical."""
         return self.damping / (2 * math.sqrt(self.stiffness)) if self.stiffness else math.inf
 
 
 @in_turn
 def rate_bounds(system: System, assembly: Assembly | None = None, state: State | None = None) -> Rates:
-    """Return upper bounds of a system's rates, as it stands or, on a device, in the given state.
+    """Return upper bounds of a system's rates, in its own state or the given state of a device.
 
-    The assembly is the system on a device with what acts on it. By default it is uploaded to the CPU in float64.
+    The assembly is the system on a device with its effects. By default it is uploaded to the CPU in float64.
     """
     if assembly is None:
         assembly = assemble(system, device="cpu", precision="float64")
@@ -58,7 +58,7 @@ def rate_bounds(system: System, assembly: Assembly | None = None, state: State |
 
 @in_turn
 def world_rates(assembly: Assembly, state: State) -> list[Rates]:
-    """Return the same of each world that differs from the others."""
+    """Return upper bounds of the rates of each world that differs from the others."""
     model = assembly.model
     blocks = _blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
@@ -73,7 +73,7 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
 
 
 def _least_ratio(model: Model, world: int) -> float:
-    """Return the least damping over stiffness of a spring that is whole [s]; inf where there is none."""
+    """Return the least damping over stiffness of an unbroken spring [s]; inf if there is none."""
     rows = [model.row_of(name) for name in ("stiffness", "damping")]
     springs, dampers = (values[world % len(values)] for values in rows)
     if is_uniform(springs) and is_uniform(dampers) and not model.system.tears:
@@ -83,17 +83,17 @@ def _least_ratio(model: Model, world: int) -> float:
         stiff = stiff & ~model.system.broken
     if not stiff.any():
         return math.inf
-    # Somewhere the slope of every other law is nothing, or almost.
+    # Every other law has a slope of about 0 somewhere.
     return float(np.min(dampers[stiff] / springs[stiff])) if model.system.damper == LINEAR else 0.0
 
 
 def resists(assembly: Assembly) -> bool:
-    """Return whether rates depend on how fast particles move: whether any effect resists their motion."""
+    """Return whether rates depend on the speed of particles: whether any effect resists their motion."""
     return any(one.overrides("add_resistance") for one in assembly.all)
 
 
 def acts_on_rates(effects: Sequence[Effect]) -> bool:
-    """Tell whether any effect adds to the bounds."""
+    """Return whether any effect adds to the bounds."""
     return any(one.overrides("add_blocks", "add_resistance") for one in effects)
 
 

@@ -1,4 +1,4 @@
-"""Found: numbers that a kernel finds about the state of each world, and how they get to the host."""
+"""Found: numbers that a kernel computes from the state of each world, and their way to the host."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,15 +9,15 @@ from ...kernels.reductions import SUMMING_BLOCKS, columns
 from ..model.model import Model
 
 FEW = 64
-"""Particles, or connections, of a world up to which a small block sums over them."""
+"""Up to this number of particles, or connections, in a world a small block sums over them."""
 MOST_BLOCKS = 512
-"""Blocks of threads that look over a state on a GPU: some for each multiprocessor."""
+"""Blocks of threads that sum over a state on a GPU: a few for each multiprocessor."""
 
 
 class Found:
-    """What is found about a state (`msdwarp.kernels.reductions.columns`).
+    """Numbers found about a state (`msdwarp.kernels.reductions.columns`).
 
-    Of one world a device writes it where the host reads. Of the worlds of an ensemble it stays on the device.
+    For a single world the device writes them where the host reads. In an ensemble they stay on the device.
     Kernels write `state_out`, an array of shape [worlds, COLUMNS].
     """
 
@@ -34,7 +34,7 @@ class Found:
             self._written = wp.Event(self._device)
 
     def mark(self) -> None:
-        """Have `wait` wait for all launches so far."""
+        """Mark the launches so far as those that `wait` waits for."""
         if self._device.is_cuda:
             self._device.stream.record_event(self._written)
 
@@ -44,15 +44,15 @@ class Found:
             wp.synchronize_event(self._written)
 
     def read(self) -> list[float]:
-        """Wait, and return the numbers of the only world: as Python's, with which the host is faster."""
+        """Wait, and return the numbers of a single world, as Python's floats, which are faster on the host."""
         self.wait()
         return self._seen.tolist()
 
 
 class Sweep:
-    """Launches kernels that go over all worlds once, and add up the results of their threads in the same launch.
+    """Launches kernels that pass over all worlds once, and add up the results of threads in the same launch.
 
-    A world has up to `count` particles or connections to go over; `found` is how many numbers are summed.
+    A world has up to `count` particles or connections; `found` is the number of sums.
     """
 
     def __init__(self, model: Model, count: int, found: int) -> None:

@@ -1,1 +1,1 @@
-"""What else acts on particles: forces, wind, pressure, drives, attachments, actuators."""
+"""Effects of loads: forces, wind, pressure, drives, attachments, actuators, and their work."""

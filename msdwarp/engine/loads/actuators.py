@@ -1,4 +1,4 @@
-"""Actuators: muscles, as a scene gives them, on a device."""
+"""The actuators (muscles) of a scene, on a device."""
 
 from collections.abc import Sequence
 from math import lcm
@@ -19,20 +19,20 @@ AHEAD = np.arange(600) / 60.0
 
 
 def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None":
-    """Return the effect of the actuators among the loads of a scene."""
+    """Return the effect of the scene's actuators; None if it has none."""
     named = [(f"loads[{k}].strain", one) for k, one in enumerate(loads) if isinstance(one, Actuator)]
     return ActuatedSprings(model, named) if named else None
 
 
 class ActuatedSprings(StageTables):
-    """Rest lengths that are functions of time, as the extra tension of their springs."""
+    """Springs with rest lengths that are functions of time: the extra tension that this causes."""
 
     table = "strain"
 
     def __init__(self, model: Model, named: Sequence[tuple[str, Actuator]]) -> None:
         self._model, self.named = model, named
         self.piece = actuated_springs(model.dim, model.scalar, model.compensated)
-        # The columns of the table are the actuators, one behind the other, each with all delays that it has.
+        # The table has a column for each delay of each actuator.
         self._delays: list[NDArray[np.float64]] = []
         connections, columns, column_count = [], [], 0
         for _, one in named:
@@ -46,7 +46,7 @@ class ActuatedSprings(StageTables):
         springs, lengths = self._row("stiffness"), self._row("rest_length")
         row = np.arange(lcm(len(springs), len(lengths)))
         strength = springs[row % len(springs)] * lengths[row % len(lengths)]
-        # The entries, particle by particle: each spring has one at both its ends.
+        # Entries are sorted by particle; each spring has one at either end.
         ends = model.system.connections[self._connection]
         particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
         order, first = rows(particle, model.particle_count)
@@ -77,7 +77,7 @@ class ActuatedSprings(StageTables):
         wp.launch(kernel, len(chosen), [*inputs, x], [stiffness], device=device)
 
     def _least(self, one: Actuator) -> float:
-        """Return the least strain of an actuator in the time ahead; at the start, if it has none later."""
+        """Return the least strain of an actuator in the time ahead, or at the start if it is undefined later."""
         try:
             return float(one.at(AHEAD).min())
         except ValueError:  # it may be made for a shorter run

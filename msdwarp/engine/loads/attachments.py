@@ -16,11 +16,11 @@ from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
 ASIDE = 0.01
-"""How far before and after a stage a carrier is looked at, to know how fast it is there, in substeps."""
+"""A carrier's velocity is a difference of its poses this long before and after a stage, in substeps."""
 
 
 def attachments_of(model: Model, loads: Sequence[Load]) -> "AttachmentSprings | None":
-    """Return the effect of the attachments, and the hands, among the loads of a scene, if there are any."""
+    """Return the effect of the scene's attachments and mouse springs; None if it has neither."""
     named = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Attachment | MouseSpring)]
     return AttachmentSprings(model, named) if named else None
 
@@ -49,7 +49,7 @@ class AttachmentSprings(FrameTables):
         )
         self.piece = self._composed.piece
         data = self.data = self.piece.Data()
-        # A hand may hold any particle, and as many as it has room for.
+        # A mouse spring may hold any particle, and as many as it has room for.
         held = [one.particles(model.system) for one in several]
         self.members = np.any(held, axis=0) if not self._hands else np.ones(model.particle_count, dtype=bool)
         size = sum(
@@ -66,7 +66,7 @@ class AttachmentSprings(FrameTables):
         self._fill_rows()
 
     def _fill_rows(self) -> None:
-        """Upload who is attached, where to and how: particle by particle, of each in the order of the loads."""
+        """Upload the attached particles, their points and their springs, by particle and then by load."""
         model, data = self._model, self.data
         several: list[Any] = [one for _, one in self._named]
         chosen = [np.flatnonzero(one.particles(model.system)) for one in several]
@@ -99,7 +99,7 @@ class AttachmentSprings(FrameTables):
                 wp.copy(array, source, count=len(numbers))
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Have hands hold others."""
+        """Replace mouse springs by others."""
         if any(one in others for one in self._hands):
             before = self._named, self._hands
             self._named = exchanged(self._named, others)
@@ -115,7 +115,7 @@ class AttachmentSprings(FrameTables):
                 self.done.assign(done)
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the poses of the carriers in a frame."""
+        """Allocate tables for the poses of the carriers in a frame."""
         if not self._moving:
             return
         self.data.ahead = int(self.steps.lagging)
@@ -125,19 +125,18 @@ class AttachmentSprings(FrameTables):
         self.make_tables({name: (shape, kind) for name, kind in kinds.items()}, model.scalar, model.device)
 
     def hold(self, time: float) -> None:
-        """Have all stages see the carriers where they are at `time` [s]."""
+        """Write the poses of the carriers at `time` [s] for all stages."""
         if self._frames is not None:
             self._frames.upload(lambda tables: self._write(tables, np.full(len(tables["shift"]), time)))
 
     def fill(self, time: float, tables: Tables) -> None:
-        """Write where the carriers are in the frame that begins at `time`, and how fast."""
+        """Write the poses and velocities of the carriers in the frame that begins at `time`."""
         self._write(tables, self.steps.times(time))
 
     def _write(self, tables: Tables, times: NDArray[np.float64]) -> None:
-        """Write where the carriers are at these times, and how fast.
+        """Write the poses and velocities of the carriers at these times.
 
-        Where velocities lag behind positions that is the way of the last substep over its time, as it is of all
-        particles there.
+        If velocities lag behind positions, they are changes over the last substep, like those of particles.
         """
         before, span = (1.0, 1.0) if self.steps.lagging else (ASIDE, 2 * ASIDE)
         start = np.maximum(times - before * self.steps.dt, 0.0)  # a motion need not be defined before 0
@@ -149,7 +148,7 @@ class AttachmentSprings(FrameTables):
                 tables[names[0]][:, k], tables[names[1]][:, k] = now, (later - then) / span
 
     def _poses(self, k: int, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o) of a carrier at each time; raise ValueError that names it where its motion has none."""
+        """Return (R, o) of a carrier at each time; raise ValueError that names it if its motion is undefined."""
         name, carrier = self._carriers[k]
         assert carrier.motion is not None
         furthest = float(np.finfo(self._model.dtype).max) / 4
@@ -161,9 +160,9 @@ class AttachmentSprings(FrameTables):
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return Σ k (|x − p| − l0)²/2 [J] and Σ b |v − u|² [W], where the carriers are as the frame ends.
+        """Return Σ k (|x − p| − l0)²/2 [J] and Σ b |v − u|² [W], with the carriers' poses at the frame's end.
 
-        Where there is a rest length, only the speed along the axis counts.
+        With a rest length, only the speed along the axis counts.
         """
         model, count = self._model, self._member_count
         sums = [wp.zeros((model.worlds, count), dtype=wp.float64, device=model.device) for _ in range(2)]

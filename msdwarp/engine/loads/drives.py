@@ -17,24 +17,23 @@ from ..model.stage_tables import FrameTables
 from ..model.state import State
 
 POINTS = 5
-"""Points that a derivative is taken from: exact for polynomials of degree 4."""
+"""Points for a derivative, which is exact for polynomials of degree 4."""
 WINDOW = 1 / 16
-"""Share of a frame in which these lie where a frame ends."""
+"""Share of a frame over which these points lie for a derivative at a frame's end."""
 
 
 def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
-    """Return the effect of drives among loads that are bound to a start; None where they hold nobody."""
+    """Return the effect of the drives among loads bound to a start; None if no drive holds a particle."""
     drives = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Driven) and len(one.held)]
     return Drives(model, drives) if drives else None
 
 
 class Drives(FrameTables):
-    """Moves particles as drives say.
+    """Moves driven particles along their prescribed motions.
 
-    Places are those of the motion at the time of each stage, rounded once. Velocities are found from them: in
-    methods that keep them half a substep behind, the way of the last substep over its time, as those of all
-    particles are there; else the derivative of the polynomial through five places. So what is attached feels both
-    to the order of its method, which for leapfrog is 2 and for RK4 is 4.
+    Positions are those of the motion at the time of each stage, rounded once. Velocities are differences of these:
+    in methods whose velocities lag by half a substep, the mean velocity of the last substep; else the derivative
+    of the polynomial through five positions. So both have the method's order: 2 for leapfrog, 4 for RK4.
     """
 
     def __init__(self, model: Model, drives: Sequence[tuple[str, Driven]]) -> None:
@@ -56,7 +55,7 @@ class Drives(FrameTables):
         self._furthest = float(np.finfo(model.dtype).max) / 4
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the poses of a frame, and find the weights of their differences."""
+        """Allocate tables for the poses of a frame, and compute the weights of their differences."""
         rows = np.append(np.add.outer(np.arange(substeps), self.steps.stage_times).ravel(), substeps)
         before_or_between = [-1.0] if self.steps.lag else np.linspace(0, substeps, POINTS)
         at = np.append(before_or_between, rows)
@@ -64,7 +63,7 @@ class Drives(FrameTables):
         self._rows = pick[-len(rows) :]
         each = len(self.steps.stage_times)
         self.data.ahead = int(self.steps.lag > 0.0)
-        if self.steps.lag:  # the way of the substep that ends there; of the first row the work alone asks
+        if self.steps.lag:  # the change over the substep that ends there; only the work uses the first row
             weights = np.diff(np.eye(len(self._at)), axis=0)
         else:
             weights = np.array([_derivative(self._at, one) for one in rows])
@@ -77,7 +76,7 @@ class Drives(FrameTables):
         self.make_tables(tables, wp.float64, self._model.device)
 
     def hold(self, time: float) -> None:
-        """Have kicks between frames know the accelerations at `time` [s]."""
+        """Upload the accelerations at `time` [s], for kicks between frames."""
         if self._frames is not None:
             self._frames.upload(lambda tables: self._fill_accelerations(time, tables))
 
@@ -95,7 +94,7 @@ class Drives(FrameTables):
         state.write("v", speeds, held)
 
     def displaced(self) -> str | None:
-        """Return words about a drive that does not begin where its particles are; None if all do."""
+        """Return a message about a drive that does not begin at its particles' positions; None if all do."""
         for name, one in self._drives:
             turn, shift = one.pose(0.0)
             away = float(np.abs(one.start @ turn.T + shift - one.start).max())
@@ -129,7 +128,7 @@ class Drives(FrameTables):
             (_, _, tables["bending"][k]), (_, _, tables["push"][k]) = self._around(name, one, time, self.steps.fps)
 
     def _around(self, name: str, one: Driven, time: float, fps: float) -> tuple[list[NDArray], list[NDArray]]:
-        """Return turn and shift at `time`, where a frame ends or the first begins, with two derivatives."""
+        """Return turn and shift, with two derivatives, at `time`: a frame's end, or the start."""
         step = WINDOW / (fps * (POINTS - 1))
         points = np.arange(POINTS - 1, -1, -1) * (-1 if round(time * fps) > 0 else 1)
         found = self._poses(name, one, time + step * points)
@@ -145,9 +144,9 @@ class Drives(FrameTables):
         return poses(name, motion, one.centre, times, self._furthest)
 
     def _check_speed(self, name: str, k: int, turn: NDArray, shift: NDArray, times: NDArray) -> None:
-        """Raise ValueError where a drive moves by more in a substep than the shortest spring is long."""
+        """Raise ValueError if a drive moves further in a substep than its shortest spring is long."""
         centre = turn @ self._drives[k][1].centre + shift
-        # A change of rotation has its largest stretch twice, in the plane of the turn.
+        # The largest singular value of a change of rotation occurs twice, in the plane of the turn.
         turned = np.sqrt((np.diff(turn, axis=0) ** 2).sum(axis=(1, 2)) / 2)
         ways = np.linalg.norm(np.diff(centre, axis=0), axis=1) + self._reach[k] * turned
         n = int(np.argmax(ways))
@@ -160,7 +159,7 @@ class Drives(FrameTables):
 
 
 def _shortest_attached(model: Model, one: Driven) -> float:
-    """Return the shortest rest length between a drive's particles and others [m]; inf where there is none."""
+    """Return the shortest rest length between a drive's particles and others [m]; inf without such a spring."""
     held = one.particles(model.system)
     ends = held[model.system.connections]
     attached = ends[:, 0] != ends[:, 1]
@@ -168,9 +167,9 @@ def _shortest_attached(model: Model, one: Driven) -> float:
 
 
 def _derivative(points: NDArray, at: float, order: int = 1) -> NDArray[np.float64]:
-    """Return weights of values at some points whose sum is the derivative at one of them, from the nearest points.
+    """Return weights of values at some points; the weighted sum is the derivative at one of the points.
 
-    It is that of the polynomial through them: the weights are exact for all powers of smaller degree.
+    It is the derivative of the polynomial through the nearest points.
     """
     first = (
         int(np.clip(np.searchsorted(points, at) - POINTS // 2, 0, len(points) - POINTS))

@@ -1,4 +1,4 @@
-"""EmbeddedVertices: vertices of a surface that are mixtures of particles, where loads act on such."""
+"""EmbeddedVertices: vertices of a surface that are mixtures of particles, for loads that act on the surface."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from ..model.model import Model
 
 
 def embedded_vertices_of(model: Model, loads: Sequence[Load]) -> "EmbeddedVertices | None":
-    """Return the effect of loads on surfaces whose vertices are mixtures; None where there are none."""
+    """Return the effect that loads need if they act on a surface whose vertices are mixtures; else None."""
     on_facets = any(
         isinstance(one, Pressure | EnclosedGas) or (isinstance(one, Wind) and one.area is None) for one in loads
     )
@@ -36,6 +36,6 @@ class EmbeddedVertices(Effect):
             setattr(self.data, name, wp.zeros(count, dtype=model.vector, device=model.device))
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch the computation of the vertices, for particles at x that move at v."""
+        """Launch the kernel that computes vertices' positions and velocities from particles' x and v."""
         inputs = [self._particle, self._weight, self._model.stride, compensation, x, v]
         wp.launch(self._mix, len(self.data.x), inputs, [self.data], device=self._model.device)

@@ -19,7 +19,7 @@ _STORED = {
     "Drives": "driving",
     "AttachmentSprings": "attached",
 }
-"""What the work of an effect is called in checkpoints."""
+"""Names of effects' work in checkpoints."""
 MOST_SHARES = 4096
 """Threads that sum on a GPU."""
 
@@ -45,7 +45,7 @@ class Work(Effect):
         self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
         self.field = self.piece.field
         self.data, self.idle = self.piece.Data(), self.piece.Data()
-        """What kernels read, and the same where forces are only looked at: nothing counts."""
+        """The data for kernels, and a version without weights, for evaluations of forces that do no work."""
         self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
         self._last = wp.zeros(count, dtype=model.vector, device=model.device)
         if self._counts:
@@ -57,7 +57,7 @@ class Work(Effect):
         self._remaining = 0.0
         self.by_world = ("done", "last") if self._counts and summed else ()
         self.before = np.zeros(model.worlds)
-        """What is to be added to each world's sums: f·x of steady forces at the start, and earlier work [J]."""
+        """Added to each world's sums: −f·x of steady forces at the start, and earlier work [J]."""
         if steady is not None:
             self._combination, self._steady = steady.data.combination, steady.data.value
             forces = steady.sums[self._combination.numpy()]
@@ -66,7 +66,7 @@ class Work(Effect):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of this many substeps of `dt` seconds."""
-        # With one force a substep, half of it is taken with the velocity before it and half with that after it.
+        # With one force a substep, half its work uses the velocity before it and half the velocity after it.
         lags = 0.5 if np.count_nonzero(self.steps.weights) == 1 else 0.0
         self._remaining = lags * dt
         each = dt * np.asarray(self.steps.weights)
@@ -84,13 +84,13 @@ class Work(Effect):
         self.before += done - self.totals(x, v)
 
     def shares(self) -> wp.array:
-        """Return room for the sums of many threads, as many for each world."""
+        """Return an array for the sums of many threads, equally many for each world."""
         most = max(1, MOST_SHARES // self._model.worlds)
         threads = max(1, min(self._model.particle_count // 8, most)) if self._device.is_cuda else 1
         return wp.zeros(self._model.worlds * threads, dtype=wp.float64, device=self._device)
 
     def launch(self, x: wp.array, v: wp.array, shares: wp.array) -> None:
-        """Launch the sums for particles at x that move at v, as the method has it; it may be recorded."""
+        """Launch the sums for positions x and the method's velocities v; the launch may be recorded."""
         model = self._model
         inputs = [model.particle_count, model.stride, model.worlds, self._done, self._last, v, self._remaining]
         inputs += [self._combination, self._steady, x]
@@ -99,7 +99,7 @@ class Work(Effect):
             wp.launch(add_work, len(shares), [done.flatten(), model.worlds], [shares], device=self._device)
 
     def totals(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
-        """Return the work so far in each world [J], for particles that now are at x and move at v."""
+        """Return the work so far in each world [J], for present positions x and velocities v."""
         shares = self.shares()
         self.launch(x, v, shares)
         return self.before + shares.numpy().reshape(self._model.worlds, -1).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Forces: forces on particles, as a scene gives them, on a device."""
+"""The forces of a scene on particles, on a device."""
 
 from collections.abc import Mapping, Sequence
 
@@ -29,9 +29,9 @@ def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different sums of forces that particles feel, and which of them each particle does.
+    """Return the different combinations of forces on particles, and the number of each particle's combination.
 
-    A sum has shares of the forces, shape [combination_count, force_count]; the first one has none of any.
+    A combination has a share of each force, shape [combination_count, force_count]; in the first one all are 0.
     """
     chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
     sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]
@@ -56,11 +56,11 @@ class Steady(Effect):
         upload_fields(self.data, model.device, value=self.sums, combination=combination)
 
     def _of(self, forces: Named) -> NDArray[np.float64]:
-        """Return the sums that these forces make."""
+        """Return the force of each combination [N]."""
         return self._shares @ np.array([one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces])
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Take other forces on the same particles."""
+        """Replace forces by others on the same particles."""
         forces = exchanged(self._forces, others)
         self.sums, self._forces = self._of(forces), forces
         self.data.value.assign(self.sums)

@@ -13,7 +13,7 @@ from ..model.model import Model
 
 
 class Faces:
-    """The triangles of a surface that several loads act on, one load's behind the other's."""
+    """The triangles of a surface that several loads act on, load after load."""
 
     def __init__(self, parts: Sequence[Facets], particle_count: int) -> None:
         self.facets, self._count = parts[0], particle_count
@@ -23,33 +23,33 @@ class Faces:
         self.corner: NDArray[np.int32] = np.concatenate([one.corner for one in parts])
         """The vertices of each, shape [triangle_count, 3]."""
         self.closed: NDArray[np.bool_] = np.concatenate([one.closed for one in parts])
-        """Whether each is of a closed surface, shape [triangle_count]."""
+        """Whether each belongs to a closed surface, shape [triangle_count]."""
         self.of: NDArray[np.int64] = np.repeat(np.arange(len(parts)), [len(one.corner) for one in parts])
         """The load that acts on each, shape [triangle_count]."""
         self.ends: NDArray[np.int64] = np.cumsum([0, *(len(one.corner) for one in parts)])
-        """Where the triangles of each load begin, and the end, shape [load_count + 1]."""
+        """The first triangle of each load, and the number of all, shape [load_count + 1]."""
 
     def members(self) -> NDArray[np.bool_]:
-        """Return which particles carry any of them, shape [particle_count]."""
+        """Return a mask of the particles that carry a triangle, shape [particle_count]."""
         corners = np.zeros(len(self.facets.particle))
         corners[self.corner.ravel()] = 1.0
         return self.bound(corners) > 0
 
     def bound(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return bounds of the row sums of particles, of those of vertices; see `Facets.bound`."""
+        """Return bounds of a matrix's row sums by particle, from its row sums by vertex; see `Facets.bound`."""
         return self.facets.bound(sums, self._count) if self.mixed else sums
 
     def add_to_corners(self, values: NDArray[np.float64], corner: NDArray[np.int32] | None = None) -> NDArray:
-        """Return for each vertex the sum of numbers or vectors of the triangles around it."""
+        """Return the sum of the triangles' numbers or vectors around each vertex."""
         result = np.zeros((len(self.facets.particle), *values.shape[1:]))
         np.add.at(result, self.corner if corner is None else corner, values[:, None])
         return result
 
     def on(self, model: Model, Struct: Any) -> Any:
-        """Return them as `msdwarp.kernels.loads.surface_triangles` reads them, in a struct of this type."""
+        """Return the struct of this type that `msdwarp.kernels.loads.surface_triangles` reads."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)
-        if self.mixed:  # of every particle in a triangle its shares in the three corners together
+        if self.mixed:  # each particle in a triangle has the sum of its shares in the three corners
             entry = triangle[:, None] * np.int64(self._count) + self.facets.particle[particle]
             weight = self.facets.weight[particle] / 3
             different, number = np.unique(entry[weight != 0], return_inverse=True)

@@ -20,7 +20,7 @@ Named = Sequence[tuple[str, Wind]]
 
 
 def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
-    """Return the effects of the wind among the loads of a scene: of that on surfaces, and on particles."""
+    """Return the effects of the winds among the loads of a scene: one for surfaces, one for particles."""
     winds = [(f"loads[{k}].velocity", one) for k, one in enumerate(loads) if isinstance(one, Wind)]
     on_faces = [(name, one) for name, one in winds if one.area is None]
     on_particles = [(name, one) for name, one in winds if one.area is not None]
@@ -29,7 +29,7 @@ def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 class WindEffect(StageTables):
-    """What wind on surfaces and on particles share: the velocity of the air, by stage of a frame."""
+    """The common part of wind on surfaces and on particles: the velocity of the air, by stage of a frame."""
 
     table = "velocity"
 
@@ -50,18 +50,18 @@ class WindEffect(StageTables):
         self.set_up(model, len(winds), model.vector, varies=any(one.varies for _, one in winds))
 
     def _take_coefficients(self) -> None:
-        """Have kernels see ½ ρ C of each wind [kg/m³]."""
+        """Upload ½ ρ C of each wind [kg/m³]."""
         for name in ("drag", "lift"):
             values = np.array([0.5 * one.density * getattr(one, name) for _, one in self.named])
             getattr(self.data.winds, name).assign(values.astype(self._model.dtype))
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Take other winds on the same surfaces or particles."""
+        """Replace winds by others on the same surfaces or particles."""
         super().exchange(others)
         self._take_coefficients()
 
     def place_table(self, name: str, table: wp.array) -> None:
-        """Have kernels find the velocities."""
+        """Put the table of velocities where kernels read it."""
         setattr(self.data.winds, name, table)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,7 +88,7 @@ class OnFaces(WindEffect):
         self.members = faces.members()
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
-        """Add a third of each triangle's to each of its corners."""
+        """Add a third of each triangle's resistance to each of its corners."""
         faces = self._faces
         area = np.linalg.norm(area_vectors(faces.corner, faces.facets.points(x.numpy())), axis=1)
         damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
@@ -110,5 +110,5 @@ class OnParticles(WindEffect):
         upload_fields(self.data, model.device, wind=self._number, area=self._area)
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
-        """Add that of each particle."""
+        """Add the resistance of each particle."""
         damping += self._resistance(v, self._area, self._number)

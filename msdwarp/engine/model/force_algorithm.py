@@ -1,6 +1,6 @@
-"""Which algorithm forces take; see `msdwarp.kernels.springs` for what the algorithms are.
+"""The choice of the force algorithm; `msdwarp.kernels.springs` describes the algorithms.
 
-The choice is a matter of speed alone: results agree to rounding. It follows benchmarks/results/*/throughput.csv.
+It affects speed only: results agree to rounding. It follows benchmarks/results/*/throughput.csv.
 """
 
 from collections.abc import Iterator
@@ -16,19 +16,19 @@ from .lattice import Lattice, NotALattice, find_lattice
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 AUTO = "auto"
 FEW_CONNECTIONS = 300
-"""So few are scattered: a thread for each is sooner done than one for each particle."""
+"""Up to this number scatter is faster: a thread for each connection ends sooner than one for each particle."""
 LEAST_PARTICLES = 32
-"""Lattices of so few are not: by a stencil several threads share a particle."""
+"""Up to this number lattices take a stencil nevertheless: it has several threads per particle."""
 FEW_PARTICLES = 20_000
-"""With fewer, latency is most of the time, and a stencil has the least."""
+"""Up to this number most of the time is latency, which is least for a stencil."""
 LEAST_USED = 0.4
-"""Share of a lattice's neighbours that must be there for a stencil to be faster than a table."""
+"""Share of a lattice's neighbours that must exist for a stencil to be faster than a table."""
 MOST_TIES = 0.05
-"""Share of connections that may lie in no direction of a lattice, and be ties beside it."""
+"""Share of connections that may be ties, in no direction of a lattice."""
 
 
 def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
-    """Return the requested algorithm, or the fastest one, and the system's lattice where that is a stencil.
+    """Return the requested algorithm, or the fastest one, and for a stencil the system's lattice.
 
     Raises ValueError if `force_algorithm` is unknown, or is a stencil and the system is not cut from lattices.
     """
@@ -44,15 +44,14 @@ def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool
 
 
 _preference: list[str] = []
-"""What `preferring` asks for, the innermost last."""
+"""Algorithms requested by `preferring`, the innermost last."""
 
 
 @contextmanager
 def preferring(force_algorithm: str) -> Iterator[None]:
-    """Have "auto" take an algorithm meanwhile, and gather in place of a stencil that there is none of.
+    """Within this context "auto" takes the given algorithm, or gather if a stencil is not possible.
 
-    So that whatever runs takes it, however deep the simulation is made: for tests and measurements of all
-    algorithms.
+    For tests and measurements of all algorithms, in which other code makes the simulation.
     """
     checks.one_of("force_algorithm", force_algorithm, FORCE_ALGORITHMS)
     _preference.append(force_algorithm)
@@ -63,7 +62,7 @@ def preferring(force_algorithm: str) -> Iterator[None]:
 
 
 def _preferred(system: System) -> tuple[str, Lattice | None] | None:
-    """Return the algorithm that is preferred, if one is, and the system's lattice where that is a stencil."""
+    """Return the preferred algorithm, if any, and for a stencil the system's lattice."""
     if not _preference:
         return None
     if _preference[-1] != "stencil":
@@ -75,7 +74,7 @@ def _preferred(system: System) -> tuple[str, Lattice | None] | None:
 
 
 def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
-    """Return the algorithm that was fastest for such a system, and its lattice where that is a stencil."""
+    """Return the algorithm that was fastest for systems like this one, and for a stencil its lattice."""
     few = system.connection_count <= FEW_CONNECTIONS
     if not on_gpu or (few and system.particle_count > LEAST_PARTICLES):
         return "scatter", None
@@ -88,7 +87,7 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
         return ("stencil", lattice) if lattice.uniform and not ties and not system.tears else ("scatter", None)
     if ties > MOST_TIES * system.connection_count:
         return "gather", None
-    # Nothing that a stencil computes for missing neighbours is used.
+    # A stencil computes missing neighbours too, in vain.
     used = (system.connection_count - ties) / (len(lattice.steps) * system.particle_count)
     small = system.particle_count <= FEW_PARTICLES
     return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
@@ -97,7 +96,7 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
 def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
     """Return the algorithm for many worlds of a system: one whose sums are in a fixed order.
 
-    Lattices that ties join take a table: what ties add has constants of its own.
+    Lattices with ties take a table, because ties have constants of their own.
     """
     force_algorithm = _preference[-1] if _preference else "stencil" if on_gpu else "scatter"
     if force_algorithm != "stencil":
@@ -109,10 +108,10 @@ def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
 
 
 def scatter_order(system: System) -> NDArray[np.int64] | None:
-    """Return an order of connections in which scattering seldom waits; None where they are in one already.
+    """Return an order of connections in which scattering seldom waits; None if their present order is one.
 
-    Connections that follow each other are added at the same time, and wait where they meet in a particle. They are
-    sorted by how many their first particle had before, and then by that particle.
+    Successive connections are added at the same time; those that share a particle wait for each other. So a
+    connection's place among those of its first particle is the first sorting key, and that particle the second.
     """
     first = system.connections[:, 0]
     if len(first) < 2 or np.count_nonzero(first[1:] == first[:-1]) < 0.2 * len(first):

@@ -1,8 +1,8 @@
-"""Finds out whether a system is cut from lattices, so that its neighbours need no table.
+"""Finds the lattices that a system is cut from, so that its neighbours need no table.
 
-A lattice's points lie side by side along x, row after row. Seen from a point, all its neighbours in the row (y, z)
-lie around one place in memory, `shift` particles further on; which of them it is connected with is a bit mask.
-Connections that lie in no direction, such as those that `join` makes, are left over as ties.
+A lattice's points lie side by side along x, row after row. A point's neighbours in the row (y, z) lie around one
+place in memory, `shift` particles further on; a bit mask says to which of them it is connected. Connections in no
+direction, such as those made by `join`, are left over as ties.
 """
 
 from typing import NamedTuple
@@ -15,25 +15,25 @@ from ...kernels.springs import COLUMN, CONSTANTS, MOST_NEIGHBOURS, stencil_rows
 
 
 class Lattice(NamedTuple):
-    """A system as `msdwarp.kernels.springs.stencil` sees it."""
+    """A system as lattices, the form that `msdwarp.kernels.springs.stencil` needs."""
 
     steps: tuple[tuple[int, int, int], ...]
     """The directions: from a point to half of its neighbours."""
     mask: NDArray[np.uint32]
-    """The neighbours that each particle is connected with, as bits, shape [particle_count]."""
+    """The neighbours to which each particle is connected, as bits, shape [particle_count]."""
     shift: NDArray[np.int32]
-    """How far off each row of neighbours is, shape [row_count], or [row_count, particle_count] if that differs."""
+    """Offset of each row of neighbours, shape [row_count], or [row_count, particle_count] if it differs."""
     kind: NDArray[np.int32]
-    """Which constants are a particle's, shape [particle_count]; all 0 if there is one kind."""
+    """Row of `constants` for each particle, shape [particle_count]; all 0 if there is one kind."""
     constants: dict[str, NDArray[np.float64]]
     """Rest length, stiffness and damping, each of shape [kind_count, direction_count]."""
     ties: NDArray[np.int32]
     """The connections that are in no direction, shape [tie_count]; see `msdwarp.engine.springs.extra_springs`."""
 
     def numbers(self, system: System) -> NDArray[np.int32]:
-        """Return the connection that leads in each direction from each particle; −1 where there is none.
+        """Return the connection in each direction from each particle, −1 for none.
 
-        Of the system in which the lattice was found; shape [direction_count, particle_count].
+        `system` is the one in which the lattice was found. Shape [direction_count, particle_count].
         """
         found = np.full((len(self.steps), system.particle_count), -1, dtype=np.int32)
         for body in system.directions:
@@ -43,9 +43,9 @@ class Lattice(NamedTuple):
         return found
 
     def neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Return how far off the neighbours in a uniform lattice are, and their constants, in the order of sums.
+        """Return the offsets and constants of neighbours in a uniform lattice, in the order of sums.
 
-        Of shapes [neighbour_count] and [neighbour_count, 3], the constants in the order of CONSTANTS.
+        Shapes [neighbour_count] and [neighbour_count, 3]; constants are in the order of CONSTANTS.
         """
         _, rows = stencil_rows(self.steps)
         each = [(int(self.shift[r]) + one.along, one.direction) for r, row in enumerate(rows) for one in row]
@@ -59,7 +59,7 @@ class Lattice(NamedTuple):
 
     @property
     def stride(self) -> int:
-        """How far away the next layer lies, if all layers lie one after the other; else 0."""
+        """Distance to the next layer in particles, if layers follow each other regularly; else 0."""
         if not self.uniform:
             return 0
         rows, _ = stencil_rows(self.steps)
@@ -72,21 +72,21 @@ class Lattice(NamedTuple):
 
     @property
     def margin(self) -> int:
-        """How many particles beyond the first and the last may be read, and not be used."""
+        """Number of particles beyond the first and the last that may be read, but are not used."""
         return 2 + (2 + COLUMN) * (self.reach - 2)
 
     @property
     def reach(self) -> int:
-        """The same where particles are advanced one by one."""
+        """`margin` without columns, for particles that are advanced one by one."""
         return 2 + (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
 
 
 class NotALattice(ValueError):
-    """The system is not cut from lattices, or its connections are not alike enough."""
+    """The system is not cut from lattices, or constants differ within a direction."""
 
 
 def step_of(name: str) -> tuple[int, int, int]:
-    """Return the step of a lattice direction by its name: (1, −1, 0) of "x-y", (0, 2, 0) of "2y"."""
+    """Return the step (x, y, z) of the lattice direction `name`: (1, −1, 0) for "x-y", (0, 2, 0) for "2y"."""
     step, sign, reach = [0, 0, 0], 1, 1
     for letter in name:
         if letter in "+-":
@@ -157,7 +157,7 @@ def find_lattice(system: System) -> Lattice:
 
 
 def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
-    """Return the connections that are in no direction; raise NotALattice if one is in two, or none is in any."""
+    """Return the connections in no direction; raise NotALattice if one is in two, or none is in any."""
     ties, end = [], 0
     for start, stop, step in sorted(part.indices(max(count, part.stop or 0)) for part in slices):
         if step != 1 or stop > count or (start < end and start < stop):
@@ -172,7 +172,7 @@ def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
 
 
 def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32] | None:
-    """Return how far away each row lies, shape [row_count], if that is the same for all particles."""
+    """Return the offset of each row, shape [row_count], if it is equal for all particles."""
     shift: dict[int, int] = {}
     for part in parts:
         i, j = system.connections[part.connections].T
@@ -187,7 +187,7 @@ def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray
 
 
 def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32]:
-    """Return how far away each row lies from each particle, shape [row_count, particle_count]."""
+    """Return the offset of each row from each particle, shape [row_count, particle_count]."""
     shift = np.zeros((row_count, system.particle_count), dtype=np.int32)
     for check in (False, True):  # neighbours in the same row must agree: what was written last is what all wrote
         for part in parts:
@@ -201,7 +201,7 @@ def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> ND
 
 
 def _mask(system: System, parts: list[_Part], direction_count: int) -> NDArray[np.uint32]:
-    """Return which neighbours each particle is connected with: ahead in the low bits, then behind."""
+    """Return the mask of each particle's neighbours: those ahead in the low bits, then those behind."""
     mask = np.zeros(system.particle_count, dtype=np.uint32)
     expected = np.zeros(2 * direction_count, dtype=np.int64)
     for part in parts:

@@ -1,4 +1,4 @@
-"""Model: a system on a device, everything that a substep reads and never writes."""
+"""Model: a system on a device, as far as substeps read it and never write it."""
 
 from collections.abc import Mapping
 from math import lcm
@@ -20,24 +20,24 @@ from ..device.vector_arrays import records_together
 from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
 
 Rows = Mapping[str, NDArray[np.float64]]
-"""What differs between worlds, by name: world w has row w mod (number of rows)."""
+"""Parameters that differ between worlds, by name: world w has row w mod (number of rows)."""
 LINE = 8
-"""Particles in a line of the GPU's caches, with which each world begins."""
+"""Particles in a line of the GPU's caches; each world begins with a new line."""
 MOST_RECORDS = 2**31 - 1
-"""Particles of all worlds together that 32-bit numbers count."""
+"""Most particles of all worlds together, numbered with 32 bits."""
 
 
 class Model:
-    """A system on a device, in one world or many: everything that a substep reads and never writes.
+    """A system on a device, in one world or many, as far as substeps read it and never write it.
 
     The vectors of many worlds lie one world after the other, `stride` particles apart. Constants that differ
-    between worlds are `rows`; all else is as in one world. An `Assembly` has what else acts on the system.
+    between worlds are `rows`; all else is as in one world. An `Assembly` adds the effects on the system.
 
-    `system` is what is simulated, in many worlds what all of them have. `gravity`, `device`, `precision` and
-    `force_algorithm` are those of `msdwarp.Simulation`; gravity that is a function of time is a load, `falling`.
+    `system` is the simulated system, the common one of many worlds. `gravity`, `device`, `precision` and
+    `force_algorithm` are as for `msdwarp.Simulation`; gravity that is a function of time is a load, `falling`.
     `driven` is the mask of the particles that prescribed motions move.
 
-    `rows` is what differs between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
+    `rows` differ between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
     [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
     [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
 
@@ -66,9 +66,9 @@ class Model:
         self.scalar, self.dtype = PRECISIONS[precision]
         self.worlds, self.in_worlds, self.rows = worlds, rows is not None, dict(rows or {})
         self.tables = dict[str, wp.array]()
-        """What `table` has uploaded; effects that change constants put their own arrays here."""
+        """Tables that `table` has uploaded; effects that change constants put their own arrays here."""
         if self.in_worlds:
-            # The largest mass and damping of all worlds, so that what any of them has is compiled.
+            # The largest mass and damping of all worlds: a pin or damper in any world needs code.
             largest = {name: self.rows[name].max(axis=0) for name in ("mass", "damping") if name in self.rows}
             first = {name: self.rows[name][0] for name in ("position", "velocity") if name in self.rows}
             if force_algorithm == AUTO:
@@ -90,10 +90,10 @@ class Model:
         self.margin = -(-self.lattice.margin // 8) * 8 if self.lattice else 0
 
         self.compensated = precision == "float32-compensated"
-        # What a scene lacks is not compiled.
+        # Features that a scene lacks are not compiled.
         self.damper = system.damper.law if system.damping.any() else None
         self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
-        """Which particles prescribed motions move, shape [particle_count]."""
+        """Mask of the particles that prescribed motions move, shape [particle_count]."""
         # No force moves driven particles: like pinned ones they have infinite mass.
         self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
         self.pinned = bool(np.isinf(self.mass).any())
@@ -102,11 +102,11 @@ class Model:
 
         self.fall(with_potential(gravity))
         self.falling = Falling(gravity, on=np.isfinite(self.mass)) if callable(gravity) else None
-        """The weight of its particles, where gravity changes with time and so is a load."""
+        """The weight of its particles as a load, if gravity changes with time."""
         self._check_masses()
         self.inverse_mass = self._upload(uniform_like(1.0 / self.mass, self.mass), "1 / mass")
         self.order = scatter_order(system) if self.device.is_cuda and self.force_algorithm == "scatter" else None
-        """The system's number of each connection on the device; None where both have one order."""
+        """The system's number of each connection on the device; None if both orders are equal."""
         self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
         rest_length = system.rest_length
         if self.lengths_change:  # each connection has its own
@@ -114,7 +114,7 @@ class Model:
         self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
         self.stiffness = self._upload_unbroken(system.stiffness, "stiffness")
         self.damping = self._upload_unbroken(system.damping, "damping")
-        # What an explicit step must bear: the steepest slope of the dampers' law.
+        # An explicit step must be stable for the steepest slope of the dampers' law.
         slope = system.damper.steepest
         self.steepest_damping = self.damping
         if self.damper and slope != 1:
@@ -129,7 +129,7 @@ class Model:
             )
 
     def fall(self, gravity: ArrayLike) -> None:
-        """Take another gravity [m/s²]: callers that cached it must reread it. Raises ValueError if it is none."""
+        """Set another gravity [m/s²], which callers must read again; raise ValueError if it is invalid."""
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
@@ -137,28 +137,28 @@ class Model:
         self.generation += 1
 
     def _is_alike_by_direction(self, system: System) -> bool:
-        """Tell whether in each world the connections of a direction are alike, as a stencil has them."""
+        """Return whether the connections of a direction have equal constants in each world, as a stencil needs."""
         rows = [self.rows[name] for name in CONSTANTS if name in self.rows and self.rows[name].strides[1] != 0]
         parts = [part for body in system.directions for part in body.values()]
         return all((values[:, part] == values[:, part][:, :1]).all() for values in rows for part in parts)
 
     @property
     def stride(self) -> int:
-        """How far one world's particles lie from the next one's, in particles."""
+        """Distance from the first particle of a world to the first one of the next, in particles."""
         return -(-(self.particle_count + self.margin) // LINE) * LINE if self.in_worlds else self.particle_count
 
     @property
     def stride_in_bytes(self) -> int:
-        """The same as `stride`, in bytes."""
+        """`stride` in bytes."""
         return self.stride * record_length(self.dim) * wp.types.type_size_in_bytes(self.scalar)
 
     @property
     def different(self) -> int:
-        """How many worlds differ in anything; the others are like these, in turn."""
+        """Number of worlds after which all parameters repeat."""
         return lcm(*map(len, self.rows.values()))
 
     def row_of(self, name: str) -> NDArray[np.float64]:
-        """Return the rows of a parameter, shape [rows, ...]: one row where it is the same in all worlds."""
+        """Return the rows of a parameter, shape [rows, ...]: a single row if it is equal in all worlds."""
         if name in self.rows:
             return self.rows[name]
         if name == "gravity":
@@ -167,11 +167,11 @@ class Model:
 
     @property
     def lengths_change(self) -> bool:
-        """Whether a run changes rest lengths, so that the algorithms must read them where they are."""
+        """Whether a run changes rest lengths, so that the algorithms must not copy them."""
         return self.system.yields
 
     def _check_masses(self) -> None:
-        """Raise ValueError for a mass whose inverse this precision has not: as 0 it would pin the particle."""
+        """Raise ValueError for a mass whose inverse is out of this precision's range: 0 would pin the particle."""
         mass, numbers = self.system.mass, np.finfo(self.dtype)
         # Inverses must be normal numbers: some devices take smaller ones for 0.
         least, most = 1.0 / float(numbers.max), 1.0 / float(numbers.tiny)
@@ -191,7 +191,7 @@ class Model:
         return values if self.order is None or is_uniform(values) else values[self.order]
 
     def in_system_order(self, values: NDArray) -> NDArray:
-        """Return values of connections, in the device's order, in that of the system."""
+        """Return values of connections, given in the device's order, in the system's order."""
         if self.order is None:
             return values
         result = np.empty_like(values)
@@ -199,19 +199,19 @@ class Model:
         return result
 
     def vectors(self) -> wp.array:
-        """Return zeros, one vector a particle, in records as `msdwarp.kernels.records` has them.
+        """Return an array of zeros with a vector for each particle, in the records of `msdwarp.kernels.records`.
 
-        As many particles as `margin` says may be read before the first and after the last.
+        Up to `margin` particles may be read before the first and after the last.
         """
         return self.vectors_together(1)[0]
 
     def vectors_together(self, count: int) -> tuple[wp.array, ...]:
-        """Return `count` such arrays, in one piece of memory, `_ref`, where Warp has arrays that large."""
+        """Return `count` arrays like `vectors`, in one piece of memory, `_ref`, if Warp allows such a size."""
         each = self.worlds * self.stride  # with the margins between worlds
         return records_together(count, each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
-        """Return the numbers of the connections of one world after the other, in the device's order."""
+        """Return numbers of connections world after world, in the device's order."""
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
@@ -244,17 +244,17 @@ class Model:
         return table
 
     def by_world(self, vectors: NDArray) -> NDArray:
-        """Return a view, of shape [worlds, particle_count, d], of an array of `vectors` on the host."""
+        """Return a view, shape [worlds, particle_count, d], of a host copy of an array of `vectors`."""
         return vectors.reshape(self.worlds, self.stride, self.dim)[:, : self.particle_count]
 
     def of_each(self, rows: NDArray) -> Any:
-        """Return the row of each world, shape [worlds, ...]; outside of ensembles the only row, or its number."""
+        """Return the row of each world, shape [worlds, ...]; outside of ensembles the only row, or number."""
         if self.in_worlds:
             return rows if len(rows) == self.worlds else rows[np.arange(self.worlds) % len(rows)]
         return rows[0].item() if rows.ndim == 1 else rows[0]
 
     def spread(self, values: NDArray) -> NDArray:
-        """Return vectors of shape [rows, particle_count, d] as `vectors` holds them for all worlds."""
+        """Return vectors of shape [rows, particle_count, d] in the layout of `vectors`, for all worlds."""
         if values.shape[:2] == (self.worlds, self.stride):
             return values.reshape(-1, self.dim)
         flat = np.zeros((self.worlds, self.stride, self.dim), dtype=values.dtype)
@@ -263,7 +263,7 @@ class Model:
         return flat.reshape(-1, self.dim)
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
-        """Upload values of connections, 0 for broken ones; if any can break, a number for each."""
+        """Upload values of connections, 0 for broken ones; if connections can break, each has its own number."""
         if self.system.tears:
             values = np.where(self.system.broken, 0.0, values)
         return self._upload(self.ordered(values), name)

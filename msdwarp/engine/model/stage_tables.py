@@ -1,4 +1,4 @@
-"""Effects whose numbers are functions of time, in tables that are filled for each frame."""
+"""Effects with numbers that are functions of time, in tables filled for each frame."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,28 +13,28 @@ from .model import Model
 
 
 class FrameTables(Effect):
-    """An effect that kernels read from tables of the present frame; it may have none."""
+    """An effect with tables for the present frame, which kernels read; it may have none."""
 
     _frames: InFrames | None = None
     varies = True
-    """Whether frames have tables of their own; else they hold what `hold` has written."""
+    """Whether tables are filled for each frame; else they keep the values that `hold` has written."""
 
     def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> None:
-        """Make tables of these shapes and Warp types, which kernels find in `data` by their names."""
+        """Make tables of these shapes and Warp types, and put them into `data` by their names."""
         self._frames = InFrames(tables, scalar, device, self.fill)
         for name, array in self._frames.arrays.items():
             self.place_table(name, array)
 
     def place_table(self, name: str, table: Any) -> None:
-        """Have kernels find a table."""
+        """Put a table into `data`, where kernels read it."""
         setattr(self.data, name, table)
 
     def fill(self, time: float, tables: Tables) -> None:
-        """Write what the tables hold in the frame that begins at `time` [s]."""
+        """Write the tables of the frame that begins at `time` [s]."""
         raise NotImplementedError
 
     def begin_frame(self, time: float) -> None:
-        """Take the tables of the frame that begins at `time` [s]."""
+        """Upload the tables of the frame that begins at `time` [s]."""
         if self._frames is not None and self.varies:
             self._frames.begin_frame(time)
 
@@ -45,15 +45,15 @@ class FrameTables(Effect):
 
 
 class StageTables(FrameTables):
-    """An effect that kernels read from a table with a row for each stage of a frame, and for its end.
+    """An effect with a table that kernels read: a row for each stage of a frame, and one for its end.
 
-    A row has what each of its loads gives at that time, unless a subclass says otherwise (`at`).
+    A row has the value of each of its loads at that time, unless a subclass overrides `at`.
     """
 
     table = "value"
-    """What kernels call the table."""
+    """Name of the table in kernels."""
     named: Sequence[tuple[str, Any]] = ()
-    """Its loads, each with the name in messages of its values."""
+    """Its loads, each with the name of its values in messages."""
     now: NDArray[np.float64]
     """The rows of the present frame, or the one row that is held."""
 
@@ -67,7 +67,7 @@ class StageTables(FrameTables):
         return np.stack([one.at(times, self._model.dim, name) for name, one in self.named], axis=1)
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Take others in place of some loads, on the same particles."""
+        """Replace loads by others on the same particles."""
         before, self.named = self.named, exchanged(self.named, others)
         try:
             self.at(np.zeros(1))
@@ -76,12 +76,12 @@ class StageTables(FrameTables):
             raise
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the rows of a frame."""
+        """Allocate the rows of a frame."""
         shape = (len(self.steps.times(0.0)), self._width)
         self.make_tables({self.table: (shape, self._dtype)}, self._model.scalar, self._model.device)
 
     def hold(self, time: float) -> None:
-        """Have all stages see the row at `time` [s]."""
+        """Write the row at `time` [s] for all stages."""
         self.now = self.at(np.array([time]))
         if self._frames is not None:
             self._frames.upload(self._write)
@@ -96,5 +96,5 @@ class StageTables(FrameTables):
 
 
 def exchanged(named: Sequence[tuple[str, Any]], others: Mapping[Load, Load]) -> list[tuple[str, Any]]:
-    """Return named loads, some of them replaced by others."""
+    """Return named loads, with some of them replaced by others."""
     return [(name, others.get(one, one)) for name, one in named]

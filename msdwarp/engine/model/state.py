@@ -1,4 +1,4 @@
-"""State: what moves, as arrays on a device."""
+"""State: positions, velocities and the integrator's own arrays, on a device."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple, Self
@@ -14,22 +14,22 @@ from .model import Model
 
 
 class Instant(NamedTuple):
-    """What moves, at one instant: arrays as `Model.vectors` makes them."""
+    """The state at one instant, in arrays made by `Model.vectors`."""
 
     x: wp.array
     """Positions [m]."""
     v: wp.array
     """Velocities [m/s]; between a frame's substeps at the integrator's own instants."""
     method_state: tuple[wp.array, ...]
-    """What else the integrator hands from one substep to the next."""
+    """The integrator's own arrays, kept from one substep to the next."""
     compensation: Any
-    """Struct of what sums have lost by rounding: `x`, `v`, and `x_out` for the next instant."""
+    """Struct of the rounding errors of sums: `x`, `v`, and `x_out` for the next instant."""
 
 
 class State:
-    """What moves, on a device, twice: the present instant, `state_in`, and the next one, `state_out`.
+    """Positions, velocities and the integrator's own arrays: at present (`state_in`) and next (`state_out`).
 
-    `method_state` is the number of arrays that the integrator hands on (see `Integrator.method_state`).
+    `method_state`: how many arrays the integrator keeps between substeps, besides positions and velocities.
     """
 
     def __init__(self, model: Model, method_state: int = 0) -> None:
@@ -49,7 +49,7 @@ class State:
     @classmethod
     @in_turn
     def from_system(cls, system: System, model: Model, method_state: int = 0) -> Self:
-        """Upload the positions and velocities of a system, in worlds with rows of these the rows."""
+        """Upload positions and velocities: those of the model's rows, by world, else those of the system."""
         state = cls(model, method_state)
         for name, field in (("x", "position"), ("v", "velocity")):
             exact = model.rows[field] if field in model.rows else getattr(system, field)[None]
@@ -92,11 +92,11 @@ class State:
 
     @property
     def compensation(self) -> Any:
-        """What sums have lost by rounding."""
+        """Rounding errors of positions and velocities, to be subtracted (see `kernels.compensation`)."""
         return self.state_in.compensation
 
     def motion(self) -> dict[str, Any]:
-        """Return what a stage that takes a whole substep reads and writes, by the names of its `Step`."""
+        """Return the arrays of a stage that takes a whole substep, by the names in its `Step`."""
         now, then = self.state_in, self.state_out
         return {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
 
@@ -105,11 +105,11 @@ class State:
         return self.model.vectors_together(count)
 
     def flip(self) -> None:
-        """Make what has been written `state_out` the present."""
+        """Make `state_out` the present instant."""
         self.state_in, self.state_out, self._at_home = self.state_out, self.state_in, not self._at_home
 
     def settle(self) -> None:
-        """Bring the present back to the arrays that held it at first, which is where a graph expects it."""
+        """Copy the present state back to the arrays that first held it: graphs expect it there."""
         if not self._at_home:
             self.flip()
             copy_vectors(moving(self.state_in), moving(self.state_out))
@@ -121,7 +121,7 @@ def moving(instant: Instant) -> list[wp.array]:
 
 
 def copy_vectors(to: Iterable[Any], source: Iterable[Any]) -> None:
-    """Copy arrays that `Model.vectors_together` made, piece of memory by piece: all arrays of each are named."""
+    """Copy arrays made by `Model.vectors_together`; each piece of memory is copied once and as a whole."""
     pieces = {id(one._ref): (other._ref, one._ref) for other, one in zip(to, source, strict=True)}
     for there, here in pieces.values():
         wp.copy(there, here)

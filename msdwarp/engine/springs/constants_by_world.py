@@ -1,8 +1,8 @@
-"""What forces need in an ensemble: the algorithms of one world, and the constants of springs by world.
+"""The forces of an ensemble: the algorithm of a single world, with constants of springs for each world.
 
-Springs that are alike in every world are of one class. A stand-in for the system, in which each class has a
-number in place of its constants, goes through the algorithms as any system does. Where that number comes out, in a
-table, in an array or by direction, the constants of the class are put, for each world its own.
+Springs with equal constants within every world form a class. The algorithm is first set up for a stand-in of the
+system, whose springs have the number of their class as stiffness. Wherever the algorithm stores this number, in a
+table, in an array or by direction, each world's constants of the class are put.
 """
 
 from math import lcm
@@ -23,21 +23,21 @@ class EnsembleForces(NamedTuple):
     """The forces of an algorithm, and how they differ between worlds."""
 
     force_algorithm: Any
-    """As the forces of one world have it."""
+    """The algorithm, as for a single world."""
     data: Any
-    """The struct that its kernels read, which worlds share."""
+    """The struct for its kernels, which worlds share."""
     storage: str = ""
     """See `kernels.integrators.Differences`."""
     how: dict[str, str] = {}  # noqa: RUF012 (a default that nobody changes)
     """How each constant differs."""
     fields: dict[str, wp.array] = {}  # noqa: RUF012
-    """What the kernels read by world."""
+    """The arrays that kernels read by world."""
 
 
 def ensemble_forces(
     model: Model, fracture: Fracture | None = None, rest_length: wp.array | None = None
 ) -> EnsembleForces:
-    """Return the forces of an ensemble by its model's algorithm; those that yield have their own rest lengths.
+    """Return the forces of an ensemble by its model's algorithm; springs that yield pass `rest_length` by world.
 
     Raises ValueError if the algorithm is a stencil, and constants differ among the springs of a direction.
     """
@@ -56,7 +56,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
         return EnsembleForces(forces.force_algorithm, forces.data)
     classes = Classes(model)
     forces = CLASSES[model.force_algorithm](_stand_in(model, classes), fracture)
-    if model.force_algorithm == "scatter":  # its sums are those of all worlds
+    if model.force_algorithm == "scatter":  # its array of sums serves all worlds
         forces.data.f = model.vectors()
     if model.force_algorithm == "stencil":
         return _by_direction(model, forces, classes)
@@ -82,7 +82,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
 
 
 def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForces:
-    """Return forces by spring, whose rest lengths change."""
+    """Return forces with constants of their own for each spring, because rest lengths change."""
     fields = {"rest_length": rest_length.reshape((model.worlds, model.connection_count))}
     how = {"rest_length": EACH}
     for name in ("stiffness", "damping"):
@@ -93,7 +93,7 @@ def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForce
 
 
 class Classes:
-    """The classes of springs that are alike in every world."""
+    """The classes of springs: those of a class have equal constants within every world."""
 
     def __init__(self, model: Model) -> None:
         self._model, count = model, model.connection_count
@@ -108,7 +108,7 @@ class Classes:
         """A spring of each class."""
 
     def values(self, name: str) -> NDArray[np.float64]:
-        """Return a constant of each class, in each row that it has: shape [rows, class_count]."""
+        """Return a constant of each class, shape [rows, class_count]."""
         return self._model.row_of(name)[:, self._member]
 
     def together(self) -> NDArray[np.float64]:
@@ -119,7 +119,7 @@ class Classes:
 
     @staticmethod
     def named(numbers: NDArray) -> NDArray[np.int64]:
-        """Return the classes that numbers stand for; 0, which stands for none, becomes any."""
+        """Return the classes that the numbers of a stand-in mean; 0 means none and gives an arbitrary class."""
         return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
 
 

@@ -1,4 +1,4 @@
-"""Extra springs: those of lattices that lie in no direction, beside the stencil that the lattices take."""
+"""Extra springs: springs in no direction of a lattice, which the stencil leaves out."""
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from ..model.model import Model
 class ExtraSprings(Effect):
     """The forces of the springs that a stencil leaves over (`Lattice.ties`).
 
-    They are springs of the system like others: energies, the bound of the rates and linearised products are
-    taken over all springs, so that here is nothing but their force.
+    Energies, the bound of the rates and linearised products include them already, as springs of the system. So
+    this effect adds only their force.
     """
 
     def __init__(self, model: Model) -> None:
@@ -21,7 +21,7 @@ class ExtraSprings(Effect):
         system, ties = model.system, model.lattice.ties
         damper = model.damper if system.damping[ties].any() else None
         self.piece = tie_force(model.dim, model.scalar, model.compensated, damper)
-        # The ends, particle by particle; of each particle in the order of the springs.
+        # The ends, sorted by particle, then by spring.
         ends = system.connections[ties]
         particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)
         order, first = rows(particle, model.particle_count)

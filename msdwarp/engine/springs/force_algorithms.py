@@ -33,7 +33,7 @@ from ..model.model import Model
 from .fracture import Fracture
 
 MANY_NEIGHBOURS = 12
-"""With more of them, several threads to a particle are worth more."""
+"""With more neighbours than this, several threads per particle save more time."""
 LANES = {
     ("stencil", "many"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (12_000, 8), (30_000, 4)),
     ("stencil", "few"): ((32, 8), (64, 4), (4_096, 1), (30_000, 4)),
@@ -42,8 +42,8 @@ LANES = {
 }
 """Pairs (most particles, threads to a particle), by algorithm and number of neighbours; beyond them one thread.
 
-From measurements on an H200. Between them some sizes have one thread: one block or cluster advances such systems
-for a whole frame.
+From measurements on an H200. Some sizes in between have one thread per particle, because one block or cluster
+advances such systems for a whole frame.
 """
 
 
@@ -64,7 +64,7 @@ class Scatter:
 
 
 def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
-    """Let springs that are broken join their first particles with themselves."""
+    """Set broken springs to connect their first particles to themselves."""
     joined = np.array(connections.numpy())
     joined[fracture.broken, 1] = joined[fracture.broken, 0]
     connections.assign(joined)
@@ -73,7 +73,7 @@ def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
 class Gather:
     """The algorithm by particles, with a table of neighbours that is built on the device.
 
-    Several `lanes`, threads to a particle, are for systems that do not tear, on a GPU.
+    Several `lanes` (threads per particle) are for systems that do not tear, on a GPU.
     """
 
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
@@ -100,14 +100,14 @@ class Gather:
             fracture.carry_out(self.data.other, partial(self._name_themselves, model, fracture))
 
     def _name_themselves(self, model: Model, fracture: Fracture) -> None:
-        """Let the slots of broken springs name their own particles."""
+        """Set the slots of broken springs to their own particles."""
         inputs = [self.data.first, fracture.data.number, fracture.broken_at]
         kernel, outputs = tables.name_itself_where_broken, [self.data.other]
         wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
 
 
 def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
-    """Return how the constants of springs are best stored, and the fields of the struct that holds them.
+    """Return the best storage for the constants of springs, and the fields of its struct.
 
     See `msdwarp.kernels.springs.constants`.
     """
@@ -135,9 +135,9 @@ def records_of_three(model: Model, values: NDArray) -> wp.array:
 
 
 def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
-    """Return the different constants that springs have, shape [kind_count, 3], and the kind of each.
+    """Return the different sets of constants, shape [kind_count, 3], and the kind of each spring.
 
-    None if there are more than a byte can tell apart.
+    None if there are more kinds than a byte can number.
     """
     tables, kind = [], np.zeros(system.connection_count, dtype=np.uint8)
     count = 1
@@ -146,7 +146,7 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
         if len(values) == 0 or is_uniform(values):
             tables.append(values[:1] if len(values) else np.zeros(1))
             continue
-        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample tells most cases
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample has them all in most cases
         place = np.zeros(len(values), dtype=np.uint8)
         while True:
             if count * len(different) > MOST_KINDS:
@@ -165,22 +165,22 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
 
 
 def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
-    """Return a value of each slot's spring; 1 in slots that pad."""
+    """Return the value of each slot's spring; 1 in padding slots."""
     slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
     wp.launch(tables.take(values.dtype), len(connection), [connection, values], [slots], device=values.device)
     return slots
 
 
 def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
-    """Return (first, other, connection): where slices of the table begin, and each slot's particle and spring.
+    """Return (first, other, connection): the starts of the table's slices, and each slot's particle and spring.
 
-    The slots of a particle are in the order of its springs, whatever the device; slots that pad name no
-    spring (−1), and the particle itself.
+    The slots of a particle are in the order of its springs, on every device. Padding slots have the particle
+    itself, and no spring (−1).
     """
     n, ends, device = model.particle_count, 2 * model.connection_count, model.device
     count = np.zeros(-(-n // SLICE) * SLICE, dtype=np.int64)
     count[:n] = np.bincount(model.system.connections.ravel(), minlength=n)
-    # A slice has as many slots as its fullest particle for all, in whole chunks.
+    # A slice has equally many slots for all its particles: those of the fullest one, in whole chunks.
     slots = CHUNK * SLICE * -(-count.reshape(-1, SLICE).max(axis=1) // CHUNK)
     start, first = (
         wp.array(np.append(0, np.cumsum(each)), dtype=int, device=device) for each in (count[:n], slots)
@@ -189,11 +189,11 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     def launch(kernel: Any, threads: int, inputs: list, outputs: list) -> None:
         wp.launch(kernel, threads, inputs, outputs, device=device)
 
-    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # sorting needs as much again
+    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # half of it is for sorting
     launch(tables.list_ends, model.connection_count, [model.connections], [particle, end])
     wp.utils.radix_sort_pairs(particle, end, ends)
     total = int(slots.sum())
-    other = wp.zeros(total + SLICE * CHUNK, dtype=int, device=device)  # a chunk more is read, and not used
+    other = wp.zeros(total + SLICE * CHUNK, dtype=int, device=device)  # one more chunk is read but not used
     connection = wp.full(total, -1, dtype=int, device=device)
     launch(tables.name_itself, len(slots), [first, n], [other])
     launch(tables.fill_slots, ends, [particle, end, start, first, model.connections], [other, connection])
@@ -203,13 +203,13 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 class Stencil:
     """Forces by particles of lattices, which need no table; extra springs between lattices are an effect.
 
-    Several `lanes`, threads to a particle, are for uniform lattices that do not tear, on a GPU.
+    Several `lanes` (threads per particle) are for uniform lattices that do not tear, on a GPU.
     """
 
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
-        damper = model.damper if lattice.constants["damping"].any() else None  # else only ties are damped
+        damper = model.damper if lattice.constants["damping"].any() else None  # None: only ties are damped
         if lanes > 1:
             kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lanes)
             self.force_algorithm = stencil_of_lanes(*kinds)
@@ -239,7 +239,7 @@ class Stencil:
         upload_fields(data, device, shift=shift, kind=lattice.kind, **lattice.constants)
 
     def _share(self, model: Model, lattice: Lattice) -> None:
-        """Fill in the struct that lanes read, with mask bits in the order in which they take neighbours."""
+        """Fill in the struct for lanes; mask bits are in the order in which lanes visit neighbours."""
         constants = np.ones((MOST_NEIGHBOURS, 3))
         _, own = lattice.neighbours()
         constants[: len(own)] = own
@@ -253,7 +253,7 @@ class Stencil:
         self.data.constants = records_of_three(model, constants)
 
     def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
-        """Clear the bits of broken springs, whose numbers are by direction and first particle."""
+        """Clear the bits of broken springs; `numbers` are springs by direction and first particle."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
         gone = (numbers >= 0) & fracture.broken[numbers]
         for d, first in enumerate(map(np.flatnonzero, gone)):
@@ -263,7 +263,7 @@ class Stencil:
 
 
 def lanes(model: Model, tears: bool = False) -> int:
-    """Return how many threads share a particle: several on a GPU where they are few."""
+    """Return the number of threads per particle: several on a GPU if there are few particles."""
     lattice = model.lattice
     if model.force_algorithm == "scatter" or not model.device.is_cuda or tears:
         return 1
@@ -278,7 +278,7 @@ CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}
 
 
 def forces_of(model: Model, fracture: Fracture | None = None) -> Scatter | Gather | Stencil:
-    """Return the forces by a model's algorithm, as they are best computed for one world."""
+    """Return the forces by a model's algorithm, in its fastest form for a single world."""
     if model.force_algorithm == "scatter":
         return Scatter(model, fracture)
     return CLASSES[model.force_algorithm](model, fracture, lanes(model, fracture is not None))

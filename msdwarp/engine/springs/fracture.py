@@ -1,4 +1,4 @@
-"""Fracture: springs that break for good; which of them are broken becomes state."""
+"""Fracture: springs that break permanently; the times at which they broke are state."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,14 +14,14 @@ from ..model.effect import Effect
 from ..model.model import Model
 
 JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
-"""The array of an algorithm that says who is joined with whom."""
+"""The array of an algorithm that holds which particles are connected."""
 
 
 class Fracture(Effect):
     """Lets springs of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
 
-    The algorithms look for springs that are too long, since they compute all lengths. Each has an array of who is
-    joined with whom, and removes broken springs from it.
+    The force algorithms compute all lengths, so they also find springs that are too long. Each has an array of the
+    connected particles, and removes broken springs from it.
     """
 
     piece = None
@@ -29,13 +29,13 @@ class Fracture(Effect):
     def __init__(self, model: Model) -> None:
         self._model = model
         self.breaking = breaking(model.scalar)
-        """What the algorithms are composed with."""
+        """The functions of breaking that the algorithms are composed with."""
         system, device = model.system, model.device
-        # Rounded so that what is broken stays so.
+        # Rounded so that broken springs stay broken.
         rounded = np.minimum(system.broken_at, np.finfo(np.float32).max)
         broken_at = np.where(system.broken, rounded, np.inf).astype(np.float32)
         self.broken_at = wp.array(model.of_each_world(broken_at[None]), dtype=wp.float32, device=device)
-        """When springs broke [s], in the device's order, world after world; inf where they are whole."""
+        """The time each spring broke [s], inf if it is whole; in the device's order, world after world."""
         data = self.data = self.breaking.Data()
         data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
         data.number = wp.zeros(0, dtype=int, device=device)
@@ -51,7 +51,7 @@ class Fracture(Effect):
         if "stiffness" in model.rows:
             self.by_world = (*self.by_world, "stretch")
             upload_fields(data, device, stretch=model.of_each_world(np.array(stretches)))
-        # What energies and bounds are summed of.
+        # The constants that energies and bounds are computed from.
         self._summed = [data.stiffness, data.damping]
         if data.steepest is not data.damping:
             self._summed.append(data.steepest)
@@ -81,14 +81,14 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Keep an algorithm's array of who is joined, and remove the springs that are broken already."""
+        """Register an algorithm's array of connected particles, and remove springs that are broken already."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()
 
     @property
     def broken(self) -> NDArray[np.bool_]:
-        """Which springs are broken, in the device's order, shape [connection_count]; of the first world."""
+        """Mask of the broken springs of the first world, in the device's order, shape [connection_count]."""
         return np.isfinite(self.broken_at.numpy()[: self._model.connection_count])
 
     def begin(self, substeps: int, dt: float) -> None:
@@ -106,15 +106,15 @@ class Fracture(Effect):
 
     @property
     def changing(self) -> list[wp.array]:
-        """When springs broke, and the arrays that follow from it."""
+        """The times at which springs broke, and the arrays that depend on them."""
         return [self.broken_at, *self._summed, *self._joined]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return when the system's springs broke [s], inf where they are whole."""
+        """Return the time at which each spring of the system broke [s], inf if it is whole."""
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore the state that `checkpoint` returned; the same springs or more are broken in it."""
+        """Restore the state that `checkpoint` returned; springs that are broken now must be broken in it."""
         self.broken_at.assign(self._model.ordered(arrays["broken_at"]))
         broken = self.broken
         for constants in self._summed:
@@ -122,12 +122,12 @@ class Fracture(Effect):
         self._strike_out()
 
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return when the system's springs broke."""
+        """Return the times at which the system's springs broke."""
         return self.checkpoint()
 
 
 def _least_ratio(model: Model, rest_length: NDArray[np.float64], stretch: NDArray[np.float64]) -> float:
-    """Return a length over the rest length up to which no spring breaks, however far it yields."""
+    """Return a ratio of length to rest length below which no spring breaks, however far it yields."""
     system, whole = model.system, ~model.system.broken
     if not whole.any():
         return np.inf

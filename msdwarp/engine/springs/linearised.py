@@ -19,9 +19,9 @@ def add_linearised(
     scale: float,
     everyone: bool = False,
 ) -> None:
-    """Add scale (spring·K + damper·B) p to z, K and B linearised at x; by scattering, whatever the algorithm.
+    """Add scale (spring·K + damper·B) p to z, K and B linearised at x, by scattering for every force algorithm.
 
-    Pinned and driven particles are left out, unless it is for `everyone`.
+    Pinned and driven particles are left out, unless `everyone` is set.
     """
     if model.connection_count:
         constants = [model.connections, model.rest_length, model.stiffness, model.steepest_damping]

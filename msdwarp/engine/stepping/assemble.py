@@ -51,7 +51,7 @@ COLLIDER_RULES = ("coulomb", "report")
 
 
 class Surroundings(NamedTuple):
-    """The surroundings of a system, as given by a scene."""
+    """What a scene adds to a system: colliders, loads, probes."""
 
     colliders: Sequence[Collider] = ()
     """Obstacles, in the order in which a particle meets them."""
@@ -78,7 +78,7 @@ def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
 
 
 def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
-    """Return the effects of wind and pressure, after that of the embedded vertices that they act on."""
+    """Return the effects of wind and pressure, after the effect of the embedded vertices that they act on."""
     vertices = embedded_vertices_of(model, loads)
     effects: list[Effect] = [] if vertices is None else [vertices]
     return effects + winds_of(model, loads) + pressures_of(model, loads, vertices)

@@ -96,7 +96,7 @@ def on_chip(dynamics: Dynamics, state: State, method: Any, stages: list[Any]) ->
 
 
 def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
-    """Return the threads of a world, how far beyond its particles they read, and whether they have columns."""
+    """Return a world's threads, the number of particles that they read beyond it, and whether it has columns."""
     count, lattice = model.particle_count, model.lattice
     if lattice is None:
         return count, 0, False

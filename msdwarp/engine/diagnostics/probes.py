@@ -1,4 +1,4 @@
-"""Sensors: what probes measure in each world, summed on the device where a frame ends, or each of its substeps."""
+"""Sensors: the sums that probes need in each world, on the device at the end of a frame or of each substep."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,15 +20,15 @@ from ..stepping.stages import Stage
 MOST_THREADS = 65536
 """Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
 FEW_EACH = 8
-"""What each sums of a small group: more threads would take longer to be added up than to sum."""
+"""Members per thread for a small group: with more threads, adding up their sums would take longer."""
 ROWS = 64
-"""Rows of sums that the host adds up, of a single world on a GPU."""
+"""Rows of sums that the host adds up, for a single world on a GPU."""
 
 
 class Sensors:
-    """Measures what probes ask for: a few sums, launched for each of the `readings` in a frame of some `seconds`.
+    """Measures the quantities of probes, by a few sums for each of the `readings` in a frame of `seconds`.
 
-    `contact_forces` sums the contact forces, where any probe asks for such.
+    `contact_forces` sums the contact forces, if a probe measures them.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class _Sum:
         _fold(self._shares, rows, self._first, largest)
 
     def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
-        """Return the probe's values in each reading, `seconds` apart, of sums [readings, worlds, rows, any]."""
+        """Return the probe's values in each reading, `seconds` apart, from sums [readings, worlds, rows, any]."""
         own = rows[..., self._first : self._first + self.width]
         result = total = own.sum(axis=2)
         if self.what == STRAIN:
@@ -133,7 +133,7 @@ class _Sum:
 
 
 class GroupMeans:
-    """The mean of a function over chosen particles, all counting alike, in each world; see `mean_of_function`."""
+    """The mean of a function over chosen particles, equally weighted, in each world; see `mean_of_function`."""
 
     def __init__(self, model: Model, function: Any, chosen: NDArray[np.bool_], width: int) -> None:
         self._model = model

@@ -1,4 +1,4 @@
-"""Watching from the device: which worlds have diverged, and their state put back."""
+"""Freeze worlds that diverge, by the rule of `engine/diagnostics/divergence_monitor.py`; restore their state."""
 
 import warp as wp
 

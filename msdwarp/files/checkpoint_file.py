@@ -1,4 +1,4 @@
-"""Restart files: the arrays that a run continues from, with checksums, replaced as a whole."""
+"""Restart files: checkpoints on disk with checksums, replaced as a whole; contents: `simulation/checkpoint.py`."""
 
 import io
 import json
@@ -19,8 +19,8 @@ _MARK = "msdwarp_restart_format"
 def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: Mapping[str, Any]) -> None:
     """Write arrays of numbers or truth values, and attributes as in JSON, to a file, and replace an earlier one.
 
-    After a crash or a power cut there is the whole old file or the whole new one. Raise ValueError for what the
-    file cannot hold, and OSError if it cannot be written; the old file stays.
+    After a crash or a power cut there is the whole old file or the whole new one. Raise ValueError for data that
+    the file cannot hold, and OSError if it cannot be written; the old file stays.
     """
     import h5py
 
@@ -47,10 +47,9 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
 
 
 def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Return the arrays and attributes of a file by `write_restart`.
+    """Return the arrays and attributes of a file that `write_restart` wrote.
 
-    Raise FileNotFoundError if there is none, and ValueError if it is not such a file, damaged, or of another
-    format.
+    Raise FileNotFoundError if it is missing, and ValueError if it is another file, damaged, or of another format.
     """
     import h5py
 

@@ -1,4 +1,7 @@
-"""The error when a run cannot continue: where, when and why."""
+"""The error of a run that cannot continue: where, when and why.
+
+`engine/diagnostics/divergence_monitor.py` detects that; for ensembles with `kernels/reductions/frozen_worlds.py`.
+"""
 
 from typing import NamedTuple
 
@@ -63,7 +66,7 @@ def describe(
 ) -> SimulationDiverged:
     """Return the exception for a frame of `substeps` substeps of `dt` [s] that diverged.
 
-    `system` and `time` [s] are those at the frame's start, and `needed` is the least stable number of substeps
+    `system` and `time` [s] are from the frame's start, and `needed` is the least stable number of substeps
     there, or 0. `inside` is text about an initial overlap, which is then the cause. `gained` is the unexplained
     rise of energy as a share of its scale, if that ended the run.
     """

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from msdwarp.files.restart import read_restart, write_restart
+from msdwarp.files.checkpoint_file import read_restart, write_restart
 
 ARRAYS = {
     "x": np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32),
@@ -157,7 +157,7 @@ def kind(descriptor):
 WRITE_FOR_EVER = """
 import os, signal, sys, time
 import h5py, numpy as np
-from msdwarp.files.restart import write_restart
+from msdwarp.files.checkpoint_file import write_restart
 children = []
 for k in range(10):
     child = os.fork()

@@ -1,4 +1,7 @@
-"""Detects divergence of a run, and keeps the state that it can go back to."""
+"""Detects divergence of a run, and keeps the state that it can go back to.
+
+`kernels/reductions/frozen_worlds.py` judges worlds of an ensemble, `simulation/divergence_error.py` has the error.
+"""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
@@ -15,10 +18,10 @@ from .readout import Found
 
 
 class Baseline(NamedTuple):
-    """What the energy of a run is compared with: numbers, in an ensemble of shape [worlds]."""
+    """The reference for the energy of a run: numbers, in an ensemble of shape [worlds]."""
 
     energy: Any
-    """Energy at the start: kinetic, elastic, gravitational, and what effects store, less the work of loads [J]."""
+    """Energy at the start: kinetic, elastic, gravitational, and stored by effects, less the work of loads [J]."""
     scale: Any
     """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
 
@@ -27,7 +30,7 @@ class Baseline(NamedTuple):
         """Return the baseline of a run that starts in this state."""
         start, model = measure(assembly, state), assembly.model
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
-        # A body that starts in an obstacle drags along all that is connected to it.
+        # A body that starts in an obstacle drags along everything connected to it.
         if assembly.colliders is not None:
             scale += model.of_each(assembly.colliders.brings_in(model))
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
@@ -47,19 +50,19 @@ class DivergenceMonitor:
     ) -> None:
         self._model, self._state, self._energy_limit = assembly.model, state, energy_limit
         self.energy = 0.0
-        """Kinetic and gravitational energy of the state last found out about, less the work of loads [J]."""
+        """Kinetic and gravitational energy of the state that was read last, less the work of loads [J]."""
         self.told = list[float]()
-        """The numbers that were read last."""
+        """The latest numbers that were read."""
         self._sums = Sums(assembly, everything=False)
-        self._work, self._most_work = assembly.external_work, 0.0  # what loads do is no sign of divergence
+        self._work, self._most_work = assembly.external_work, 0.0  # work of loads is no sign of divergence
         self.compare_with(baseline or Baseline.of(assembly, state))
 
     def compare_with(self, baseline: Baseline) -> None:
         """Compare energies with a baseline from now on."""
         self.baseline = baseline
-        """The start of the run: it stays, though the number of substeps changes on the way."""
+        """The start of the run, which stays the reference when the number of substeps changes."""
         energy, scale = self.baseline
-        with np.errstate(invalid="ignore"):  # 0 · inf, where nothing is to be limited
+        with np.errstate(invalid="ignore"):  # 0 · inf, if there is no limit
             most = np.where(scale > 0, energy + self._energy_limit * scale, np.inf)
         self.most = most if self._model.in_worlds else float(most)
         """Kinetic and gravitational energy, less work, beyond which a world has diverged [J]."""
@@ -70,7 +73,7 @@ class DivergenceMonitor:
         self._sums.launch(state.x, state.v, state.v, None, found.state_out)
 
     def finds_trouble(self, found: Found) -> bool:
-        """Wait for the sums over the state of the only world, and tell whether it has diverged."""
+        """Wait for the sums over the state of a single world, and return whether it has diverged."""
         self.told = told = found.read()
         self.energy, most = told[columns.KINETIC] + told[columns.POTENTIAL], self.most
         if self._work is not None:
@@ -82,7 +85,7 @@ class DivergenceMonitor:
 
     @property
     def _first(self) -> int:
-        """The first particle that is not finite; some number beyond all where every one is."""
+        """The first particle that is not finite; a larger number than any particle's if all are finite."""
         return -int(self.told[columns.FIRST])
 
     def worst_particle(self) -> int:
@@ -93,10 +96,10 @@ class DivergenceMonitor:
 
 
 class Backup:
-    """The state at the start of a frame: all that substeps leave to the next, and other arrays.
+    """Copies of the state at the start of a frame: all arrays that substeps pass on, and other ones.
 
-    `kept` are vectors of particles, in the order of `live`. `changing` are the arrays that effects change, and the
-    others, each with room for what it was.
+    `kept` are vectors of particles, in the order of `live`. `changing` has pairs of an array and its copy: for the
+    arrays that effects change, and for the others.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:

@@ -1,4 +1,4 @@
-"""How fast each particle can move against its neighbours: see msdwarp.integrators.stability."""
+"""Bounds of the rates at which particles can move against their neighbours: see msdwarp.integrators.stability."""
 
 import functools
 

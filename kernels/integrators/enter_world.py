@@ -1,8 +1,8 @@
-"""How a thread comes to its own world of an ensemble.
+"""Gives a thread the data of its own world of an ensemble.
 
-A world's particles lie side by side, one world after the other. A thread shifts the arrays of its stage to its own
-world, puts the world's numbers where those of a single scene stand, and goes on with the functions that a single
-scene is composed of: so each world moves as it would alone, to the last bit.
+The particles of a world are side by side, world after world. A thread shifts the arrays of its stage to its own
+world, and puts the world's numbers in place of a single scene's. Then it calls the functions of a single scene. So
+each world moves as it would alone, to the last bit.
 """
 
 import functools
@@ -38,7 +38,7 @@ def parts(Struct: Any, fields: tuple[str, ...]) -> Any:
 
 @functools.cache
 def enter_world(composition: Composition) -> Any:
-    """Compose wp.func (scene, w) -> the scene as world w has it."""
+    """Compose wp.func (scene, w) -> the scene with the data of world w."""
     SceneData, differs = scene(composition), composition.differs
     place_constants = _constants(composition, SceneData) if differs.storage else None
     scattered = "f" in composition.force_algorithm.Forces.vars
@@ -73,12 +73,12 @@ def enter_world(composition: Composition) -> Any:
 
 
 def _constants(composition: Composition, SceneData: Any) -> Any:
-    """Compose how the constants of connections of world w come to where the algorithm looks for them.
+    """Compose wp.func (scene, w) that puts the connection constants of world w where the algorithm reads them.
 
-    Storage "one" and "table" are those of `springs.constants`, a table for each world; "own" has arrays for each
-    world. In a "lattice" the constants by direction are in the struct of the algorithm itself; what is the same in
-    all directions of a world is one number, which stays in a register. "lattices" have a table by kind and
-    direction.
+    Storage "one" and "table" are as in `springs.constants`, with a table for each world; "own" has arrays for each
+    world. In a "lattice" the constants by direction are in the struct of the algorithm itself; a constant that is
+    equal in all directions of a world is one number, which stays in a register. "lattices" have a table by kind
+    and direction.
     """
     *_, storage, lengths, stiffnesses, dampings, _ = composition.differs
     if storage == "one":

@@ -1,4 +1,4 @@
-"""Worlds of a fit: simulated measurements for other values of the parameters."""
+"""Predictions of a fit: simulated measurements for given values of the parameters."""
 
 import itertools
 import math
@@ -55,7 +55,7 @@ class Worlds:
             self.substeps, self.on_gpu = ensemble.substeps, ensemble.model.device.is_cuda
         except UnstableStep as error:
             raise UnstableStep(f"at a corner of the bounds, {error}") from error
-        except ValueError as error:  # the scene is not one for ensembles, or wrong: then a simulation says so too
+        except ValueError as error:  # ensembles do not support the scene, or it is wrong and simulations fail too
             several = [self._simulation(one) for one in corners]
             self.alone, self.on_gpu = str(error), several[0].model.device.is_cuda
             self.substeps = max(one.substeps for one in several)
@@ -71,7 +71,7 @@ class Worlds:
         return scene_with(self._scene, self.parameters, values)
 
     def predict(self, values: NDArray[np.float64], end: float) -> list[NDArray[np.float64]]:
-        """Return simulated values of each channel up to a time [s], each of shape [worlds, rows, width].
+        """Return simulated values of each channel until `end` [s], each of shape [worlds, rows, width].
 
         A world that diverges stays at its last good frame.
         """
@@ -89,7 +89,7 @@ class Worlds:
         return Simulation.from_scene(self.scene(values), **self._options)
 
     def _observations(self, ensemble: Ensemble) -> list[Any]:
-        """Return an observation for each channel; raise ValueError if an ensemble cannot be observed so."""
+        """Return an observation for each channel; raise ValueError if an ensemble does not support one."""
         observed = {one.name: one.what for one in self.channels if not isinstance(one.what, np.ndarray)}
         seen = {one.name: one for one in observations(ensemble, observed)}
         return [seen.get(one.name) or _Positions(ensemble, one.what) for one in self.channels]
@@ -107,7 +107,7 @@ class Worlds:
         return [np.stack(one.values) for one in observed]
 
     def _one_by_one(self, values: NDArray[np.float64], frames: int) -> list[NDArray[np.float64]]:
-        """Return the same by simulations, one after the other."""
+        """Return each channel in each frame by simulations in turn, shape [frame_count, worlds, ...]."""
         runs = [self._run(one, frames) for one in values]
         self.diverged = len(runs[0]) <= frames
         whole = [run + run[-1:] * (frames + 1 - len(run)) for run in runs]
@@ -115,7 +115,7 @@ class Worlds:
         return [np.stack([[frame[k] for frame in run] for run in whole], axis=1) for k in channels]
 
     def _run(self, values: NDArray[np.float64], frames: int) -> list[list[NDArray[np.float64]]]:
-        """Return the channels in each frame of a simulation, up to its last good one."""
+        """Return the channels in each frame of a simulation, until the last good frame."""
         simulation = self._simulation(values)
         found = [[_value(simulation, channel) for channel in self.channels]]
         with suppress(SimulationDiverged):
@@ -126,14 +126,14 @@ class Worlds:
 
 
 class _Positions:
-    """An observation of positions alone: a whole frame has velocities, which cost a launch and a copy."""
+    """An observation of positions without velocities, which would cost a launch and a copy."""
 
     def __init__(self, ensemble: Ensemble, numbers: NDArray[np.int64]) -> None:
         self._ensemble, self._numbers = ensemble, numbers
         self.values: list[NDArray[np.float64]] = []
 
     def look(self) -> None:
-        """Read them once more, shape [worlds, particles, d]."""
+        """Append the present positions, shape [worlds, particles, d]."""
         model, state = self._ensemble.model, self._ensemble.state
         found = model.by_world(state.x.numpy())[:, self._numbers].astype(float)
         if model.compensated:
@@ -146,6 +146,6 @@ def _value(simulation: Simulation, channel: Channel) -> NDArray[np.float64]:
         return np.asarray(simulation.frame().position[channel.what], dtype=float)
     if isinstance(channel.what, Probe):
         values = simulation.readings[channel.name].values
-        # A probe has no value before the first frame, and nothing measured is compared with it.
+        # A probe has no value before the first frame; no measurement is compared with this 0.
         return values[-1] if len(values) else np.zeros(values.shape[1])
     return np.array(getattr(simulation.measure(), channel.what.replace(" ", "_")))

@@ -87,7 +87,7 @@ class StepController:
     scale: float = 0.0
     """Largest energy of motion and stretching so far [J]."""
     rounding: float = 0.0
-    """The part of the scale for rounding to float32 [J]; 0 if that is all there is, as for a body at rest."""
+    """The part of the scale for rounding to float32 [J]; 0 if almost all is rounding, as for a body at rest."""
     low: float = 0.0
     """Least kinetic and gravitational energy at a check [J]."""
     high: float = 0.0
