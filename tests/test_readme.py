@@ -165,16 +165,11 @@ def test_tables_of_contact_say_what_was_measured():
     assert max(float(one["creep"]) for one in slopes if one["slope"] == "hold") < 1.05e-8  # [m/s]
     share = [float(one["acceleration"]) / float(one["coulomb"]) for one in slopes if one["slope"] == "slide"]
     assert f"{100 * (1 - max(share)):.1f} to {100 * (1 - min(share)):.1f} % less" in page
-    folded: dict[str, list[str]] = {}
-    for one in measured("contact_folding.csv"):
-        cells = folded.setdefault(f"{float(one['speed']):.1f} m/s", [])
-        cells.append(one["crossing"] if cells else f"{one['crossing']} of {one['frames']}")
-    for speed, cells in folded.items():
-        assert f"| {speed} | {' | '.join(cells)} |" in page
-    for one in measured("contact_shots.csv"):
-        cell = "goes through" if float(one["height"]) < -1.0 else one["crossing"]
-        row = next(line for line in page.splitlines() if line.startswith(f"| {one['speed']} m/s | "))
-        assert row.split(" | ")[{"0.12": 1, "0.03": 3}[one["edge"]]] == cell
+    for name in ("folding", "shots"):
+        rows = measured(f"contact_{name}.csv")
+        assert all(one["crossing"] == "0" for one in rows)
+        assert f"in none of the {sum(int(one['frames']) for one in rows)} frames" in page
+    assert all(float(one["height"]) > -1.0 for one in measured("contact_shots.csv"))  # the cloth holds the block
 
 
 @pytest.mark.slow

@@ -95,7 +95,7 @@ def test_the_curtain_hides_the_ball_and_comes_to_lie_on_the_floor():
     scene = build("curtain")
     system = scene.system
     ball = system.group("ball")
-    last = simulate(scene, scene.duration)[-1]
+    last = simulate(scene, scene.duration + 0.5)[-1]  # folds that are held apart come to rest a little later
     cloth = last.position[~ball].astype(np.float64)
     assert system.surface is not None
     drawn = system.surface.particle[system.surface.triangles]

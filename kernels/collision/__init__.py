@@ -10,16 +10,20 @@ from .bounding_boxes import (
 from .contact_data import (
     DEEPEST as DEEPEST,
     FLAGS as FLAGS,
+    HELD_BACK as HELD_BACK,
     HISTORY as HISTORY,
     LONGEST_ROW as LONGEST_ROW,
     MOST_BODY_PAIRS as MOST_BODY_PAIRS,
     MOVED as MOVED,
+    PAIRS as PAIRS,
     WAY as WAY,
     BodyContactData as BodyContactData,
     body_contact_term as body_contact_term,
 )
-from .contact_impulses import add_impulses as add_impulses
+from .division_planes import MOST_THREADS as MOST_THREADS, PHASES as PHASES, keep_apart as keep_apart
+from .force_sums import add_impulses as add_impulses
 from .lanes import BLOCK as BLOCK, BLOCKS as BLOCKS, FEW_ON_GPU as FEW_ON_GPU, ON_GPU as ON_GPU
+from .near_pairs import NearPairs as NearPairs, find_pairs as find_pairs, find_tangles as find_tangles
 from .nearest_point import nearest_on_triangle as nearest_on_triangle
 from .neighbor_search import (
     find_candidates as find_candidates,

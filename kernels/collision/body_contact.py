@@ -17,7 +17,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from .contact_data import HISTORY, BodyContactData, Substep
+from .contact_data import BodyContactData, Substep
 from .force_sums import exert_force
 from .history import displacements, memories
 from .lanes import each_active_point
@@ -28,24 +28,29 @@ from .tunnelling import note_tunnelling
 
 
 @functools.cache
-def evaluate_contact(scalar: type, overlapping_at_start: bool, sided: bool, lanes: int, worlds: bool = False):
+def evaluate_contact(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
     """Compose the kernel that adds up the forces of the contacts of points; `lanes` of its threads share a point.
 
     Where bodies start inside each other (`overlapping_at_start`), an overlap counts by its excess over an allowed
-    one, which shrinks to nothing: bodies are moved apart, not thrown. Where there are sheets (`sided`), points
-    remember on which side of them they are.
+    one, which shrinks to nothing: bodies are moved apart, not thrown.
     """
-    return _each_point(scalar, overlapping_at_start, sided, False, lanes, worlds)
+    return _each_point(scalar, overlapping_at_start, False, lanes, worlds)
 
 
 @functools.cache
-def contact_energy(scalar: type, overlapping_at_start: bool, sided: bool, lanes: int, worlds: bool = False):
+def contact_energy(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
     """Compose the kernel of what the contacts of points store [J] and turn to heat [W]."""
-    return _each_point(scalar, overlapping_at_start, sided, True, lanes, worlds)
+    return _each_point(scalar, overlapping_at_start, True, lanes, worlds)
+
+
+@wp.func
+def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
+    """Tell whether both bodies are closed: only those may come out on the wrong side, see `division_planes`."""
+    return closed[mine] != 0 and closed[other] != 0
 
 
 @functools.cache
-def bearing(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bool, lanes: int, worlds: bool):
+def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
     """Compose (bear, note_fast): the force of one contact, and what passes a facet before it touches.
 
     `bear` returns whether the contact bears, how far it has been moved along the surface [m], the side of a sheet
@@ -53,10 +58,10 @@ def bearing(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bo
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
-    Nearest, _, separate = nearest_facets(scalar, sided, lanes, worlds)
+    Nearest, _, separate = nearest_facets(scalar, lanes, worlds)
     (place_of, place_on, _), normal_of = places(scalar), unit_normal(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    (moved_along, moved_on_side), note = displacements(scalar), note_tunnelling(scalar)
+    moved_along, note = displacements(scalar), note_tunnelling(scalar)
     thickness_of, exert = pairs(scalar, worlds)[1], exert_force(scalar, lanes)
     zero, half, tangential = scalar(0.0), scalar(0.5), scalar(TANGENTIAL)
 
@@ -82,7 +87,7 @@ def bearing(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bo
         for k in range(3):
             mobility += nearest.w[k] * nearest.w[k] * data.surfaces.mobility[nearest.corner[k]]
         thickness = thickness_of(data, pair.rule, pair.mine, pair.other)
-        gap, normal, side = separate(data, point, lane, pair, nearest, away, step.buffer)
+        gap, normal = separate(data, point, lane, pair, nearest, away, step.buffer)
         overlap = thickness - gap
         if wp.static(overlapping_at_start):
             overlap = overlap - data.history.initial_overlap[p]
@@ -90,10 +95,7 @@ def bearing(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bo
         if bears:
             bodies = data.history.contact_body
             displacement = data.history.tangential_displacement
-            if wp.static(sided):
-                before = moved_on_side(bodies, data.history.contact_side, displacement, p, pair.other, pair.held)
-            else:
-                before = moved_along(bodies, displacement, p, pair.other)
+            before = moved_along(bodies, displacement, p, pair.other)
             k_n, f_n, f_t, moved, u_n, slides = press(data, pair, mobility, overlap, normal, u, before, step)
             if wp.static(measuring):
                 k_t = tangential * k_n
@@ -110,18 +112,16 @@ def bearing(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bo
                 exert(on, point.ends, point.share, nearest.corner, nearest.w, f, by, lane, step.parts)
                 if lane == 0:
                     record(data, p, pair.mine, k_n, overlap, step, flags)
-                if lane == 0 and step.h > zero:
+                if lane == 0 and step.h > zero and both_closed(data.surfaces.closed, pair.mine, pair.other):
                     # The vertex of a point bears as much for each of its other points.
                     u_n += step.h * f_n * mobility / data.surfaces.density[pair.mine]
                     least = zero
                     if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
                         least = -pair.reach
-                    elif side != 0:  # from now on it is known where it came from
-                        least = -wp.max(pair.reach, data.surfaces.depth[pair.other])
                     if wp.static(overlapping_at_start):
                         least = least - data.history.initial_overlap[p]
                     note(data.tunnelling, p, nearest.facet, point.x, gap + step.h * u_n, least, -u_n)
-        return bears, moved, side, energy, power
+        return bears, moved, energy, power
 
     @wp.func
     def note_fast(data: Data, point: Point, pair: PointAndBody, nearest: Nearest, away: V, h: scalar):
@@ -140,29 +140,23 @@ def bearing(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bo
     return bear, note_fast
 
 
-def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring: bool, lanes: int, worlds: bool):
-    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
+def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
+    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
     place_on, (find_rule, _, reach_of, _) = places(scalar)[1], pairs(scalar, worlds)
     point_of, PointAndBody = points(scalar, worlds)[1], Pair(scalar)
-    _, find_nearest, _ = nearest_facets(scalar, sided, lanes, worlds)
-    bear, note_fast = bearing(scalar, overlapping_at_start, sided, measuring, lanes, worlds)
-    _, no_memory, remember, keep, shrink_overlap = memories(scalar, sided, worlds)
+    _, find_nearest, _ = nearest_facets(scalar, lanes, worlds)
+    bear, note_fast = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
+    _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
     zero, far = scalar(0.0), scalar(FAR)
 
     @wp.func
-    def pair_of(data: Data, p: int, mine: int, other: int, turn: int) -> PointAndBody:
-        """Return a point and a body that may touch, on the side that the history holds the point."""
+    def pair_of(data: Data, mine: int, other: int) -> PointAndBody:
+        """Return a point and a body that may touch."""
         pair = PointAndBody()
         pair.mine = mine
         pair.other = other
         pair.rule = find_rule(data, mine, other)
         pair.reach = reach_of(data, pair.rule, mine, other)
-        if wp.static(sided):
-            if turn < wp.static(HISTORY):
-                if data.history.contact_body[turn, p] == other:
-                    pair.held = data.history.contact_side[turn, p]
-            if pair.held != 0:
-                pair.reach = wp.max(pair.reach, data.surfaces.depth[other])
         return pair
 
     @wp.func
@@ -180,42 +174,26 @@ def _each_point(scalar: type, overlapping_at_start: bool, sided: bool, measuring
         memory = no_memory()
         point = point_of(data, p)
         n = data.neighbors.candidate_count[p]
-        # Of a sheet: first the layers on whose sides the point is held, then whatever is opposite to those.
-        away_0 = V()
-        away_1 = V()
-        turn = int(0)
         first = int(0)
         if wp.static(measuring):  # no whole numbers are summed: their order counts
             first = next_in_order(data.neighbors.candidate_body, p, n, -1)
         while first < n:
             # The facets of one body, which are side by side in the row: the nearest counts.
-            pair = pair_of(data, p, point.body, data.neighbors.candidate_body[p, first], turn)
-            if wp.static(sided):
-                if pair.held == 0 and turn < wp.static(HISTORY):
-                    turn += 1
-                    continue
-            nearest = find_nearest(data, point, lane, pair, first, away_0, away_1, step.buffer)
+            pair = pair_of(data, point.body, data.neighbors.candidate_body[p, first])
+            nearest = find_nearest(data, point, lane, pair, first, step.buffer)
             away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
             if nearest.squared < pair.reach * pair.reach:
-                bears, moved, side, more, heat = bear(data, point, lane, pair, nearest, away, step, flags)
+                bears, moved, more, heat = bear(data, point, lane, pair, nearest, away, step, flags)
                 if bears:
                     energy += more
                     power += heat
-                    memory = remember(memory, pair.other, moved, side)
-                    if turn == 0:
-                        away_0 = away
-                    else:
-                        away_1 = away
-            elif step.h > zero and lane == 0 and nearest.squared < far and pair.held == 0:
-                note_fast(data, point, pair, nearest, away, step.h)
-            turn += 1
-            if wp.static(not sided) or turn > wp.static(HISTORY):
-                first = nearest.until
-                if wp.static(measuring):
-                    first = next_in_order(data.neighbors.candidate_body, p, n, pair.other)
-                turn = int(0)
-                away_0 = V()
-                away_1 = V()
+                    memory = remember(memory, pair.other, moved)
+            elif step.h > zero and lane == 0 and nearest.squared < far:
+                if both_closed(data.surfaces.closed, pair.mine, pair.other):
+                    note_fast(data, point, pair, nearest, away, step.h)
+            first = nearest.until
+            if wp.static(measuring):
+                first = next_in_order(data.neighbors.candidate_body, p, n, pair.other)
         if lane == 0:
             if wp.static(measuring):
                 stored[p] = energy

@@ -9,10 +9,11 @@ from ..basis import vector
 from ..compensation import compensated_sum
 from ..effect import ForceTerm
 
-MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST = range(5)
+MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, PAIRS, HELD_BACK = range(7)
 """Flags: the furthest way of a vertex since rows were found [m], and from one search to the next; the longest row;
-the most bodies near one; the deepest overlap [m]."""
-FLAGS = 5
+the most bodies near one; the deepest overlap [m]; near pairs, of all worlds, in the first one's flags; and the
+furthest that a particle was held back in a substep [m]."""
+FLAGS = 7
 HISTORY = 2
 """Bodies that a point may stick to at a time; along others it only slides."""
 
@@ -50,8 +51,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         owner: wp.array(dtype=int)  # its body
         # Bodies:
         closed: wp.array(dtype=int)  # whether the surface of each has an inside, shape [body_count]
-        sided: wp.array(dtype=int)  # whether it is a sheet on whose sides points of other bodies stay
-        depth: wp.array(dtype=scalar)  # how deep a point may be in it, or behind it, and still be pushed out [m]
+        depth: wp.array(dtype=scalar)  # how deep a point may be in it and still be pushed out [m]
         stiffness: wp.array(dtype=scalar)  # of a contact with a body alike [N/m]
         density: wp.array(dtype=scalar)  # vertices by points: a point has this share of the stiffness
         radius: wp.array(dtype=scalar)  # half of its thickness [m]
@@ -98,7 +98,6 @@ def BodyContactData(scalar: type, worlds: bool = False):
             dtype=V
         )  # along what each point touches [m], shape [HISTORY, point_count]
         contact_body: wp.array2d(dtype=int)  # which body that is, −1: none
-        contact_side: wp.array2d(dtype=int)  # 1 + the facet on whose side the point is, negative from behind; or 0
         initial_overlap: wp.array(dtype=scalar)  # how deep it may still be, since it was at the start [m]
         overlap_release_speed: scalar  # how fast that shrinks [m/s]
         done: wp.array(dtype=wp.float64)  # work of depenetration [J]

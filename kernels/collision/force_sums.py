@@ -1,10 +1,14 @@
-"""Forces of contacts on vertices, as whole numbers of a unit: their sums do not depend on the order."""
+"""Forces of contacts on vertices, as whole numbers of a unit: their sums do not depend on the order.
+
+And their impulses on particles, summed over a frame: for sensors, pictures and files.
+"""
 
 import functools
 
 import warp as wp
 
-from ..basis import vector
+from ..basis import kernel, vector
+from .contact_data import body_contact_term
 from .cpu_partition import add_whole
 
 Units = wp.types.vector(3, wp.int64)
@@ -95,3 +99,31 @@ def exert_on_segments(scalar: type):
             take_from(force, ends[0], ends[1], s, -total, parts)
 
     return in_units, take_from, add_to
+
+
+@functools.cache
+def add_impulses(dim: int, scalar: type, compensated: bool):
+    """Compose the kernel, over particles, that adds up the impulse of other bodies on each, in float64.
+
+    A force counts for the time that the method gives it in its sum over the substep.
+    """
+    VertexForces = body_contact_term(dim, scalar, compensated).Data
+    Wide = vector(dim, wp.float64)
+
+    @kernel
+    def add_impulse(
+        body_contact: VertexForces,
+        seconds: wp.float64,  # how long the forces count [s]
+        # In and out:
+        impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]
+    ):
+        i = wp.tid()
+        total = Wide()
+        for s in range(body_contact.first[i], body_contact.first[i + 1]):
+            vertex = body_contact.vertex[s]
+            for k in range(wp.static(dim)):
+                f = wp.float64(body_contact.force[vertex, k]) * body_contact.unit
+                total[k] = total[k] + wp.float64(body_contact.weight[s]) * f
+        impulse[i] = impulse[i] + seconds * total
+
+    return add_impulse

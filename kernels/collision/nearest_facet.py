@@ -10,36 +10,21 @@ from .contact_data import BodyContactData
 from .lanes import chosen_of_lanes, least_of_lanes
 from .pairs import ALMOST, FAR, NONE, Pair, places, points, unit_normal
 
-STEEP = 0.25
-"""The square of the cosine of the angle to the normal within which a place is above a facet, not beside it."""
-
-
-@wp.func
-def have_common(corner: wp.array(dtype=wp.vec3i), one: int, other: int) -> bool:
-    """Tell whether two facets have a corner in common."""
-    a = corner[one]
-    b = corner[other]
-    found = bool(False)
-    for k in range(3):
-        found = found or a[k] == b[0] or a[k] == b[1] or a[k] == b[2]
-    return found
-
 
 @functools.cache
-def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
+def nearest_facets(scalar: type, lanes: int, worlds: bool):
     """Compose (Nearest, find_nearest, separate).
 
     `find_nearest` finds the facet of one body that is the nearest to a point, by the row of the point. Its threads
     (`lanes`) share the row, and all of them learn the facet. `separate` returns the distance of the point from it
-    [m], below 0 on the wrong side, the unit vector in which the distance grows, and the side of a sheet that the
-    point is on, as `contact_side` has it.
+    [m], below 0 on the wrong side, and the unit vector in which the distance grows.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
     Point, PointAndBody = points(scalar, worlds)[0], Pair(scalar)
     (_, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
-    zero, almost, far, steep = scalar(0.0), scalar(ALMOST), scalar(FAR), scalar(STEEP)
+    zero, almost, far = scalar(0.0), scalar(ALMOST), scalar(FAR)
 
     @wp.struct
     class Nearest:
@@ -60,8 +45,6 @@ def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
         lane: int,  # which of the threads that share the point this is
         pair: PointAndBody,
         first: int,
-        away_0: V,  # from the layers of a sheet that the point is held on: facets that way do not count
-        away_1: V,
         buffer: scalar,  # by how much distances may have become less since rows were found [m]
     ) -> Nearest:
         found = Nearest()
@@ -82,12 +65,6 @@ def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
             if almost * listed <= near:
                 w_f = nearest_to(data.surfaces.x, data.surfaces.corner[f], point.x)
                 away = point.x - place_on(data.surfaces.x, data.surfaces.corner[f], w_f)
-                if wp.static(sided):
-                    if wp.dot(away, away_0) > zero or wp.dot(away, away_1) > zero:
-                        continue
-                    if pair.held != 0:
-                        if not have_common(data.surfaces.corner, wp.abs(pair.held) - 1, f):
-                            continue
                 if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
                     best = wp.dot(away, away)
                     near = wp.sqrt(best) + buffer
@@ -120,9 +97,7 @@ def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
         point: Point,
         lane: int,
         nearest: Nearest,
-        away: V,  # from the nearest place [m]
         height: scalar,  # above the plane of the nearest facet [m]
-        closed: bool,
         buffer: scalar,
     ) -> scalar:
         """Return the height above that triangle around an edge or a corner which is seen most steeply."""
@@ -139,7 +114,7 @@ def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
                 if e != nearest.entry:
                     w = nearest_to(x, c, point.x)
                 to = point.x - place_on(x, c, w)
-                if wp.dot(to, to) <= tie and (closed or wp.dot(to, away) >= almost * nearest.squared):
+                if wp.dot(to, to) <= tie:
                     seen = wp.dot(to, normal_of(x, c))
                     steeper = wp.abs(seen) - wp.abs(side)
                     if steeper > zero or (steeper == zero and seen > side):
@@ -155,14 +130,11 @@ def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
         data: Data, point: Point, lane: int, pair: PointAndBody, nearest: Nearest, away: V, buffer: scalar
     ):
         closed = data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other
-        two_sided = bool(False)
-        if wp.static(sided):
-            two_sided = data.surfaces.sided[pair.other] != 0 and pair.mine != pair.other
         normal = normal_of(data.surfaces.x, nearest.corner)
         height = wp.dot(away, normal)
         within = nearest.w[0] > zero and nearest.w[1] > zero and nearest.w[2] > zero
-        if (closed or two_sided) and not within:
-            height = steepest(data, point, lane, nearest, away, height, closed, buffer)
+        if closed and not within:
+            height = steepest(data, point, lane, nearest, height, buffer)
         gap = wp.sqrt(nearest.squared)
         if within and wp.length_sq(normal) > zero:
             gap = wp.abs(height)
@@ -173,16 +145,6 @@ def nearest_facets(scalar: type, sided: bool, lanes: int, worlds: bool):
         if closed and height < zero:
             gap = -gap
             normal = -normal
-        side = int(0)
-        if wp.static(sided):
-            if two_sided and height * height >= steep * nearest.squared:
-                side = nearest.facet + 1
-                if height < zero:
-                    side = -side
-                if (pair.held < 0 and side > 0) or (pair.held > 0 and side < 0):  # it has come through
-                    side = -side
-                    gap = -gap
-                    normal = -normal
-        return gap, normal, side
+        return gap, normal
 
     return Nearest, find_nearest, separate

@@ -1,4 +1,4 @@
-"""The point of a triangle that is nearest to another point."""
+"""The nearest points of a triangle and a point, and of two segments."""
 
 import functools
 
@@ -76,5 +76,50 @@ def nearest_on_triangle(scalar: type):
             u, v, w = one, zero, zero
         by = one / (u + v + w)
         return V(by * u, by * v, by * w)
+
+    return nearest
+
+
+@functools.cache
+def nearest_on_segments(scalar: type):
+    """Compose (a, b, c, d) -> the shares of b and d in the points of the segments a b and c d that are nearest.
+
+    Segments may be points.
+    Reference: Ericson, Real-Time Collision Detection (2005), 5.1.9.
+    """
+    V, Shares = vector(3, scalar), wp.types.vector(2, scalar)
+    zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
+
+    @wp.func
+    def share(numerator: scalar, denominator: scalar) -> scalar:
+        """Return numerator / denominator, clamped to 0 … 1; 0 of a segment without length."""
+        if denominator <= zero:
+            return zero
+        return wp.clamp(numerator / denominator, zero, one)
+
+    @wp.func
+    def nearest(a: V, b: V, c: V, d: V) -> Shares:
+        ab = b - a
+        cd = d - c
+        ca = a - c
+        length = wp.length_sq(ab)
+        other_length = wp.length_sq(cd)
+        along = wp.dot(ab, cd)
+        p = wp.dot(ab, ca)
+        q = wp.dot(cd, ca)
+        area = length * other_length - along * along
+        s = zero
+        if area > flat * length * other_length:
+            s = share(along * q - p * other_length, area)
+        t = zero
+        if other_length > zero:
+            t = (along * s + q) / other_length
+        if t <= zero:
+            t = zero
+            s = share(-p, length)
+        elif t >= one:
+            t = one
+            s = share(along - p, length)
+        return Shares(s, t)
 
     return nearest

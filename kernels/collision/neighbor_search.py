@@ -50,14 +50,13 @@ def find_candidates(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def find_rows(scalar: type, sided: bool, worlds: bool = False):
+def find_rows(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the facets which each point may touch before lists are made again.
 
     Its threads share the candidates. Of each body those facets stay that may come to be the nearest meanwhile, the
-    nearest first; none, where the point is so far outside that it cannot come in; of a sheet with two sides all
-    that are near, as a point may hold to another one than the nearest. Each has its distance beside it, so that
-    later most need not be looked at. Facets that are listed and never touched change nothing; neither does the
-    skin, nor the order in which facets are found.
+    nearest first; none, where the point is so far outside that it cannot come in. Each has its distance beside it,
+    so that later most need not be looked at. Facets that are listed and never touched change nothing; neither do
+    the skin and the order in which facets are found.
     """
     Data, margin, V = BodyContactData(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
@@ -137,18 +136,10 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
             if wp.min(high, lower[other]) == lower[other] and wp.max(low, upper[other]) == upper[other]:
                 rule = find_rule(data, mine, other)
                 limit = reach_of(data, rule, mine, other) + buffer
-                layers = bool(False)
-                if wp.static(sided):
-                    layers = data.surfaces.sided[other] != 0 and mine != other
-                    if layers:
-                        if data.history.contact_body[0, p] == other or data.history.contact_body[1, p] == other:
-                            limit = wp.max(limit, data.surfaces.depth[other] + buffer)
-                        else:  # not in touch: no nearer than its thickness, nor were facets that it nears
-                            limit = wp.max(limit, scalar(2.0) * buffer)
                 begin = int(count)
                 nearest = scalar(limit)
                 around = scalar(limit)
-                if known >= 0 and not layers:
+                if known >= 0:
                     if data.surfaces.owner[known] == other:
                         # The nearest facet before bounds the distance of the nearest now.
                         c = data.surfaces.corner[known]
@@ -169,7 +160,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                         may = may and not is_near(data.surfaces.first_near, data.surfaces.near, ends[1], c)
                     if may:
                         away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
-                        if away < limit and (layers or away <= doubt * (nearest + scalar(2.0) * buffer)):
+                        if away < limit and away <= doubt * (nearest + scalar(2.0) * buffer):
                             if count < room:
                                 data.neighbors.candidates[p, count] = facet
                                 data.neighbors.candidate_distance[p, count] = away
@@ -183,8 +174,7 @@ def find_rows(scalar: type, sided: bool, worlds: bool = False):
                         if is_outside(data, p, x, begin, count, nearest):
                             count = begin
                 # Another one may come to be the nearest only if it is further by no more than two skins.
-                if not layers:
-                    limit = doubt * (nearest + scalar(2.0) * buffer)
+                limit = doubt * (nearest + scalar(2.0) * buffer)
                 count = keep_near(data, p, other, begin, count, nearest, limit)
         data.neighbors.candidate_count[p] = count
         if count + missed == 0:

@@ -111,7 +111,6 @@ def Pair(scalar: type):
         mine: int  # the body of the point
         other: int  # that of the facets
         rule: int
-        held: int  # the side of a sheet that the point is held on, as in `contact_side`, or 0
         reach: scalar  # from how far a facet can push the point [m]
 
     return Pair

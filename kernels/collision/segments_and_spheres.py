@@ -11,7 +11,6 @@ from .history import displacements, memories
 from .lanes import chosen_of_lanes, each_active_point, least_of_lanes
 from .law import contact_law
 from .pairs import ALMOST, FAR, NONE, Pair, pairs, places, points
-from .tunnelling import note_tunnelling
 
 
 @functools.cache
@@ -24,9 +23,9 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (place_of, place_on, _), (find_rule, thickness_of, _, _) = places(scalar), pairs(scalar, worlds)
     (Point, point_of, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
-    Memory, no_memory, remember, keep, shrink_overlap = memories(scalar, False, worlds)
+    Memory, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    note, moved_along = note_tunnelling(scalar), displacements(scalar)[0]
+    moved_along = displacements(scalar)
     in_units, take_from, add_to = exert_on_segments(scalar)
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
@@ -76,7 +75,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
             mine = body == least
             held = V(pick(mine, moved[0]), pick(mine, moved[1]), pick(mine, moved[2]))
             if least < wp.static(NONE):
-                found = remember(found, least, held, 0)
+                found = remember(found, least, held)
             if mine and k == 0:
                 body = own.body_1
                 moved = own.moved_1
@@ -121,26 +120,17 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                     mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]
-                u_n = wp.dot(u, normal)
-                least = zero
                 if mobility > zero:
                     bodies = data.history.contact_body
                     before = moved_along(bodies, data.history.tangential_displacement, p, pair.other)
-                    k_n, f_n, f_t, moved, u_n, _slides = press(
+                    k_n, f_n, f_t, moved, _u_n, _slides = press(
                         data, pair, mobility, overlap, normal, u, before, step
                     )
                     units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
                     take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)
                     total += units
-                    if wp.static(overlapping_at_start):
-                        least = least - data.history.initial_overlap[p]
                     record(data, p, pair.mine, k_n, overlap, step, flags)
-                    # The vertex of a point bears as much for each of its other points.
-                    u_n += step.h * f_n * mobility / data.surfaces.density[pair.mine]
-                    memory = remember(memory, pair.other, moved, 0)
-                if step.h > zero:
-                    # A point so fast that it passes within a substep has never been in touch.
-                    note(data.tunnelling, p, facet, point.x, gap + step.h * u_n, least, -u_n)
+                    memory = remember(memory, pair.other, moved)
         add_to(data.surfaces.force, point.ends, point.share, total, step.parts)
         memory = least_of_all(memory)
         if lane == 0:

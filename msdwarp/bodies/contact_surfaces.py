@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
-from .facets import different_vertices, directed_edges, open_edges, sides_of
+from .facets import different_vertices, open_edges, sides_of
 from .selection import mask_of
 from .system import System
 
@@ -39,8 +39,6 @@ class TouchingSurfaces(NamedTuple):
     """The body of each particle, shape [particle_count]."""
     closed: NDArray[np.bool_]
     """Whether the surface of each body has an inside, shape [body_count]."""
-    sided: NDArray[np.bool_]
-    """Whether each body is a sheet with distinct sides: no two triangles have an edge in the same direction."""
     spacing: NDArray[np.float64]
     """Distance of its particles, from the mean length of its springs [m]; 0 for a single particle."""
     radius: NDArray[np.float64]
@@ -92,9 +90,6 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     spacing = spring_means(system, body_of, system.original_length) * np.where(rope, 1.0, SPACING)
     closed = drawn.copy()
     closed[body[open_edges(triangles)[:, 0]]] = False
-    sided = drawn & ~closed
-    different, times = np.unique(directed_edges(triangles), axis=0, return_counts=True)
-    sided[body[different[times > 1, 0]]] = False
     share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
     return TouchingSurfaces(
         particle,
@@ -105,7 +100,6 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
         body.astype(np.int32),
         body_of.astype(np.int32),
         closed,
-        sided,
         spacing,
         share_of_spacing * spacing,
         spring_means(system, body_of, system.stiffness),

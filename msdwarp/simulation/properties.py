@@ -150,6 +150,15 @@ class PresentWorld(Present):
         """Current rest lengths of the connections [m], including plastic deformation."""
         return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
 
+    @property
+    def held_back(self) -> float:
+        """The furthest that contact held a particle back in a substep of the last frame [m]; 0 without contact.
+
+        Where impulses between bodies do not suffice, ways are shortened, which does not keep momentum.
+        """
+        contact = self.assembly.body_contact
+        return 0.0 if contact is None else float(contact.held_back[0])
+
     @in_turn
     def contact_force(self) -> NDArray:
         """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].

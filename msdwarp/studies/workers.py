@@ -47,15 +47,21 @@ class Workers(ThreadPoolExecutor):
                 process = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=given)
             return process.submit(function, *args, **kwargs).result()
         except BrokenExecutor:
+            if process is not None:
+                process.shutdown()
             process = None
             raise
         finally:
             self._idle.put((gpu, process))
 
     def __exit__(self, *_: object) -> None:
-        """End all processes at once."""
+        """End all processes at once, and wait for that: Python's exit can fail on what still ends."""
         self._held.close()
-        self.shutdown(wait=False, cancel_futures=True)
+        self.shutdown(wait=True, cancel_futures=True)
+        while not self._idle.empty():
+            process = self._idle.get()[1]
+            if process is not None:
+                process.shutdown()
 
 
 def _begin(watched: Connection, gpu: str | None, threads: int) -> None:

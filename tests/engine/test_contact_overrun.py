@@ -1,8 +1,5 @@
 """Contacts that are overrun: said once, with who, where, how fast, what would help; and not where all is well."""
 
-import re
-import warnings
-
 import numpy as np
 import pytest
 
@@ -25,66 +22,6 @@ def shot(speed: float) -> System:
 def simulated(speed: float, device: str, fps: float = 60.0, **options) -> Simulation:
     contact = Contact(thickness=THICKNESS, **options)
     return Simulation(shot(speed), contact=contact, gravity=0.0, device=device, fps=fps)
-
-
-# How forces are summed has no part in the first two: tests/engine/test_touch_search.py compares algorithms.
-
-
-@pytest.mark.slow
-def test_a_ball_that_is_shot_through_a_sheet_is_reported_once(plain_device):
-    simulation = simulated(60.0, plain_device)  # in a frame it flies 1 m, in a substep some centimetres
-    assert 60.0 * simulation.dt > THICKNESS
-    with pytest.warns(TunnellingWarning) as told:
-        simulation.step(3)
-    assert len(told) == 1
-    said = str(told[0].message)
-    assert said.startswith("up to 0.01667 s a point of ")
-    assert "'ball'" in said
-    assert "'cloth'" in said
-    # Where: on the way of the ball. How fast: as the ball flies, the sheet being light.
-    place = [float(one) for one in re.search(r"near \((.*?)\) m", said)[1].split(", ")]
-    assert np.abs(place[:2]).max() < 0.12
-    assert abs(place[2]) < 0.1
-    assert float(re.search(r"at ([\d.]+) m/s", said)[1]) == pytest.approx(60.0, rel=0.2)
-    # What would help: substeps in which it comes by half of the thickness, at most.
-    needed = int(re.search(r"substeps=(\d+) or more", said)[1])
-    assert 60.0 / (60 * needed) <= 0.55 * THICKNESS
-    assert f"the present {simulation.substeps} it comes" in said
-    # It has gone through.
-    assert simulation.frame().position[81:, 2].mean() < -0.3
-    # After a reset it is said anew.
-    simulation.reset()
-    with pytest.warns(TunnellingWarning):
-        simulation.step()
-
-
-def test_what_comes_through_within_a_substep_is_reported(plain_device):
-    # It is 20 mm above the sheet, twice as far as where it would touch, and 40 mm below it after a substep.
-    bed = sheet((5, 5), 0.05, mass=0.002, stiffness=200.0, damping=0.1).pin(slice(None)).named("sheet")
-    bed = bed.translate(-bed.position.mean(axis=0))
-    grain = System(position=[[0.01, 0.02, 0.02]], velocity=[[0.0, 0.0, -60.0]], mass=0.001).named("grain")
-    how = {"substeps": 2, "fps": 500.0, "allow_unstable": True, "gravity": 0.0, "device": plain_device}
-    simulation = Simulation(bed + grain, contact=Contact(thickness=THICKNESS, stiffness=200.0), **how)
-    with pytest.warns(TunnellingWarning, match="'grain'"):
-        simulation.step()
-    np.testing.assert_allclose(simulation.frame().velocity[-1], [0.0, 0.0, -60.0])  # it has never been in touch
-
-
-@pytest.mark.slow
-def test_what_is_said_to_help_does(plain_device):
-    # At 12 m/s the ball takes the sheet along, and then is pressed through it: contact is too soft. At 10 m/s
-    # what comes through is still pushed back.
-    simulation = simulated(12.0, plain_device, fps=240.0)  # short frames, as each launch of one is recorded
-    with pytest.warns(
-        TunnellingWarning, match=r"would help: Contact\(stiffness=\.\.\.\) of more than the present 286"
-    ):
-        simulation.step(36)
-    assert simulation.frame().position[81:, 2].mean() < -0.3
-    simulation = simulated(12.0, plain_device, fps=240.0, stiffness=4000.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        simulation.step(36)
-    assert simulation.frame().position[81:, 2].mean() > 0.1  # it has bounced
 
 
 def test_a_body_that_is_pressed_into_another_is_reported(device):

@@ -92,9 +92,6 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
 
     away = distances(points, now)
     near = away < reach + buffer
-    # Before a point touches a sheet, all is listed that it may hold to once it has come through: twice the skin.
-    sheets = s.sided[other] & ~own
-    near |= sheets & (away < 2 * buffer)
     # Less than 2/3 of a spacing thick, a body touches all of itself but the facets that a point is a part of.
     assert (1.5 * thickness[own.any(axis=1)].min() if contact.thickness else 0.0) < s.spacing.min()
     apart = ~(s.ends[:, None, :, None] == s.corner[None, :, None, :]).any(axis=(2, 3))
@@ -109,7 +106,7 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
             far_off = closest > 1.01 * (thickness[:, mine_only][:, 0] + buffer)
             expected &= ~((without & far_off & (mine != body))[:, None] & mine_only)
         nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
-        expected &= (other != body) | sheets | (away <= 1.01 * (nearest[:, None] + 2 * buffer))
+        expected &= (other != body) | (away <= 1.01 * (nearest[:, None] + 2 * buffer))
     assert found == [np.flatnonzero(row).tolist() for row in expected]
     assert (expected & own).any() == (contact.self_contact)
 
@@ -224,8 +221,8 @@ def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
     find_rows = nearby.NeighborList._find_rows
     lists = []
 
-    def found_backwards(self) -> None:
-        find_rows(self)
+    def found_backwards(self, within=False) -> None:
+        find_rows(self, within)
         data = self.data
         for numbers in (
             data.candidates,
@@ -378,11 +375,11 @@ def test_searches_are_rarer_again_soon_after_what_was_fast():
 
     def frames(count: int, way: float) -> int:
         for _ in range(count):
-            near.judge(np.array([way * (near.rebuild_interval - 1), way * near.rebuild_interval, 0, 0, 0]), 100)
+            near.judge(np.array([way * near.rebuild_interval, way * near.rebuild_interval, 0, 0, 0, 0, 0]), 100)
         return near.rebuild_interval
 
-    # By the rule every = 1 + widest / (3 way), as a power of 2.
-    slow, fast, faster = (near._widest / (nearby.SKIN_BY_WAY * by) for by in (40, 4, 1.5))
+    # By the rule every = widest / (3 way), as a power of 2.
+    slow, fast, faster = (near._widest / (nearby.SKIN_BY_WAY * by) for by in (40, 4.5, 2.5))
     assert frames(1, fast) == 4
     assert frames(1, faster) == 2
     assert frames(nearby.PATIENCE, slow) == 32

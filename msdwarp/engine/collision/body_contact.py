@@ -16,6 +16,7 @@ from ...kernels.collision import (
     FACET,
     FEW_ON_GPU,
     FLAGS,
+    HELD_BACK,
     NOTED,
     ON_GPU,
     POINT,
@@ -32,6 +33,7 @@ from ..model.model import Model
 from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
 from .contact_rules import ContactRules
 from .contact_surfaces import ContactSurfaces
+from .division_planes import DivisionPlanes
 from .initial_overlap import initial_containment
 from .neighbor_list import NeighborList
 from .tables_by_world import Repeated
@@ -67,9 +69,7 @@ class BodyContact(WithHistory):
         self.rules.upload(data.rules, model, each)
         surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
         self._points = model.worlds * len(on_host.share)
-        self.history = ContactHistory(model, data.history, self._points, "touch", {"contact_side": int})
-        if not surfaces.sided:
-            self.history.stored = ("tangential_displacement", "contact_body")
+        self.history = ContactHistory(model, data.history, self._points, "touch")
         data.tunnelling = wp.zeros(NOTED, dtype=wp.float64, device=device)
         thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
         given, thickest = max(0.0, thickness.max()), 0.0
@@ -93,7 +93,10 @@ class BodyContact(WithHistory):
             data.surfaces.unit = each.by_row(np.array(units)[:, None], wp.float64)
         self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if contact_forces else None
         """Impulse of other bodies on each particle since it was zeroed [N s]; None where nobody asks."""
-        self.neighbors = NeighborList(model, surfaces, data, each, thickest)
+        self.planes: DivisionPlanes | None = None
+        if not on_host.closed.all():  # closed bodies have no near pairs with each other
+            self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
+        self.neighbors = NeighborList(model, surfaces, data, each, self.planes, thickest)
         self.neighbors.rebuild_interval = self.rebuild_interval
         self._flags, self._nowhere = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found, self._noted = self._flags, data.tunnelling
@@ -102,6 +105,8 @@ class BodyContact(WithHistory):
                 wp.empty_like(one, device="cpu", pinned=True) for one in (self._flags, data.tunnelling)
             )
         self._tunnelling: Any = np.zeros(NOTED)
+        self.held_back = np.zeros(model.worlds)
+        """The furthest that a particle of each world was held back in a substep of that frame [m]."""
         self.deepest = 0.0
         """The deepest overlap in the frame looked at last [m]."""
         self.frozen = np.zeros(model.worlds, dtype=bool)
@@ -109,6 +114,8 @@ class BodyContact(WithHistory):
         self.shared_points = self._points
         self._overlapping: str | None = None
         self._release_initial_overlap()
+        if self.planes is not None:
+            self.planes.start(self.history.overlapping_at_start)
 
     def _release_initial_overlap(self) -> None:
         """Find points that start inside other bodies, and let them stay there for a moment.
@@ -194,7 +201,7 @@ class BodyContact(WithHistory):
         lanes = (ON_GPU if triangles else FEW_ON_GPU) if model.device.is_cuda else 1
         if triangles:
             kernel = contact_energy if measuring else evaluate_contact
-            composed = kernel(model.scalar, overlapping, surfaces.sided, lanes, model.in_worlds)
+            composed = kernel(model.scalar, overlapping, lanes, model.in_worlds)
         else:
             composed = evaluate_segments_and_spheres(model.scalar, overlapping, lanes, model.in_worlds)
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
@@ -223,6 +230,7 @@ class BodyContact(WithHistory):
         """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
         flags = self._found.numpy().reshape(-1, FLAGS).copy()
         self.deepest, self._tunnelling = float(flags[:, DEEPEST].max()), self._noted.numpy().copy()
+        self.held_back = flags[:, HELD_BACK].astype(np.float64)
         if self._found is self._flags:
             self._clear()
         void = self.neighbors.judge(flags[~self.frozen], self.steps.substeps)
@@ -250,13 +258,11 @@ class BodyContact(WithHistory):
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
         if not self._model.in_worlds:
             return [arrays]
-        points, bodies, facets = len(surfaces.share), len(surfaces.closed), len(surfaces.corner)
+        points, bodies = len(surfaces.share), len(surfaces.closed)
         for world in range(self._model.worlds):
             own = {name: values[:, world * points : (world + 1) * points] for name, values in arrays.items()}
             contact_body = own["touch.partner"]
             own["touch.partner"] = np.where(contact_body >= 0, contact_body - world * bodies, contact_body)
-            if "touch.seen" in own:
-                own["touch.seen"] = own["touch.seen"] - np.sign(own["touch.seen"]) * (world * facets)
             found.append(own)
         return found
 

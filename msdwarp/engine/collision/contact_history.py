@@ -1,6 +1,7 @@
 """ContactHistory: which bodies touch and how far they have moved along each other, also in checkpoints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ SEPARATION_TIME = 0.5
 STORED = {
     "tangential_displacement": "slip",
     "contact_body": "partner",
-    "contact_side": "seen",
     "initial_overlap": "allowed",
     "way": "way",
     "level": "level",
@@ -31,7 +31,9 @@ class ContactHistory:
     ones. In checkpoints their names begin with `prefix`.
     """
 
-    def __init__(self, model: Model, data: Any, count: int, prefix: str, more: Mapping[str, Any]) -> None:
+    def __init__(
+        self, model: Model, data: Any, count: int, prefix: str, more: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
         self._model, self._prefix = model, prefix
         self.data = data
         types = {"tangential_displacement": model.vector, "contact_body": int, **more}
@@ -41,8 +43,6 @@ class ContactHistory:
         self.overlapping_at_start = False
         """Whether anything overlapped at the start: then other kernels are launched."""
         self._names = tuple(types)
-        self.stored: Sequence[str] = self._names
-        """What checkpoints hold, beside the initial overlap."""
         self.forget()
 
     def allow(self, overlap: NDArray[np.float64]) -> None:
@@ -69,7 +69,7 @@ class ContactHistory:
 
     def checkpoint(self) -> dict[str, NDArray]:
         """Return the history by the names that it has in checkpoints."""
-        names = (*self.stored, *("initial_overlap",) * self.overlapping_at_start)
+        names = (*self._names, *("initial_overlap",) * self.overlapping_at_start)
         arrays = {f"{self._prefix}.{STORED[name]}": getattr(self.data, name).numpy().copy() for name in names}
         if self.overlapping_at_start:
             arrays[f"{self._prefix}.outwards"] = np.array([self.data.overlap_release_speed])
@@ -80,11 +80,7 @@ class ContactHistory:
         self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
         self._model.generation += 1  # other kernels are launched
         for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
-            stored = f"{self._prefix}.{STORED[name]}"
-            if name == "contact_side" and stored not in arrays:  # without sheets, and in files of earlier versions
-                self.data.contact_side.zero_()
-            else:
-                getattr(self.data, name).assign(arrays[stored])
+            getattr(self.data, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
         if self.overlapping_at_start:
             self.data.overlap_release_speed = float(arrays[f"{self._prefix}.outwards"][0])
 

@@ -54,6 +54,7 @@ class ContactRules:
                 )
             within[:, k] = held > 0
         kinds, kind = np.unique(within, axis=0, return_inverse=True)
+        self.restitution = [one.restitution for one in rules]
         self.kind, self.table = kind.reshape(-1).astype(np.int32), np.full([len(kinds)] * 2, -1, dtype=np.int32)
         for number, one in enumerate(rules):
             value = -1 if one.exclude else number

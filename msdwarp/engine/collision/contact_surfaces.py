@@ -23,12 +23,10 @@ class ContactSurfaces:
         self.on_host, self.by_row = surfaces, surfaces_by_row(model, surfaces)
         """The surfaces; and with the stiffness and the thickness that bodies have in each row of worlds."""
         bodies, corner = len(surfaces.closed), surfaces.corner
-        # Of itself a sheet is on both sides.
-        self._sided = surfaces.sided & (bodies > 1)
-        self.sided, self.triangles = bool(self._sided.any()), bool((corner[:, 1] != corner[:, 2]).any())
+        self.triangles = bool((corner[:, 1] != corner[:, 2]).any())
         # A lattice is one spacing thick at least: a point past its middle has come from the other side.
-        self.depth = [np.where(one.closed | self._sided, 0.5 * one.spacing, 0.0) for one in self.by_row]
-        """How deep a point may be in each body, or behind it, and still be pushed out [m], by row."""
+        self.depth = [np.where(one.closed, 0.5 * one.spacing, 0.0) for one in self.by_row]
+        """How deep a point may be in each body and still be pushed out [m], by row."""
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
         on_points = np.bincount(self.body_of_point, minlength=bodies)
         self.density = bearing_vertices(surfaces) / np.maximum(on_points, 1)
@@ -56,7 +54,6 @@ class ContactSurfaces:
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
         data.owner = each.alike(self.body_of_facet, int, bodies)
         data.closed = each.alike(surfaces.closed.astype(np.int32), int)
-        data.sided = each.alike(self._sided.astype(np.int32), int)
         data.depth, data.density = each.by_row(np.array(self.depth), scalar), each.alike(self.density, scalar)
         for name in ("stiffness", "radius"):
             setattr(data, name, each.by_row(np.array([getattr(one, name) for one in self.by_row]), scalar))

@@ -14,6 +14,7 @@ from ...kernels.collision import (
     LONGEST_ROW,
     MOST_BODY_PAIRS,
     MOVED,
+    PAIRS,
     WAY,
     box_facets,
     box_neighbours,
@@ -29,6 +30,7 @@ from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records
 from ..model.model import Model
 from .contact_surfaces import ContactSurfaces
+from .division_planes import DivisionPlanes
 from .tables_by_world import Repeated
 
 PIECE = 32
@@ -68,14 +70,20 @@ class NeighborList:
 
     It alone replaces arrays that recorded launches write to, and counts that in `Model.generation`.
 
-    Its arrays are the `neighbors` of `contact`, the struct of contact on the device; `thickest` is the distance
-    from which a facet may push a point outside its body [m].
+    Its arrays are the `neighbors` of `contact`, the struct of contact on the device; `planes` lists
+    near pairs; `thickest` is the distance from which a facet may push a point outside its body [m].
     """
 
     def __init__(
-        self, model: Model, surfaces: ContactSurfaces, contact: Any, each: Repeated, thickest: float
+        self,
+        model: Model,
+        surfaces: ContactSurfaces,
+        contact: Any,
+        each: Repeated,
+        planes: DivisionPlanes | None,
+        thickest: float,
     ) -> None:
-        self._model, self._contact, self.data, self._sided = model, contact, contact.neighbors, surfaces.sided
+        self._model, self._contact, self.data = model, contact, contact.neighbors
         on_host, data = surfaces.on_host, self.data
         scalar, device, closed = model.scalar, model.device, on_host.closed
         bodies, self._points = model.worlds * len(closed), model.worlds * len(on_host.share)
@@ -109,7 +117,7 @@ class NeighborList:
         data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
         self._lower, self._upper = (wp.zeros(len(owner), dtype=wp.vec3, device=device) for _ in "lu")
         boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
-        self._boxes, self._limits = boxes[:2], boxes[2:]
+        self.boxes, self.limits = boxes[:2], boxes[2:]
         self._widest_facet = wp.zeros(bodies, dtype=float, device=device)
         # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
@@ -121,9 +129,9 @@ class NeighborList:
             data.root_of_world = wp.zeros(model.worlds, dtype=int, device=device)
             wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
         # Each point is searched for in the facets of one body after the other.
-        self._tree = wp.Bvh(self._lower, self._upper, groups=surfaces.data.owner)
+        self.tree = wp.Bvh(self._lower, self._upper, groups=surfaces.data.owner)
         data.root = wp.zeros(bodies, dtype=int, device=device)
-        wp.launch(find_roots(), bodies, [self._tree.id], [data.root], device=device)
+        wp.launch(find_roots(), bodies, [self.tree.id], [data.root], device=device)
         data.candidate_count, data.search_points, data.active_points = (
             wp.zeros(self._points, dtype=int, device=device) for _ in "lcb"
         )
@@ -131,6 +139,9 @@ class NeighborList:
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
         self._give_room(ROOM, min(ROOM, bodies))
+        self.planes = planes
+        if planes is not None:
+            planes.neighbors = self
         self._find_rows_with_room()
 
     def share(
@@ -164,7 +175,7 @@ class NeighborList:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
         inputs = [contact, compensation, x, v, self.now - self._found_at, self.buffer, self._more]
-        inputs += [self._widest_facet, *self._limits, listing]
+        inputs += [self._widest_facet, *self.limits, listing]
         self.share(kernel, len(contact.surfaces.x), inputs, [self.flags[MOVED:] if moved is None else moved])
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
@@ -173,7 +184,7 @@ class NeighborList:
         Within a frame, the furthest motion since the last search decides how often to search.
         """
         self._place_and_box(x, v, compensation, self.flags[WAY:] if within else self.unread)
-        self._find_rows()
+        self._find_rows(within)
         if not self._model.in_worlds:  # bodies of different worlds have no common drift
             device = self._model.device
             lanes, threads = (PIECE, min(self._points, MOST_THREADS)) if device.is_cuda else (1, 1)
@@ -189,7 +200,7 @@ class NeighborList:
         """Launch the placing of vertices, and of the boxes around facets and bodies, where particles are at x."""
         self.place(x, v, compensation, moved, listing=True)
         self._box()
-        self._tree.refit()
+        self.tree.refit()
         self._bodies.refit()
 
     def _find_rows_with_room(self) -> None:
@@ -198,23 +209,26 @@ class NeighborList:
             self.flags.zero_()
             self._find_rows()
             found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
-            if not self._make_room(int(found[LONGEST_ROW]), int(found[MOST_BODY_PAIRS])):
+            longest, body_pairs, pairs = found[[LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]].astype(int)
+            if not self._make_room(longest, body_pairs, pairs):
                 break
         self.flags.zero_()
 
-    def _find_rows(self) -> None:
+    def _find_rows(self, within: bool = False) -> None:
         """Launch the search of the facets near each point, by the present boxes."""
         contact, device, kinds = self._contact, self._model.device, (self._model.scalar, self._model.in_worlds)
-        around = [self._around, self.buffer]
-        inputs = [contact, self._bodies.id, *self._boxes, *around, self.flags, self.data.active_count]
-        wp.launch(box_neighbours(*kinds), len(self._boxes[0]), inputs, self._limits, device=device)
-        self.share(find_candidates(*kinds), self._points, [contact, *self._limits], [])
-        inputs = [contact, self._tree.id, *self._boxes, *around]
-        self.share(find_rows(kinds[0], self._sided, kinds[1]), self._points, inputs, [self.flags], block=BLOCK)
+        around, wide = [self._around, self.buffer], max(self._around, self._widest)  # near pairs: two skins apart
+        inputs = [contact, self._bodies.id, *self.boxes, wide, self.buffer, self.flags, self.data.active_count]
+        wp.launch(box_neighbours(*kinds), len(self.boxes[0]), inputs, self.limits, device=device)
+        self.share(find_candidates(*kinds), self._points, [contact, *self.limits], [])
+        inputs = [contact, self.tree.id, *self.boxes, *around]
+        self.share(find_rows(*kinds), self._points, inputs, [self.flags], block=BLOCK)
+        if self.planes is not None:
+            self.planes.find(within)
 
     def _box(self) -> None:
         """Launch the boxes around facets and bodies."""
-        device, boxes = self._model.device, [*self._boxes, self._widest_facet]
+        device, boxes = self._model.device, [*self.boxes, self._widest_facet]
         wp.launch(clear_boxes(), len(boxes[0]), outputs=boxes, device=device)
         lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
         kernel = box_facets(self._model.scalar, lanes, self._model.in_worlds)
@@ -230,13 +244,15 @@ class NeighborList:
         flags = flags[flags[:, MOVED] < FARTHEST_WAY * self.farthest * self.rebuild_interval]
         if not len(flags):
             return False
-        moved, way, longest, body_pairs = flags.max(axis=0)[[MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS]].tolist()
+        chosen = [MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]
+        moved, way, longest, body_pairs, pairs = flags.max(axis=0)[chosen].tolist()
         held, before = moved <= 0.5 * self._skin_now, self.rebuild_interval
-        # `way` is that of all substeps between two searches, `moved` lacks the last one.
+        # `way` is that of all substeps between two searches; without near pairs `moved` lacks the last one.
+        lacking = int(self.planes is None)
         per_substep = max(
-            way / self.rebuild_interval, moved / max(min(self.rebuild_interval, substeps) - 1, 1), 1e-30
+            way / self.rebuild_interval, moved / max(min(self.rebuild_interval, substeps) - lacking, 1), 1e-30
         )
-        best = 1 + self._widest / (SKIN_BY_WAY * per_substep)
+        best = max(1.0, lacking + self._widest / (SKIN_BY_WAY * per_substep))
         best = max(every for every in BETWEEN if every <= best)
         self._calm = self._calm + 1 if best > self.rebuild_interval else 0
         self._since_rarer += 1
@@ -246,27 +262,28 @@ class NeighborList:
             self.rebuild_interval, self._since_rarer = best, MOST_PATIENCE
         elif self._calm >= self._patience:
             self.rebuild_interval, self._calm, self._since_rarer = best, 0, 0
-        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.rebuild_interval - 1, 1))
+        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.rebuild_interval - lacking, 1))
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted
             self.buffer.fill_(wanted)
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
-        self._make_room(int(longest), int(body_pairs))
+        overflown |= self.planes is not None and pairs > len(self.planes.pairs.vertices)
+        self._make_room(int(longest), int(body_pairs), int(pairs))
         if self.rebuild_interval != before:
             self._model.generation += 1  # it launches more searches in a frame, or fewer
         return not held or overflown
 
-    def _make_room(self, longest: int, body_pairs: int) -> bool:
-        """Make room for more than the longest row, and the most bodies beside one; tell whether there was not.
+    def _make_room(self, longest: int, body_pairs: int, near_pairs: int) -> bool:
+        """Make room for more than the longest row, the most bodies beside one, and pairs; return whether any grew.
 
         Some is kept to spare: between frames rows are found too, and nothing is repeated there.
         """
-        data = self.data
+        data, extended = self.data, self.planes is not None and self.planes.extend(near_pairs)
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
         if longest <= ROOM_TO_SPARE * room and (
             body_pairs <= ROOM_TO_SPARE * room_beside or room_beside >= bodies
         ):
-            return False
+            return extended
         more = max(room, room_for(longest))
         if more * points > MOST_ROOM:
             raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")

@@ -14,6 +14,7 @@ from .forces import Steady
 
 _STORED = {
     "BodyContact": "touching",
+    "DivisionPlanes": "division",
     "SurfaceContact": "straddling",
     "Colliders": "contact",
     "Drives": "driving",

@@ -11,6 +11,7 @@ from ...kernels.colliders import ColliderTerm
 from ...kernels.effect import ForceTerm
 from ...world import Load
 from ..device.launcher import Launcher
+from .state import Instant
 
 
 class Steps(NamedTuple):
@@ -119,6 +120,12 @@ class Effect:
 
         `compensation` is as kernels have it; `begins` tells whether a substep begins with these forces. Where an
         effect does so, each stage is a launch of its own.
+        """
+
+    def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
+        """Launch what changes the end of a substep, `after`, knowing where it began.
+
+        Only effects that also launch something before forces may do so.
         """
 
     @property

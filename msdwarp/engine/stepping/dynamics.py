@@ -22,15 +22,15 @@ from ...kernels.integrators import (
 from ...kernels.springs import NO_SUBSTEP
 from ..model.effect import Effect, Steps
 from ..model.state import State
-from ..springs.constants_by_world import ensemble_forces
 from ..springs.force_algorithms import forces_of
 from ..springs.fracture import Fracture
+from ..springs.spring_constants_by_world import ensemble_forces
 from .assemble import Assembly
 from .cpu_partition import CpuPartition
 from .per_stage import PerStage, column_count, of_each_world
 from .persistent import launch_persistent
 from .stages import Solve, Stage, StageArrays
-from .worlds import differences, fill_world_data, threads_at_a_time
+from .world_differences import differences, fill_world_data, threads_at_a_time
 
 MOST_SELECTIVE = 8
 """Bits of the mask that says which selective effects act on a particle."""
@@ -57,6 +57,7 @@ class Dynamics:
         self.assembly, self.model, self.threads = assembly, assembly.model, threads
         self._preceding = [one for one in assembly.all if one.precedes]
         self._searching = [one for one in assembly.all if type(one).search is not Effect.search]
+        self._ending = [one for one in assembly.all if type(one).end_substep is not Effect.end_substep]
         self._summing = [one for one in self._preceding if type(one).add_up is not Effect.add_up]
         forces, differs = self._forces()
         effect_mask = self._effect_mask()
@@ -135,6 +136,8 @@ class Dynamics:
         """Put the present data of an effect into the struct that kernels take."""
         if isinstance(effect, Fracture):
             self.scene.forces.breaking = effect.data
+            return
+        if effect.piece is None:
             return
         field = effect.piece.field if isinstance(effect.piece, ForceTerm) else "colliders"
         setattr(self.scene, field, effect.data)
@@ -222,6 +225,11 @@ class Dynamics:
         self._in_frame = self._at_substep_start = True
         self._stage = 0
         self.go_to_substep(substep)
+
+    def end_substep(self, state: State, substep: int) -> None:
+        """End substep number `substep` of a frame: launch what effects change of its end, `state.state_out`."""
+        for effect in self._ending:
+            effect.end_substep(state.state_in, state.state_out, substep)
 
     def go_to_substep(self, substep: int) -> None:
         """Set effects to the start of a substep of a frame, for the next launches."""

@@ -6,7 +6,7 @@ import warp as wp
 
 from ...kernels.integrators import MOST_THREADS
 from ..model.model import Model
-from .worlds import power_of_two
+from .world_differences import power_of_two
 
 MOST_IN_ONE_BLOCK = 350
 """With more particles, or connections, a cluster of blocks is faster than one block."""

@@ -12,7 +12,7 @@ from ..model.model import Model
 from ..model.state import Instant, State
 from ..springs.force_algorithms import MANY_NEIGHBOURS
 from .dynamics import Dynamics
-from .worlds import power_of_two, threads_at_a_time
+from .world_differences import power_of_two, threads_at_a_time
 
 LEAST_BYTES = 1024
 """Smallest size [bytes] of shared memory; there is a kernel for each power of two."""

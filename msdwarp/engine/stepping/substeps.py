@@ -12,7 +12,7 @@ from .dynamics import Dynamics
 from .persistent import CLUSTER, launch_persistent, persistent_blocks
 from .shared_memory import Chip, on_chip
 from .stages import Solve, Stage
-from .worlds import threads_of_world
+from .world_differences import threads_of_world
 
 Blocks = tuple[int, int] | Literal["auto"] | None
 """Blocks of threads, and threads in each, that take all substeps of a frame in one launch."""
@@ -83,6 +83,7 @@ class Stepper:
                 self._dynamics.begin_substep(self._state, first + k)
                 for stage in self._substeps[k % 2]:
                     self._dynamics.run(stage)
+                self._dynamics.end_substep(self._state, first + k)
                 self._state.flip()
                 if self._after_substep is not None:
                     self._after_substep(first + k)

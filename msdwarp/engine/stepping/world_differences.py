@@ -5,8 +5,8 @@ from typing import Any
 from ... import checks
 from ...kernels.effect import ForceTerm
 from ...kernels.integrators import Differences
-from ..springs.constants_by_world import EnsembleForces
 from ..springs.fracture import Fracture
+from ..springs.spring_constants_by_world import EnsembleForces
 from .assemble import Assembly
 
 MOST_IN_BLOCK = {"float32": 1024, "float32-compensated": 1024, "float64": 512}

@@ -1,0 +1,280 @@
+"""Near pairs: each vertex and triangle, and each two edges, that may meet before pairs are listed again."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..records import records
+from .body_contact import both_closed
+from .bounding_boxes import margin_of_boxes
+from .contact_data import PAIRS, BodyContactData
+from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
+from .nearest_point import nearest_on_segments
+from .pairs import places
+
+MARK = """
+#if defined(__CUDA_ARCH__)
+    return atomicExch(&wp::index(marks, i), 1) == 0;
+#else
+    return __atomic_exchange_n(&wp::index(marks, i), 1, __ATOMIC_RELAXED) == 0;
+#endif
+"""
+
+
+@wp.func_native(MARK)
+def mark(marks: wp.array(dtype=int), i: int) -> bool:
+    """Mark an entry, and tell whether it was not."""
+    ...
+
+
+@wp.func
+def vertex_of(vertices: wp.vec4i, m: int) -> int:
+    """Return one of the vertices of a pair."""
+    v = vertices[m]
+    if v < 0:
+        v = -1 - v
+    return v
+
+
+@functools.cache
+def NearPairs(scalar: type):
+    """Compose the struct of near pairs, and of what keeps them apart."""
+    V, W = vector(3, scalar), wp.types.vector(4, scalar)
+
+    @wp.struct
+    class NearPairs:
+        # Edges; a grain is an edge whose ends are the same:
+        edge: wp.array(dtype=wp.vec2i)  # the ends of each, shape [edge_count]
+        bare: wp.array(dtype=int)  # whether no triangle has it
+        of_facet: wp.array(dtype=wp.vec3i)  # the edges that are looked for in each facet, -1: none
+        # Pairs:
+        vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first one as ~
+        count: wp.array(dtype=int)  # how many these are, shape [1]
+        weights: wp.array(dtype=W)  # of the vertices in the shortest line between the two
+        normal: wp.array(dtype=V)  # its direction, towards the first; 0 where they cross
+        gap: wp.array(dtype=scalar)  # its length [m]
+        least: wp.array(dtype=scalar)  # the least that may be left on either side of the plane [m]
+        # Particles:
+        in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
+        particle: wp.array(dtype=int)  # those that are, in any order
+        particle_count: wp.array(dtype=int)  # how many these are, shape [1]
+        inverse_mass: wp.array(dtype=scalar)  # [1/kg], of the particles of all worlds
+        pushes: wp.array(dtype=int)  # pairs that push each particle in a round
+        impulse: wp.array2d(dtype=wp.int64)  # of these, times the substep [kg m], in units
+        share: wp.array(dtype=float)  # of its way that each may go
+        driven: wp.array(dtype=int)  # which particles are driven
+        done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; none where there are none
+        contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; none where nobody asks
+        restitution: wp.array(dtype=scalar)  # by rule
+        tangles: wp.array(dtype=int)  # whether anything crosses, shape [1]
+        tangled: wp.array(dtype=int)  # whether each vertex belongs to what crosses since the start
+
+    return NearPairs
+
+
+@functools.cache
+def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
+    """Compose the kernel that lists pairs nearer than two skins; its threads share vertices and edges.
+
+    Each side of a pair moves by half of a skin at most before pairs are listed again. So one that is not listed
+    cannot lose half of its gap in a substep: a list that has more pairs changes nothing.
+    """
+    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
+    (place_of, place_on, nearest_to), on_segments = places(scalar), nearest_on_segments(scalar)
+    margin = margin_of_boxes(scalar)
+    doubt = scalar(1.01)
+
+    @wp.func
+    def add_pair(
+        pairs: Pairs,
+        vertices: wp.vec4i,
+        first: wp.array(dtype=int),
+        particle: wp.array(dtype=int),
+        flags: wp.array(dtype=float),
+    ):
+        k = count_up(pairs.count)
+        if k >= pairs.vertices.shape[0]:
+            raise_to(flags, wp.static(PAIRS), float(k + 1))
+        else:
+            pairs.vertices[k] = vertices
+            for m in range(4):
+                v = vertex_of(vertices, m)
+                for s in range(first[v], first[v + 1]):
+                    i = particle[s]
+                    if mark(pairs.in_pair, i):
+                        pairs.particle[count_up(pairs.particle_count)] = i
+
+    @wp.func
+    def is_tangled(pairs: Pairs, a: int, b: int) -> bool:
+        found = bool(False)
+        if wp.static(tangled):
+            found = pairs.tangled[a] != 0 or pairs.tangled[b] != 0
+        return found
+
+    @wp.func
+    def pairs_of_facet(
+        data: Data,
+        pairs: Pairs,
+        vertex: int,
+        e: int,
+        ends: wp.vec2i,
+        x: V,
+        y: V,
+        facet: int,
+        reach: scalar,
+        flags: wp.array(dtype=float),
+    ):
+        """List the pairs of a vertex, or of an edge (e >= 0), with a facet."""
+        c = data.surfaces.corner[facet]
+        if e < 0:
+            if c[1] != c[2] and c[0] != vertex and c[1] != vertex and c[2] != vertex:
+                if is_tangled(pairs, c[0], c[1]) or is_tangled(pairs, c[2], c[2]):
+                    return
+                away = x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x))
+                if wp.length(away) < reach:
+                    vertices = wp.vec4i(vertex, c[0], c[1], c[2])
+                    add_pair(pairs, vertices, data.surfaces.first, data.surfaces.particle, flags)
+            return
+        for k in range(3):
+            other = pairs.of_facet[facet][k]
+            if other > e:
+                to = pairs.edge[other]
+                alone = ends[0] == ends[1] or to[0] == to[1]
+                joined = ends[0] == to[0] or ends[0] == to[1] or ends[1] == to[0] or ends[1] == to[1]
+                # A grain and a triangle are a pair already.
+                if not joined and not (alone and (pairs.bare[e] == 0 or pairs.bare[other] == 0)):
+                    if not is_tangled(pairs, to[0], to[1]):
+                        a = place_of(data.surfaces.x, to, scalar(0.0))
+                        b = place_of(data.surfaces.x, to, scalar(1.0))
+                        shares = on_segments(x, y, a, b)
+                        away = x + shares[0] * (y - x) - a - shares[1] * (b - a)
+                        if wp.length(away) < reach:
+                            vertices = wp.vec4i(-1 - ends[0], ends[1], to[0], to[1])
+                            add_pair(pairs, vertices, data.surfaces.first, data.surfaces.particle, flags)
+
+    @kernel
+    def find(
+        data: Data,
+        pairs: Pairs,
+        facets: wp.uint64,  # tree of the boxes around facets
+        lower: wp.array(dtype=wp.vec3),  # boxes around bodies, shape [body_count]
+        upper: wp.array(dtype=wp.vec3),
+        least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
+        most: wp.array(dtype=wp.vec3),
+        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # that threads of the CPU take
+        flags: wp.array(dtype=float),
+    ):
+        reach = doubt * scalar(2.0) * buffer[0]
+        vertex_count = data.surfaces.x.shape[0]
+        n = first_of_part(wp.tid(), part)
+        while n < vertex_count + pairs.edge.shape[0]:
+            e = n - vertex_count
+            ends = wp.vec2i(n, n)
+            if e >= 0:
+                ends = pairs.edge[e]
+            x = place_of(data.surfaces.x, ends, scalar(0.0))
+            y = place_of(data.surfaces.x, ends, scalar(1.0))
+            body = data.surfaces.body_of[ends[0]]
+            below = wp.min(wp.vec3(x), wp.vec3(y))
+            above = wp.max(wp.vec3(x), wp.vec3(y))
+            wide = margin(below, above, reach)
+            below -= wide
+            above += wide
+            near = wp.min(above, least[body]) == least[body] and wp.max(below, most[body]) == most[body]
+            if near and not is_tangled(pairs, ends[0], ends[1]):
+                for b in range(data.neighbors.body_pair_count[body]):
+                    other = data.neighbors.body_pairs[body, b]
+                    if both_closed(
+                        data.surfaces.closed, body, other
+                    ):  # they press into each other, and are pushed out
+                        continue
+                    if wp.min(above, lower[other]) == lower[other] and wp.max(below, upper[other]) == upper[other]:
+                        found = wp.bvh_query_aabb(facets, below, above, data.neighbors.root[other])
+                        facet = int(0)
+                        while wp.bvh_query_next(found, facet):
+                            pairs_of_facet(data, pairs, n, e, ends, x, y, facet, reach, flags)
+            n = next_of_part(n, threads, parts)
+
+    return find
+
+
+@functools.cache
+def find_tangles(scalar: type, worlds: bool = False):
+    """Compose the kernel that marks the vertices of what crosses, or is inside another body since the start.
+
+    Its threads share edges and points. The vertices of an edge that goes through a triangle are marked, and those
+    of the triangle.
+    """
+    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
+    load = records(3, scalar).load
+    zero = scalar(0.0)
+
+    @wp.func
+    def crosses(a: V, b: V, p: V, q: V, r: V) -> bool:
+        """Tell whether a segment goes through a triangle."""
+        normal = wp.cross(q - p, r - p)
+        above = wp.dot(a - p, normal)
+        below = wp.dot(b - p, normal)
+        if above * below >= zero:
+            return False
+        y = a + (above / (above - below)) * (b - a)
+        on_pq = wp.dot(wp.cross(q - p, y - p), normal)
+        on_qr = wp.dot(wp.cross(r - q, y - q), normal)
+        on_rp = wp.dot(wp.cross(p - r, y - r), normal)
+        return on_pq >= zero and on_qr >= zero and on_rp >= zero
+
+    @wp.func
+    def find_crossings(data: Data, pairs: Pairs, facets: wp.uint64, ends: wp.vec2i):
+        a = load(data.surfaces.x, ends[0])
+        b = load(data.surfaces.x, ends[1])
+        mine = data.surfaces.body_of[ends[0]]
+        for n in range(data.neighbors.body_pair_count[mine]):
+            other = data.neighbors.body_pairs[mine, n]
+            if both_closed(data.surfaces.closed, mine, other):
+                continue
+            found = wp.bvh_query_aabb(
+                facets,
+                wp.min(wp.vec3(a), wp.vec3(b)),
+                wp.max(wp.vec3(a), wp.vec3(b)),
+                data.neighbors.root[other],
+            )
+            facet = int(0)
+            while wp.bvh_query_next(found, facet):
+                c = data.surfaces.corner[facet]
+                joined = bool(False)
+                for k in range(3):
+                    joined = joined or c[k] == ends[0] or c[k] == ends[1]
+                if c[1] != c[2] and not joined:
+                    p = load(data.surfaces.x, c[0])
+                    if crosses(a, b, p, load(data.surfaces.x, c[1]), load(data.surfaces.x, c[2])):
+                        for k in range(3):
+                            pairs.tangled[c[k]] = 1
+                        pairs.tangled[ends[0]] = 1
+                        pairs.tangled[ends[1]] = 1
+                        pairs.tangles[0] = 1
+
+    @kernel
+    def find(
+        data: Data,
+        pairs: Pairs,
+        facets: wp.uint64,  # tree of the boxes around facets
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # that threads of the CPU take
+    ):
+        edge_count = pairs.edge.shape[0]
+        n = first_of_part(wp.tid(), part)
+        while n < edge_count + data.surfaces.ends.shape[0]:
+            if n < edge_count:
+                find_crossings(data, pairs, facets, pairs.edge[n])
+            elif data.history.initial_overlap[n - edge_count] > zero:
+                ends = data.surfaces.ends[n - edge_count]
+                pairs.tangled[ends[0]] = 1
+                pairs.tangled[ends[1]] = 1
+            n = next_of_part(n, threads, parts)
+
+    return find

@@ -1,0 +1,178 @@
+"""DivisionPlanes: keeps apart what was apart when a substep began."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import TouchingSurfaces
+from ...kernels.collision import MOST_THREADS, PHASES, NearPairs, find_pairs, find_tangles, keep_apart
+from ..model.effect import Effect
+from ..model.model import Model
+from ..model.state import Instant
+from .contact_rules import ContactRules
+from .contact_surfaces import ContactSurfaces
+from .tables_by_world import Repeated
+
+LEAST_GAP = 1e-3
+"""The least gap, by the thickness at which bodies touch; without it gaps shrink until rounding closes them."""
+ROOM = 4
+"""Room for near pairs at first, by the number of vertices."""
+MOST_IN_CLUSTER = 2**15
+"""With room for more pairs each phase is a launch of its own."""
+CLUSTER = 8
+"""Blocks in the cluster that has all phases in one launch."""
+UNITS = 2.0**-40
+"""The unit in which impulses are summed, by the mass of all that moves and the largest thickness [kg m]."""
+
+
+class DivisionPlanes(Effect):
+    """The near pairs of contact, and the planes between them: see `kernels.collision.division_planes`.
+
+    Pairs are listed with the neighbours of points, by `find`. `contact` is the struct of contact on the device,
+    `impulse` what sums contact impulses, if anything.
+    """
+
+    piece = data = None
+
+    def __init__(
+        self,
+        model: Model,
+        surfaces: ContactSurfaces,
+        contact: Any,
+        each: Repeated,
+        rules: ContactRules,
+        impulse: wp.array | None,
+    ) -> None:
+        self._model, self._contact, on_host = model, contact, surfaces.on_host
+        self.neighbors: Any = None
+        """The `NeighborList` that pairs are listed with."""
+        self.tangles = False
+        """Whether anything crossed at the start, or was inside another body."""
+        thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
+        thickness = float(thick[thick > 0].min(initial=thick.max()))  # the least at which anything touches
+        self._least_gap = LEAST_GAP * thickness
+        scalar, device = model.scalar, model.device
+        data = self.pairs = NearPairs(scalar)()
+        edge, bare, of_facet = edges(on_host)
+        vertices, particles = len(on_host.particle), model.worlds * model.stride
+        data.edge, data.bare = each.alike(edge, wp.vec2i, vertices), each.alike(bare, int)
+        of_world = np.where(of_facet < 0, -(2**30), of_facet)  # below 0 in all worlds
+        data.of_facet = each.alike(of_world, wp.vec3i, len(edge))
+        data.tangled = wp.zeros(model.worlds * vertices, dtype=int, device=device)
+        data.count, data.particle_count, data.tangles = (wp.zeros(1, dtype=int, device=device) for _ in "cpt")
+        data.in_pair, data.particle, data.pushes = (wp.zeros(particles, dtype=int, device=device) for _ in "ipp")
+        data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
+        data.share = wp.ones(particles, dtype=float, device=device)
+        mass = np.full((len(model.row_of("mass")), model.stride), np.inf)
+        mass[:, : model.particle_count] = model.row_of("mass")
+        data.inverse_mass = each.by_row(1.0 / mass, scalar)
+        data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
+        if model.driven.any():
+            self.done = data.done = wp.zeros(particles, dtype=wp.float64, device=device)
+        if impulse is not None:
+            data.contact_impulse = impulse
+        data.restitution = wp.array(rules.restitution, dtype=scalar, device=device)
+        heaviest = float(mass[np.isfinite(mass)].max(initial=0.0))
+        self._per_unit = 1.0 / 2.0 ** np.floor(np.log2(max(heaviest * thickness * UNITS, 1e-300)))
+        self._give_room(ROOM * model.worlds * (vertices + len(edge)))
+
+    def find(self, within: bool) -> None:
+        """Launch the listing of near pairs, after the search of the `NeighborList`, by its trees and boxes.
+
+        What still crosses since the start is found where a frame begins, so that it does not depend on when lists
+        are made (`within` a frame it is known).
+        """
+        data, model, neighbors = self.pairs, self._model, self.neighbors
+        for array in (data.count, data.particle_count, data.in_pair):
+            array.zero_()
+        if self.tangles and not within:
+            self._find_tangles()
+        kernel = find_pairs(model.scalar, self.tangles, model.in_worlds)
+        inputs = [self._contact, data, neighbors.tree.id, *neighbors.boxes, *neighbors.limits, neighbors.buffer]
+        neighbors.share(kernel, len(self._contact.surfaces.x) + len(data.edge), inputs, [neighbors.flags])
+
+    def start(self, overlapping: bool) -> None:
+        """Leave out what crosses at the start, or is inside another body, until it is apart."""
+        self._find_tangles()
+        self.tangles = overlapping or bool(self.pairs.tangles.numpy()[0])
+
+    def _find_tangles(self) -> None:
+        pairs, surfaces, neighbors = self.pairs, self._contact.surfaces, self.neighbors
+        pairs.tangled.zero_()
+        inputs = [self._contact, pairs, neighbors.tree.id]
+        kernel = find_tangles(self._model.scalar, self._model.in_worlds)
+        neighbors.share(kernel, len(pairs.edge) + len(surfaces.ends), inputs, [])
+
+    def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
+        """Launch what keeps pairs apart until the end of a substep, and whether lists held for it."""
+        self._keep_apart(before, after)
+        steps, neighbors = self.steps, self.neighbors
+        if (substep + 1) % neighbors.rebuild_interval == 0 or substep + 1 == steps.substeps:
+            neighbors.now = (substep + 1) * steps.dt  # the last way before lists are made again
+            neighbors.place(after.x, after.v, after.compensation)
+
+    def _keep_apart(self, before: Instant, after: Instant) -> None:
+        model, device, neighbors = self._model, self._model.device, self.neighbors
+        partition = neighbors.partition
+        small = not device.is_cuda or len(self.pairs.vertices) <= MOST_IN_CLUSTER
+        blocks = CLUSTER if small and device.is_cuda and device.arch >= 90 else 1
+        threads = (blocks * MOST_THREADS if small else len(self.pairs.vertices) // 4) if device.is_cuda else 1
+        kernel = keep_apart(model.scalar, blocks, model.in_worlds)
+        inputs = [
+            self._contact,
+            self.pairs,
+            before.x,
+            self.steps.dt,
+            self._per_unit,
+            self._least_gap,
+            model.stride,
+        ]
+        outputs = [after.x, after.v, neighbors.flags]
+
+        def launch(part: int, parts: int) -> None:
+            if part == 0:  # of the threads of the CPU one does it all
+                for first, last in [(0, PHASES - 1)] if small else [(k, k) for k in range(PHASES)]:
+                    given = [*inputs, first, last, threads]
+                    wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
+
+        if partition is not None and partition.is_recording:
+            partition.launch_parts(launch)
+        else:
+            launch(0, 1)
+
+    def extend(self, pairs: int) -> bool:
+        """Make room for more than so many pairs; tell whether there was not."""
+        if pairs <= len(self.pairs.vertices):
+            return False
+        self._give_room(2 * pairs)  # most are far apart, and seldom are there more at once
+        return True
+
+    def _give_room(self, room: int) -> None:
+        data, device, scalar = self.pairs, self._model.device, self._model.scalar
+        room = max(int(room), 1)
+        data.vertices = wp.zeros(room, dtype=wp.vec4i, device=device)
+        data.weights = wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device)
+        data.normal = wp.zeros(room, dtype=self._model.vector, device=device)
+        data.gap, data.least = (wp.zeros(room, dtype=scalar, device=device) for _ in "gl")
+        data.count.zero_()
+        self._model.generation += 1
+
+
+def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """Return the ends of each edge, whether no triangle has it, and for each facet the edges that it stands for.
+
+    Each edge is one of the edges of one facet, −1 stands for none. A grain is an edge with twice the same end.
+    """
+    corner = surfaces.corner
+    triangle = corner[:, 1] != corner[:, 2]
+    sides = np.stack([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]], axis=1)
+    facet, side = np.divmod(np.arange(3 * len(corner)), 3)
+    counts = triangle[facet] | (side == 0)  # of segments and grains the first side is all
+    ends = np.sort(sides.reshape(-1, 2)[counts], axis=1)
+    different, first = np.unique(ends, axis=0, return_index=True)
+    of_facet = np.full((len(corner), 3), -1, dtype=np.int32)
+    of_facet[facet[counts][first], side[counts][first]] = np.arange(len(different))
+    bare = ~triangle[facet[counts][first]]
+    return different.astype(np.int32), bare.astype(np.int32), of_facet
