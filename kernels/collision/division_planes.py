@@ -1,10 +1,10 @@
 """Division planes: what did not cross when a substep began does not cross when it ends.
 
 Near pairs of a vertex and a triangle, or of two edges, are listed. As a substep begins there is a plane between
-the two of each pair, through the middle of the shortest line between them. After the substep
+the two of each pair. After the substep
 
-1. pairs that have lost more than half of their gap exchange inelastic impulses, in a few rounds. All pairs act at
-   a time, so that each takes a particle to be as many times as light as there are pairs that push it;
+1. pairs that have lost more than half of their gap exchange impulses, in a few rounds. All pairs act at a time, so
+   that each takes a particle to be as many times as light as there are pairs that push it;
 2. the way of each particle that would still reach the plane of a pair is shortened.
 
 Both sides of a pair are then convex sets on the two sides of a plane, also on all of the straight way there. The
@@ -99,7 +99,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
 
     @wp.func
     def measure(data: Data, pairs: Pairs, x: wp.array(dtype=V), least: scalar, k: int):
-        """Find the shortest line between the two of a pair, where the substep begins."""
+        """Find the nearest points of a pair and the direction of its plane, where the substep begins."""
         vertices = pairs.vertices[k]
         f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
         a = place_of(f, p, w, x, vertex_of(vertices, 0))

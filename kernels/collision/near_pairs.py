@@ -52,8 +52,8 @@ def NearPairs(scalar: type):
         vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first one as ~
         count: wp.array(dtype=int)  # how many these are, shape [1]
         weights: wp.array(dtype=W)  # of the vertices in the shortest line between the two
-        normal: wp.array(dtype=V)  # its direction, towards the first; 0 where they cross
-        gap: wp.array(dtype=scalar)  # its length [m]
+        normal: wp.array(dtype=V)  # of the plane between the two, towards the first
+        gap: wp.array(dtype=scalar)  # how far apart they are along it [m], at most 0 where they cross
         least: wp.array(dtype=scalar)  # the least that may be left on either side of the plane [m]
         # Particles:
         in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
@@ -188,10 +188,8 @@ def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
             if near and not is_tangled(pairs, ends[0], ends[1]):
                 for b in range(data.neighbors.body_pair_count[body]):
                     other = data.neighbors.body_pairs[body, b]
-                    if both_closed(
-                        data.surfaces.closed, body, other
-                    ):  # they press into each other, and are pushed out
-                        continue
+                    if both_closed(data.surfaces.closed, body, other):
+                        continue  # they press into each other, and are pushed out
                     if wp.min(above, lower[other]) == lower[other] and wp.max(below, upper[other]) == upper[other]:
                         found = wp.bvh_query_aabb(facets, below, above, data.neighbors.root[other])
                         facet = int(0)

@@ -11,21 +11,28 @@ FLAT = 1e-10
 
 
 @functools.cache
+def share_of_length(scalar: type):
+    """Compose (numerator, denominator) -> their quotient, clamped to 0 … 1; 0 of an edge without length."""
+    zero, one = scalar(0.0), scalar(1.0)
+
+    @wp.func
+    def share(numerator: scalar, denominator: scalar) -> scalar:
+        if denominator <= zero:
+            return zero
+        return wp.clamp(numerator / denominator, zero, one)
+
+    return share
+
+
+@functools.cache
 def nearest_on_triangle(scalar: type):
     """Compose (p, a, b, c) -> weights of a, b and c in the point of the triangle that is nearest to p.
 
     Triangles may be segments (b = c) or points (a = b = c): ropes and grains are made of such.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.5.
     """
-    V = vector(3, scalar)
+    V, share = vector(3, scalar), share_of_length(scalar)
     zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
-
-    @wp.func
-    def share(numerator: scalar, denominator: scalar) -> scalar:
-        """Return numerator / denominator, clamped to 0 … 1; 0 of an edge without length."""
-        if denominator <= zero:
-            return zero
-        return wp.clamp(numerator / denominator, zero, one)
 
     @wp.func
     def on_longest_edge(ap: V, ab: V, ac: V) -> V:
@@ -87,15 +94,8 @@ def nearest_on_segments(scalar: type):
     Segments may be points.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.9.
     """
-    V, Shares = vector(3, scalar), wp.types.vector(2, scalar)
+    V, Shares, share = vector(3, scalar), wp.types.vector(2, scalar), share_of_length(scalar)
     zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
-
-    @wp.func
-    def share(numerator: scalar, denominator: scalar) -> scalar:
-        """Return numerator / denominator, clamped to 0 … 1; 0 of a segment without length."""
-        if denominator <= zero:
-            return zero
-        return wp.clamp(numerator / denominator, zero, one)
 
     @wp.func
     def nearest(a: V, b: V, c: V, d: V) -> Shares:

@@ -11,7 +11,7 @@ from .near_pairs import NearPairs, vertex_of
 
 KEPT = 0.5
 """The share of its gap that a pair keeps in a substep, where impulses can."""
-ROUNDING = 4.0
+ALL_KEPT = 4.0
 """Near its least gap, by this factor, a pair keeps all of it."""
 
 
@@ -133,7 +133,7 @@ def pair_impulses(scalar: type, worlds: bool):
     def lacks(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int):
         way = way_between(data, pairs, x, x_out, k)
         lack = -wp.dot(way, pairs.normal[k])
-        lack -= (scalar(1.0) - kept) * wp.max(zero, pairs.gap[k] - scalar(ROUNDING) * pairs.least[k])
+        lack -= (scalar(1.0) - kept) * wp.max(zero, pairs.gap[k] - scalar(ALL_KEPT) * pairs.least[k])
         return way, lack
 
     return lacks, count_pushes, push, apply

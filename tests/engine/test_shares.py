@@ -263,7 +263,7 @@ def test_what_a_thread_raises_is_raised_and_nobody_waits():
     with pytest.raises(AttributeError):
         frame.replay()
     frame._graphs[2] = good
-    simulation.reset()  # the crew is as good as before
+    simulation.reset()  # the pool is as good as before
     simulation.step()
     np.testing.assert_array_equal(simulation.frame().position, x)
 
@@ -317,7 +317,7 @@ def test_simulations_in_several_threads_take_turns():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
-def test_a_forked_process_has_a_crew_of_its_own():
+def test_a_forked_process_has_a_pool_of_its_own():
     code = """
 import os
 import msdwarp

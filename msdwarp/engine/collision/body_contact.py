@@ -31,7 +31,7 @@ from ...world import Contact
 from ..device.launcher import Launcher
 from ..model.model import Model
 from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
-from .contact_rules import ContactRules
+from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import ContactSurfaces
 from .division_planes import DivisionPlanes
 from .initial_overlap import initial_containment
@@ -41,8 +41,6 @@ from .tunnelling import Tunnelling
 
 OVERLAP = 0.01
 """By how much of their spacing bodies may overlap at the start without a warning."""
-UNITS = 2.0**-40
-"""The unit in which forces are summed, by the largest force that a contact is meant to bear."""
 
 
 class BodyContact(WithHistory):
@@ -78,8 +76,7 @@ class BodyContact(WithHistory):
             thickest = max(thickest, own, given)
             reach = max(own, given, float(depth.max(initial=0.0)))
             stiffest = max(float(one.stiffness.max(initial=0.0)), stiffness.max(), 0.0)
-            # A power of 2: quotients by it keep all of their digits.
-            units.append(2.0 ** np.floor(np.log2(max(stiffest * reach * UNITS, 1e-99))))
+            units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
         """Its part of the blocks of K [N/m] and B [N s/m] of each particle, as numbers, of each world."""
 

@@ -28,6 +28,15 @@ NOTHING = 1e-30
 """Spacing of a body that has none, such as a single particle [m]."""
 
 
+UNITS = 2.0**-40
+"""The unit in which forces or impulses are summed, by the largest that a contact is meant to bear."""
+
+
+def unit_of_sums(largest: float) -> float:
+    """Return the unit of sums of integers, from the largest number; a power of 2: quotients keep all digits."""
+    return 2.0 ** float(np.floor(np.log2(max(largest * UNITS, 1e-99))))
+
+
 class ContactRules:
     """How bodies touch, by pairs of kinds. Bodies in the same groups of those that rules name are of one kind.
 

@@ -11,7 +11,7 @@ from ...kernels.collision import MOST_THREADS, PHASES, NearPairs, find_pairs, fi
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
-from .contact_rules import ContactRules
+from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import ContactSurfaces
 from .tables_by_world import Repeated
 
@@ -23,8 +23,6 @@ MOST_IN_CLUSTER = 2**15
 """With room for more pairs each phase is a launch of its own."""
 CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
-UNITS = 2.0**-40
-"""The unit in which impulses are summed, by the mass of all that moves and the largest thickness [kg m]."""
 
 
 class DivisionPlanes(Effect):
@@ -75,7 +73,7 @@ class DivisionPlanes(Effect):
             data.contact_impulse = impulse
         data.restitution = wp.array(rules.restitution, dtype=scalar, device=device)
         heaviest = float(mass[np.isfinite(mass)].max(initial=0.0))
-        self._per_unit = 1.0 / 2.0 ** np.floor(np.log2(max(heaviest * thickness * UNITS, 1e-300)))
+        self._per_unit = 1.0 / unit_of_sums(heaviest * thickness)
         self._give_room(ROOM * model.worlds * (vertices + len(edge)))
 
     def find(self, within: bool) -> None:

@@ -70,8 +70,8 @@ class NeighborList:
 
     It alone replaces arrays that recorded launches write to, and counts that in `Model.generation`.
 
-    Its arrays are the `neighbors` of `contact`, the struct of contact on the device; `planes` lists
-    near pairs; `thickest` is the distance from which a facet may push a point outside its body [m].
+    Its arrays are the `neighbors` of `contact`, the struct of contact on the device; `planes` lists near pairs;
+    `thickest` is the distance from which a facet may push a point outside its body [m].
     """
 
     def __init__(

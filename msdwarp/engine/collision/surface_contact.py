@@ -20,10 +20,10 @@ from ...kernels.collision import (
 )
 from ...world import Box, Collider, Contact, Load, Plane
 from ..model.model import Model
-from .body_contact import OVERLAP, UNITS, BodyContact
+from .body_contact import OVERLAP, BodyContact
 from .colliders import LARGEST, Colliders
 from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
-from .contact_rules import spread_to_particles
+from .contact_rules import UNITS, spread_to_particles
 from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
 

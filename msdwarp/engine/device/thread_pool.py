@@ -1,6 +1,6 @@
-"""A crew of threads that replay the graphs of a frame at the same time, frame after frame.
+"""A pool of threads that replay the graphs of a frame at the same time, frame after frame.
 
-Graphs that wait for each other must all be running. So there is one crew for all simulations and threads, and it
+Graphs that wait for each other must all be running. So there is one pool for all simulations and threads, and it
 takes one frame at a time.
 """
 
@@ -31,7 +31,7 @@ class _Frame:
         self.replayed.put(error)
 
 
-class _Crew:
+class _Pool:
     """Threads that wait for frames. The first one begins a frame, and passes graphs to the others.
 
     Signals such as Ctrl-C reach only Python's main thread, which is none of these: a frame that has begun is
@@ -76,7 +76,7 @@ def _begin(function: Callable[..., None], *arguments: Any) -> None:
     threading.Thread(target=function, args=arguments, name="msdwarp", daemon=True).start()
 
 
-_crew: list[_Crew] = []
+_pool: list[_Pool] = []
 _choosing = threading.Lock()
 
 
@@ -87,10 +87,10 @@ def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Calla
     of the threads are raised here.
     """
     with _choosing:
-        if not _crew:
-            _crew.append(_Crew())
+        if not _pool:
+            _pool.append(_Pool())
     frame = _Frame(graphs, begin, give_up)
-    _crew[0].frames.put(frame)
+    _pool[0].frames.put(frame)
     error = _awaited(frame)
     if error is not None:
         raise error
@@ -108,7 +108,7 @@ def _awaited(frame: _Frame) -> BaseException | None:
 def _forget() -> None:
     """Forget the threads in a forked process, which has none of them."""
     global _choosing
-    _crew.clear()
+    _pool.clear()
     _choosing = threading.Lock()
 
 
