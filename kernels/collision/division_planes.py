@@ -191,14 +191,15 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
                 ways[m] = way_towards(data, x, x_out, v, -normal)
                 furthest_second = wp.max(furthest_second, ways[m])
                 mobility_second += mobility
-        if furthest_first + furthest_second == zero:
+        if furthest_first + furthest_second <= scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]):
             return
-        # Where the plane is, from the second one on: the faster one has more room, and one that is driven most.
+        # Where the plane is, from the second one on: the faster one has more room, and one that is driven as much
+        # as it needs.
         share = furthest_second / (furthest_first + furthest_second)
-        if mobility_first == zero and furthest_first > zero and mobility_second > zero:
-            share = zero
-        if mobility_second == zero and furthest_second > zero and mobility_first > zero:
-            share = one
+        if mobility_first == zero and mobility_second > zero:
+            share = one - (furthest_first / scalar(ALLOWED) + pairs.least[k]) / gap
+        if mobility_second == zero and mobility_first > zero:
+            share = (furthest_second / scalar(ALLOWED) + pairs.least[k]) / gap
         share = wp.clamp(share, scalar(LEAST_SHARE), one - scalar(LEAST_SHARE))
         f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
         origin = place_of(f, p, w, x, vertices[3])

@@ -8,6 +8,7 @@ from msdwarp import (
     Contact,
     Ensemble,
     Leapfrog,
+    Plane,
     PrescribedMotion,
     Simulation,
     StartWarning,
@@ -205,6 +206,33 @@ def test_restarts_lists_and_overflow_change_nothing(device, monkeypatch):
     for module, name, value in ((nearby, "LEAST_SKIN", 1.5), (nearby, "ROOM", 1), (division_planes, "ROOM", 0)):
         monkeypatch.setattr(module, name, value)
         np.testing.assert_array_equal(run(thrown(20.0, device, **options), 4), expected)
+
+
+@pytest.mark.parametrize(("name", "value"), [("LEAST_SKIN", 1.0), ("BETWEEN", (1,))])
+def test_a_folded_strip_does_not_depend_on_lists(monkeypatch, name, value):
+    # Its driven end meets the strip in the 12th frame.
+    def folded() -> np.ndarray:
+        cloth = sheet((13, 7), 0.05, mass=0.002, stiffness=60.0, damping=0.05, bending=1e-3)
+        along = cloth.position[:, 0]
+        held, driven = along < along.min() + 0.025, np.flatnonzero(along > along.max() - 0.025)
+        rate = 2 * np.pi / 0.75
+
+        def squeeze(t):
+            return np.multiply.outer(0.21 * (np.cos(rate * np.asarray(t)) - 1), np.array([1.0, 0.0, 0.0]))
+
+        simulation = Simulation(
+            cloth.pin(held),
+            loads=[PrescribedMotion(driven, squeeze)],
+            contact=Contact(friction=0.3, restitution=0.1, self_contact=True),
+            colliders=[Plane(offset=cloth.position[:, 2].min() - 0.01)],
+            device="cpu",
+        )
+        simulation.step(18)
+        return np.concatenate(simulation.frame()[1:])
+
+    expected = folded()
+    monkeypatch.setattr(nearby, name, value)
+    np.testing.assert_array_equal(folded(), expected)
 
 
 def test_each_world_is_as_if_it_were_alone(plain_device):
