@@ -20,8 +20,22 @@ from .contact_data import (
     BodyContactData as BodyContactData,
     body_contact_term as body_contact_term,
 )
-from .division_planes import MOST_THREADS as MOST_THREADS, PHASES as PHASES, keep_apart as keep_apart
+from .division_planes import (
+    MOST_THREADS as MOST_THREADS,
+    PHASES as PHASES,
+    catch_up as catch_up,
+    keep_apart as keep_apart,
+)
 from .force_sums import add_impulses as add_impulses
+from .history import (
+    COUNT as COUNT,
+    FACET as FACET,
+    GAP as GAP,
+    NOTED as NOTED,
+    PLACE as PLACE,
+    POINT as POINT,
+    SPEED as SPEED,
+)
 from .lanes import BLOCK as BLOCK, BLOCKS as BLOCKS, FEW_ON_GPU as FEW_ON_GPU, ON_GPU as ON_GPU
 from .near_pairs import NearPairs as NearPairs, find_pairs as find_pairs, find_tangles as find_tangles
 from .nearest_point import nearest_on_triangle as nearest_on_triangle
@@ -30,6 +44,7 @@ from .neighbor_search import (
     find_rows as find_rows,
     range_of_speeds as range_of_speeds,
 )
+from .pair_gaps import measure_pairs as measure_pairs
 from .segments_and_spheres import evaluate_segments_and_spheres as evaluate_segments_and_spheres
 from .surface_contact import evaluate_surface as evaluate_surface
 from .surface_contact_data import (
@@ -39,14 +54,5 @@ from .surface_contact_data import (
     add_pushes as add_pushes,
     quadrature_weights as quadrature_weights,
     surface_contact_term as surface_contact_term,
-)
-from .tunnelling import (
-    COUNT as COUNT,
-    FACET as FACET,
-    GAP as GAP,
-    NOTED as NOTED,
-    PLACE as PLACE,
-    POINT as POINT,
-    SPEED as SPEED,
 )
 from .vertices import place_vertices as place_vertices

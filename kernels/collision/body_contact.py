@@ -19,12 +19,11 @@ import warp as wp
 from ..basis import vector
 from .contact_data import BodyContactData, Substep
 from .force_sums import exert_force
-from .history import displacements, memories
+from .history import displacements, memories, note_tunnelling
 from .lanes import each_active_point
 from .law import TANGENTIAL, contact_law
 from .nearest_facet import nearest_facets
 from .pairs import FAR, Pair, next_in_order, pairs, places, points, unit_normal
-from .tunnelling import note_tunnelling
 
 
 @functools.cache

@@ -1,10 +1,11 @@
 """Division planes: what did not cross when a substep began does not cross when it ends.
 
 Near pairs of a vertex and a triangle, or of two edges, are listed. As a substep begins there is a plane between
-the two of each pair. After the substep
+the two of each pair. After the substep it is found whether any pair has lost more than half of its gap, and is
+nearer than a fraction of the thickness. If so,
 
-1. pairs that have lost more than half of their gap exchange impulses, in a few rounds. All pairs act at a time, so
-   that each takes a particle to be as many times as light as there are pairs that push it;
+1. these pairs exchange impulses, in a few rounds. All pairs act at a time, so that each takes a particle to be as
+   many times as light as there are pairs that push it;
 2. the way of each particle that would still reach the plane of a pair is shortened.
 
 Both sides of a pair are then convex sets on the two sides of a plane, also on all of the straight way there. The
@@ -24,7 +25,7 @@ from ..records import records
 from .contact_data import FLAGS, HELD_BACK, BodyContactData
 from .cpu_partition import raise_to
 from .near_pairs import NearPairs, vertex_of
-from .nearest_point import nearest_on_segments, nearest_on_triangle
+from .pair_gaps import ways
 from .pair_impulses import pair_impulses
 
 ROUNDS = 4
@@ -35,12 +36,10 @@ LEAST_SHARE = 0.05
 """The least share of the gap on either side of a plane."""
 CATCH_UP = 50.0
 """How far a driven particle that stands may go in a substep to catch up, by the least gap."""
-PHASES = 3 * ROUNDS + 3
-"""The phases of a substep: gaps, three for each round, ways, cuts. One ends before the next begins."""
+PHASES = 3 * ROUNDS + 2
+"""The phases where pairs come too near: three for each round, ways, cuts. One ends before the next begins."""
 MOST_THREADS = 256
 """Threads in a block; the compiler leaves registers for this many."""
-ROUNDING = 4.0
-"""The least gap by how far apart the numbers of the device are there."""
 
 LOWER = """
 #if defined(__CUDA_ARCH__)
@@ -59,113 +58,50 @@ def lower_to(numbers: wp.array(dtype=float), i: int, value: float):
 
 
 @functools.cache
-def keep_apart(scalar: type, blocks: int, worlds: bool = False):
-    """Compose the kernel that keeps the near pairs apart, in phases; its threads share pairs and particles.
+def catch_up(scalar: type):
+    """Compose the kernel, over driven particles, that lets those that were held back catch up.
 
-    Where one launch has several phases, all threads belong to one cluster of `blocks` blocks, on the CPU to one
-    thread. What a pair knows of the start of the substep is computed once.
+    They do so no faster than at twice their speed.
     """
-    V, W = vector(3, scalar), wp.types.vector(4, scalar)
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    V, Pairs = vector(3, scalar), NearPairs(scalar)
     load, store, _ = records(3, scalar)
-    on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
-    lacks, count_pushes, push, apply = pair_impulses(scalar, worlds)
-    zero, one = scalar(0.0), scalar(1.0)
-    rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
-    @wp.func
-    def place_of(
-        first: wp.array(dtype=int),
-        particle: wp.array(dtype=int),
-        weight: wp.array(dtype=scalar),
-        x: wp.array(dtype=V),
-        v: int,
-    ) -> V:
-        place = V()
-        for s in range(first[v], first[v + 1]):
-            place += weight[s] * load(x, particle[s])
-        return place
-
-    @wp.func
-    def gap_along(normal: V, b: V, c: V, d: V, edges: bool) -> scalar:
-        """Return how far apart the two of a pair are along a direction [m]; its first vertex is at 0."""
-        lowest = zero
-        highest = wp.max(wp.dot(normal, c), wp.dot(normal, d))
-        if edges:
-            lowest = wp.min(zero, wp.dot(normal, b))
-        else:
-            highest = wp.max(highest, wp.dot(normal, b))
-        return lowest - highest
-
-    @wp.func
-    def measure(data: Data, pairs: Pairs, x: wp.array(dtype=V), least: scalar, k: int):
-        """Find the nearest points of a pair and the direction of its plane, where the substep begins."""
-        vertices = pairs.vertices[k]
-        f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
-        a = place_of(f, p, w, x, vertex_of(vertices, 0))
-        b = place_of(f, p, w, x, vertices[1]) - a
-        c = place_of(f, p, w, x, vertices[2]) - a
-        d = place_of(f, p, w, x, vertices[3]) - a
-        weights = W()
-        away = V()
-        across = V()
-        edges = vertices[0] < 0
-        if edges:
-            shares = on_segments(V(), b, c, d)
-            s = shares[0]
-            t = shares[1]
-            weights = W(one - s, s, t - one, -t)
-            away = s * b - (one - t) * c - t * d
-            across = wp.normalize(wp.cross(b, d - c))
-        else:
-            on = on_triangle(V(), b, c, d)
-            weights = W(one, -on[0], -on[1], -on[2])
-            away = -(on[0] * b + on[1] * c + on[2] * d)
-            across = wp.normalize(wp.cross(c - b, d - b))
-        # The nearest points of edges that are almost parallel, or very near, are not exact: of two directions that
-        # one is taken along which the two are farther apart.
-        away = wp.normalize(away)
-        if wp.dot(across, away) < zero:
-            across = -across
-        normal = away
-        gap = gap_along(away, b, c, d, edges)
-        other_gap = gap_along(across, b, c, d, edges)
-        if other_gap > gap:
-            normal = across
-            gap = other_gap
-        pairs.weights[k] = weights
-        pairs.gap[k] = gap
-        pairs.normal[k] = normal
-        # With smaller gaps rounding would decide on which side a vertex is.
-        pairs.least[k] = wp.max(least, rounding * wp.max(wp.abs(a)))
-
-    @wp.func
+    @kernel
     def follow(
-        x: wp.array(dtype=V),
+        pairs: Pairs,
+        x: wp.array(dtype=V),  # where the substep begins
+        h: scalar,  # its length [s]
+        least: scalar,  # the least distance from a plane [m]
+        # In and out: where it ends
         x_out: wp.array(dtype=V),
         v_out: wp.array(dtype=V),
-        h: scalar,
-        least: scalar,
-        i: int,
     ):
-        """Let a driven particle that was held back catch up no faster than at twice its speed."""
+        i = pairs.driven[wp.tid()]
         way = h * load(v_out, i)
         behind = load(x_out, i) - load(x, i) - way
         most = wp.max(wp.length(way), scalar(CATCH_UP) * least)
         if wp.length(behind) > most:
             store(x_out, i, load(x, i) + way + (most / wp.length(behind)) * behind)
 
-    @wp.func
-    def way_towards(data: Data, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V) -> scalar:
-        """Return how far a vertex goes against a direction, at most, if its particles go a part of their ways."""
-        way = zero
-        for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
-            i = data.surfaces.particle[s]
-            way += data.surfaces.weight[s] * wp.max(zero, -wp.dot(load(x_out, i) - load(x, i), normal))
-        return way
+    return follow
+
+
+@functools.cache
+def keep_apart(scalar: type, blocks: int, worlds: bool = False):
+    """Compose the kernel that keeps the near pairs apart, in phases; its threads share pairs and particles.
+
+    Where one launch has several phases, all threads belong to one cluster of `blocks` blocks, on the CPU to one
+    thread.
+    """
+    V, W = vector(3, scalar), wp.types.vector(4, scalar)
+    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    load, store, _ = records(3, scalar)
+    place_of, way_towards = ways(scalar, worlds)
+    _, lacks, count_pushes, push, apply = pair_impulses(scalar, worlds)
+    zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
-    def shorten(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int):
+    def shorten(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
         """Shorten the ways of the particles of a pair where they lead to its plane."""
         normal = pairs.normal[k]
         gap = pairs.gap[k]
@@ -191,7 +127,8 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
                 ways[m] = way_towards(data, x, x_out, v, -normal)
                 furthest_second = wp.max(furthest_second, ways[m])
                 mobility_second += mobility
-        if furthest_first + furthest_second <= scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]):
+        most = wp.max(scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]), gap - apart)
+        if furthest_first + furthest_second <= most:
             return
         # Where the plane is, from the second one on: the faster one has more room, and one that is driven as much
         # as it needs.
@@ -241,16 +178,17 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         x: wp.array(dtype=V),
         x_out: wp.array(dtype=V),
         per_unit: wp.float64,
+        apart: scalar,
         phase: int,
         k: int,
     ):
         """Do a phase's part for a pair."""
         if phase == wp.static(PHASES - 2):
-            shorten(data, pairs, x, x_out, k)
+            shorten(data, pairs, x, x_out, apart, k)
         elif pairs.gap[k] > zero:
-            way, lack = lacks(data, pairs, x, x_out, k)
+            way, lack = lacks(data, pairs, x, x_out, apart, k)
             if lack > zero:
-                if phase % 3 == 1:
+                if phase % 3 == 0:
                     count_pushes(data, pairs, k)
                 else:
                     push(data, pairs, k, way, lack, per_unit)
@@ -261,8 +199,9 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         x: wp.array(dtype=V),  # where the substep began
         h: scalar,  # its length [s]
         per_unit: wp.float64,  # of impulses [1/(kg m)]
-        least: scalar,  # the least distance from a plane [m]
+        apart: scalar,  # beyond this distance pairs are left alone [m]
         particles: int,  # of a world
+        substep: int,  # from 1 in each frame
         first_phase: int,
         last_phase: int,
         threads: int,
@@ -271,13 +210,12 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),
     ):
-        count = wp.min(pairs.count[0], pairs.vertices.shape[0])
-        if count == 0 and pairs.driven.shape[0] == 0:
+        if pairs.alarm[0] != substep:
             return
+        count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         for phase in range(first_phase, last_phase + 1):
-            of_particles = phase == wp.static(PHASES - 1) or (phase % 3 == 0 and phase > 0)
             n = wp.tid()
-            if of_particles:
+            if phase == wp.static(PHASES - 1) or phase % 3 == 2:
                 while n < pairs.particle_count[0]:
                     i = pairs.particle[n]
                     if phase < wp.static(PHASES - 2):
@@ -289,15 +227,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
                     n += threads
             else:
                 while n < count:
-                    if phase == 0:
-                        measure(data, pairs, x, least, n)
-                    else:
-                        act(data, pairs, x, x_out, per_unit, phase, n)
-                    n += threads
-            if phase == 0:
-                n = wp.tid()
-                while n < pairs.driven.shape[0]:
-                    follow(x, x_out, v_out, h, least, pairs.driven[n])
+                    act(data, pairs, x, x_out, per_unit, apart, phase, n)
                     n += threads
             if phase < last_phase:
                 wait()

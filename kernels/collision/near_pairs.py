@@ -48,6 +48,7 @@ def NearPairs(scalar: type):
         edge: wp.array(dtype=wp.vec2i)  # the ends of each, shape [edge_count]
         bare: wp.array(dtype=int)  # whether no triangle has it
         of_facet: wp.array(dtype=wp.vec3i)  # the edges that are looked for in each facet, -1: none
+        rank: wp.array(dtype=int)  # of each body by the length of its edges, the shortest first
         # Pairs:
         vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first one as ~
         count: wp.array(dtype=int)  # how many these are, shape [1]
@@ -69,16 +70,19 @@ def NearPairs(scalar: type):
         restitution: wp.array(dtype=scalar)  # by rule
         tangles: wp.array(dtype=int)  # whether anything crosses, shape [1]
         tangled: wp.array(dtype=int)  # whether each vertex belongs to what crosses since the start
+        alarm: wp.array(dtype=int)  # in which substep of a frame a pair last came too near, from 1
 
     return NearPairs
 
 
 @functools.cache
-def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
-    """Compose the kernel that lists pairs nearer than two skins; its threads share vertices and edges.
+def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
+    """Compose the kernel that lists the pairs that may come too near before pairs are listed again.
 
-    Each side of a pair moves by half of a skin at most before pairs are listed again. So one that is not listed
-    cannot lose half of its gap in a substep: a list that has more pairs changes nothing.
+    Each side of a pair moves by half of a skin at most until then. So a pair that is farther apart than a skin and
+    `apart`, the distance beyond which pairs are left alone, need not be listed: a list that has more pairs changes
+    nothing. `lanes` threads share a vertex or an edge. A pair of edges is found from the body with shorter edges,
+    near which fewer facets are.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     (place_of, place_on, nearest_to), on_segments = places(scalar), nearest_on_segments(scalar)
@@ -122,10 +126,13 @@ def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
         x: V,
         y: V,
         facet: int,
+        turn: int,
         reach: scalar,
         flags: wp.array(dtype=float),
     ):
-        """List the pairs of a vertex, or of an edge (e >= 0), with a facet."""
+        """List the pairs of a vertex, or of an edge (e >= 0), with a facet, in every turn of its lane."""
+        if turn % wp.static(lanes) != 0:
+            return
         c = data.surfaces.corner[facet]
         if e < 0:
             if c[1] != c[2] and c[0] != vertex and c[1] != vertex and c[2] != vertex:
@@ -138,7 +145,8 @@ def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
             return
         for k in range(3):
             other = pairs.of_facet[facet][k]
-            if other > e:
+            # Of two edges of the same body the first one finds the second one.
+            if other > e or (other >= 0 and data.surfaces.owner[facet] != data.surfaces.body_of[ends[0]]):
                 to = pairs.edge[other]
                 alone = ends[0] == ends[1] or to[0] == to[1]
                 joined = ends[0] == to[0] or ends[0] == to[1] or ends[1] == to[0] or ends[1] == to[1]
@@ -163,14 +171,16 @@ def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
         least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
         most: wp.array(dtype=wp.vec3),
         buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
+        apart: scalar,  # [m]
         threads: int,  # in each part
         part: int,
         parts: int,  # that threads of the CPU take
         flags: wp.array(dtype=float),
     ):
-        reach = doubt * scalar(2.0) * buffer[0]
+        reach = doubt * (buffer[0] + apart)
         vertex_count = data.surfaces.x.shape[0]
-        n = first_of_part(wp.tid(), part)
+        n = first_of_part(wp.tid(), part) / wp.static(lanes)
+        lane = wp.tid() % wp.static(lanes)
         while n < vertex_count + pairs.edge.shape[0]:
             e = n - vertex_count
             ends = wp.vec2i(n, n)
@@ -190,12 +200,16 @@ def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
                     other = data.neighbors.body_pairs[body, b]
                     if both_closed(data.surfaces.closed, body, other):
                         continue  # they press into each other, and are pushed out
+                    if e >= 0 and pairs.rank[body] > pairs.rank[other]:
+                        continue
                     if wp.min(above, lower[other]) == lower[other] and wp.max(below, upper[other]) == upper[other]:
                         found = wp.bvh_query_aabb(facets, below, above, data.neighbors.root[other])
                         facet = int(0)
+                        turn = int(lane)
                         while wp.bvh_query_next(found, facet):
-                            pairs_of_facet(data, pairs, n, e, ends, x, y, facet, reach, flags)
-            n = next_of_part(n, threads, parts)
+                            pairs_of_facet(data, pairs, n, e, ends, x, y, facet, turn, reach, flags)
+                            turn += 1
+            n = next_of_part(n, threads / wp.static(lanes), parts)
 
     return find
 

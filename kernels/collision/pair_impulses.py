@@ -10,17 +10,18 @@ from .contact_data import BodyContactData
 from .near_pairs import NearPairs, vertex_of
 
 KEPT = 0.5
-"""The share of its gap that a pair keeps in a substep, where impulses can."""
+"""The share of its gap that a pair keeps in a substep, where impulses can, unless it stays far apart."""
 ALL_KEPT = 4.0
 """Near its least gap, by this factor, a pair keeps all of it."""
 
 
 @functools.cache
 def pair_impulses(scalar: type, worlds: bool):
-    """Compose (lacks, count_pushes, push, apply).
+    """Compose (may_lose, lacks, count_pushes, push, apply).
 
-    `lacks` returns the way of a pair's first one relative to the second, and by how much it is too long. In a
-    round each pair counts its pushes, then adds its impulses; then each particle applies them.
+    `may_lose` returns how much of its gap a pair may lose in a substep [m]; `lacks` the way of its first one
+    relative to the second, and by how much that is too long. In a round each pair counts its pushes, then adds its
+    impulses; then each particle applies them.
     """
     V, Units = vector(3, scalar), wp.types.vector(3, wp.int64)
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
@@ -130,10 +131,13 @@ def pair_impulses(scalar: type, worlds: bool):
             store(v_out, i, load(v_out, i) + moved / h)
 
     @wp.func
-    def lacks(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int):
-        way = way_between(data, pairs, x, x_out, k)
-        lack = -wp.dot(way, pairs.normal[k])
-        lack -= (scalar(1.0) - kept) * wp.max(zero, pairs.gap[k] - scalar(ALL_KEPT) * pairs.least[k])
-        return way, lack
+    def may_lose(gap: scalar, least: scalar, apart: scalar) -> scalar:
+        share = (scalar(1.0) - kept) * (gap - scalar(ALL_KEPT) * least)
+        return wp.max(zero, wp.max(share, gap - apart))
 
-    return lacks, count_pushes, push, apply
+    @wp.func
+    def lacks(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
+        way = way_between(data, pairs, x, x_out, k)
+        return way, -wp.dot(way, pairs.normal[k]) - may_lose(pairs.gap[k], pairs.least[k], apart)
+
+    return may_lose, lacks, count_pushes, push, apply

@@ -37,7 +37,7 @@ from .division_planes import DivisionPlanes
 from .initial_overlap import initial_containment
 from .neighbor_list import NeighborList
 from .tables_by_world import Repeated
-from .tunnelling import Tunnelling
+from .tunnelling_warning import Tunnelling
 
 OVERLAP = 0.01
 """By how much of their spacing bodies may overlap at the start without a warning."""

@@ -7,7 +7,16 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces
-from ...kernels.collision import MOST_THREADS, PHASES, NearPairs, find_pairs, find_tangles, keep_apart
+from ...kernels.collision import (
+    MOST_THREADS,
+    PHASES,
+    NearPairs,
+    catch_up,
+    find_pairs,
+    find_tangles,
+    keep_apart,
+    measure_pairs,
+)
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
@@ -17,12 +26,18 @@ from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
 """The least gap, by the thickness at which bodies touch; without it gaps shrink until rounding closes them."""
+APART = 0.25
+"""Pairs that stay farther apart than this, by the thickness, are left alone: contact forces act long before."""
 ROOM = 4
 """Room for near pairs at first, by the number of vertices."""
 MOST_IN_CLUSTER = 2**15
 """With room for more pairs each phase is a launch of its own."""
 CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
+LANES = 8
+"""Threads on a GPU that share a vertex or an edge when pairs are listed."""
+MEASURING_THREADS = 2**16
+"""Threads on a GPU that measure the gaps of pairs, at most."""
 
 
 class DivisionPlanes(Effect):
@@ -50,7 +65,7 @@ class DivisionPlanes(Effect):
         """Whether anything crossed at the start, or was inside another body."""
         thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
         thickness = float(thick[thick > 0].min(initial=thick.max()))  # the least at which anything touches
-        self._least_gap = LEAST_GAP * thickness
+        self._least_gap, self._apart = LEAST_GAP * thickness, APART * thickness
         scalar, device = model.scalar, model.device
         data = self.pairs = NearPairs(scalar)()
         edge, bare, of_facet = edges(on_host)
@@ -58,8 +73,11 @@ class DivisionPlanes(Effect):
         data.edge, data.bare = each.alike(edge, wp.vec2i, vertices), each.alike(bare, int)
         of_world = np.where(of_facet < 0, -(2**30), of_facet)  # below 0 in all worlds
         data.of_facet = each.alike(of_world, wp.vec3i, len(edge))
+        data.rank = each.alike(ranks(surfaces, edge), int)
         data.tangled = wp.zeros(model.worlds * vertices, dtype=int, device=device)
-        data.count, data.particle_count, data.tangles = (wp.zeros(1, dtype=int, device=device) for _ in "cpt")
+        data.count, data.particle_count, data.tangles, data.alarm = (
+            wp.zeros(1, dtype=int, device=device) for _ in "cpta"
+        )
         data.in_pair, data.particle, data.pushes = (wp.zeros(particles, dtype=int, device=device) for _ in "ipp")
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
         data.share = wp.ones(particles, dtype=float, device=device)
@@ -87,9 +105,11 @@ class DivisionPlanes(Effect):
             array.zero_()
         if self.tangles and not within:
             self._find_tangles()
-        kernel = find_pairs(model.scalar, self.tangles, model.in_worlds)
+        lanes = LANES if model.device.is_cuda else 1
+        kernel = find_pairs(model.scalar, self.tangles, lanes, model.in_worlds)
         inputs = [self._contact, data, neighbors.tree.id, *neighbors.boxes, *neighbors.limits, neighbors.buffer]
-        neighbors.share(kernel, len(self._contact.surfaces.x) + len(data.edge), inputs, [neighbors.flags])
+        many = lanes * (len(self._contact.surfaces.x) + len(data.edge))
+        neighbors.share(kernel, many, [*inputs, self._apart], [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
         """Leave out what crosses at the start, or is inside another body, until it is apart."""
@@ -104,41 +124,36 @@ class DivisionPlanes(Effect):
         neighbors.share(kernel, len(pairs.edge) + len(surfaces.ends), inputs, [])
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
-        """Launch what keeps pairs apart until the end of a substep, and whether lists held for it."""
-        self._keep_apart(before, after)
-        steps, neighbors = self.steps, self.neighbors
-        if (substep + 1) % neighbors.rebuild_interval == 0 or substep + 1 == steps.substeps:
-            neighbors.now = (substep + 1) * steps.dt  # the last way before lists are made again
+        """Launch what keeps pairs apart until the end of a substep, and of a frame: whether lists held for it."""
+        model, neighbors, steps = self._model, self.neighbors, self.steps
+        if len(self.pairs.driven):
+            outputs = [after.x, after.v]
+            inputs = [self.pairs, before.x, steps.dt, self._least_gap]
+            wp.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs, device=model.device)
+        measured = [self._contact, self.pairs, before.x, after.x, self._least_gap, self._apart, substep + 1]
+        kernel = measure_pairs(model.scalar, model.in_worlds)
+        neighbors.share(kernel, len(self.pairs.vertices), measured, [], MEASURING_THREADS)
+        self._keep_apart(before, after, substep)
+        if substep + 1 == steps.substeps:  # a search within the frame finds it for the substeps before
+            neighbors.now = steps.substeps * steps.dt
             neighbors.place(after.x, after.v, after.compensation)
 
-    def _keep_apart(self, before: Instant, after: Instant) -> None:
+    def _keep_apart(self, before: Instant, after: Instant, substep: int) -> None:
         model, device, neighbors = self._model, self._model.device, self.neighbors
-        partition = neighbors.partition
         small = not device.is_cuda or len(self.pairs.vertices) <= MOST_IN_CLUSTER
         blocks = CLUSTER if small and device.is_cuda and device.arch >= 90 else 1
         threads = (blocks * MOST_THREADS if small else len(self.pairs.vertices) // 4) if device.is_cuda else 1
         kernel = keep_apart(model.scalar, blocks, model.in_worlds)
-        inputs = [
-            self._contact,
-            self.pairs,
-            before.x,
-            self.steps.dt,
-            self._per_unit,
-            self._least_gap,
-            model.stride,
-        ]
+        inputs = [self._contact, self.pairs, before.x, self.steps.dt, self._per_unit, self._apart, model.stride]
         outputs = [after.x, after.v, neighbors.flags]
 
         def launch(part: int, parts: int) -> None:
             if part == 0:  # of the threads of the CPU one does it all
                 for first, last in [(0, PHASES - 1)] if small else [(k, k) for k in range(PHASES)]:
-                    given = [*inputs, first, last, threads]
+                    given = [*inputs, substep + 1, first, last, threads]
                     wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
 
-        if partition is not None and partition.is_recording:
-            partition.launch_parts(launch)
-        else:
-            launch(0, 1)
+        neighbors.launch_parts(launch)
 
     def extend(self, pairs: int) -> bool:
         """Make room for more than so many pairs; tell whether there was not."""
@@ -174,3 +189,12 @@ def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int
     of_facet[facet[counts][first], side[counts][first]] = np.arange(len(different))
     bare = ~triangle[facet[counts][first]]
     return different.astype(np.int32), bare.astype(np.int32), of_facet
+
+
+def ranks(surfaces: ContactSurfaces, edge: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the place of each body in the order of the mean length of edges at the start, the shortest first."""
+    on_host, x = surfaces.on_host, surfaces.data.x.numpy()
+    length = np.linalg.norm(x[edge[:, 1]] - x[edge[:, 0]], axis=1)
+    body, bodies = on_host.body[edge[:, 0]], len(on_host.closed)
+    mean = np.bincount(body, length, bodies) / np.maximum(np.bincount(body, minlength=bodies), 1)
+    return np.argsort(np.argsort(mean, kind="stable"), kind="stable").astype(np.int32)

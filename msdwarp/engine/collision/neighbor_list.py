@@ -1,6 +1,7 @@
 """NeighborList: the facets near each point of bodies that touch, in lists that hold for some substeps."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -151,14 +152,18 @@ class NeighborList:
 
         There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
         """
-        device, partition = self._model.device, self.partition
+        device = self._model.device
         threads = min(many, most) if device.is_cuda else 1
 
         def launch(part: int, parts: int) -> None:
             wp.launch(kernel, threads, [*inputs, threads, part, parts], outputs, device=device, block_dim=block)
 
-        if partition is not None and partition.is_recording:
-            partition.launch_parts(launch)
+        self.launch_parts(launch)
+
+    def launch_parts(self, launch: Callable[[int, int], None]) -> None:
+        """Call `launch(part, parts)` for each thread of the CPU that shares a frame; for one `launch(0, 1)`."""
+        if self.partition is not None and self.partition.is_recording:
+            self.partition.launch_parts(launch)
         else:
             launch(0, 1)
 
@@ -217,8 +222,8 @@ class NeighborList:
     def _find_rows(self, within: bool = False) -> None:
         """Launch the search of the facets near each point, by the present boxes."""
         contact, device, kinds = self._contact, self._model.device, (self._model.scalar, self._model.in_worlds)
-        around, wide = [self._around, self.buffer], max(self._around, self._widest)  # near pairs: two skins apart
-        inputs = [contact, self._bodies.id, *self.boxes, wide, self.buffer, self.flags, self.data.active_count]
+        around = [self._around, self.buffer]
+        inputs = [contact, self._bodies.id, *self.boxes, *around, self.flags, self.data.active_count]
         wp.launch(box_neighbours(*kinds), len(self.boxes[0]), inputs, self.limits, device=device)
         self.share(find_candidates(*kinds), self._points, [contact, *self.limits], [])
         inputs = [contact, self.tree.id, *self.boxes, *around]
@@ -246,9 +251,10 @@ class NeighborList:
             return False
         chosen = [MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]
         moved, way, longest, body_pairs, pairs = flags.max(axis=0)[chosen].tolist()
-        held, before = moved <= 0.5 * self._skin_now, self.rebuild_interval
-        # `way` is that of all substeps between two searches; without near pairs `moved` lacks the last one.
-        lacking = int(self.planes is None)
+        # `way` is that of all substeps between two searches; `moved` lacks the last one, but for a frame's end.
+        lacking, before = int(self.planes is None), self.rebuild_interval
+        # Contact forces act before the last substep of a list, near pairs after it.
+        held = max(moved, 0.0 if lacking else way) <= 0.5 * self._skin_now
         per_substep = max(
             way / self.rebuild_interval, moved / max(min(self.rebuild_interval, substeps) - lacking, 1), 1e-30
         )

@@ -1,4 +1,7 @@
-"""Words about tunnelling: contacts that may come out on the wrong side, and what would help."""
+"""The words of `TunnellingWarning`: contacts that may come out on the wrong side, and what would help.
+
+What prevents crossing, where one of the two bodies is open, is `division_planes.py`.
+"""
 
 import math
 from typing import NamedTuple, Self
@@ -32,7 +35,7 @@ class Tunnelling(NamedTuple):
 
     @classmethod
     def of(cls, noted: NDArray[np.float64], surfaces: ContactSurfaces, rules: ContactRules) -> Self:
-        """Return what `kernels.collision.tunnelling` has noted of a frame, by the numbers of one world."""
+        """Return what `kernels.collision.history` has noted of a frame, by the numbers of one world."""
         on_host = surfaces.on_host
         a, b = int(surfaces.body_of_point[int(noted[POINT])]), int(surfaces.body_of_facet[int(noted[FACET])])
         thickness, closed = float(rules.thickness[rules.between(a, b)]), bool(on_host.closed[b]) and a != b
