@@ -77,7 +77,7 @@ def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False)
 
 @functools.cache
 def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose the kernel, by a block of threads for each world, of the pressure of a gas: p = p0 (V0 / V)^γ.
+    """Compose the kernel, by a block of threads for each gas in each world, of its pressure: p = p0 (V0 / V)^γ.
 
     The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, in float64, relative to one of the corners. Each
     thread sums a share, and the shares are added in a fixed order.
@@ -101,13 +101,8 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     def find_pressure(
         # Model:
         corner: wp.array(dtype=wp.vec3i),  # the vertices of each triangle, shape [any]
-        begin: int,  # the first triangle around this gas, and the first behind
-        end: int,
-        inside: wp.float64,  # p0, where the volume is V0 [Pa]
-        outside: wp.float64,  # pressure of the air around [Pa]
-        volume: wp.float64,  # V0 [m³]
-        exponent: wp.float64,  # γ
-        gas: int,
+        ends: wp.array(dtype=int),  # where the triangles around each gas begin, shape [gas_count + 1]
+        numbers: wp.array(dtype=wp.vec4d),  # of each: p0 and the pressure outside [Pa], V0 [m³], and γ
         # State in:
         x: wp.array(dtype=V),  # positions of vertices [m]: particles, or where they are mixed their own
         x_lost: wp.array(dtype=V),  # compensation of those of particles [m]
@@ -115,13 +110,14 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         # Out:
         over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [worlds, gas_count]
     ):
-        w = wp.tid() / wp.block_dim()
+        gas = (wp.tid() / wp.block_dim()) % numbers.shape[0]
+        w = wp.tid() / wp.block_dim() / numbers.shape[0]
         thread = wp.tid() % wp.block_dim()
         here = w * stride
-        origin = place(x, x_lost, here + corner[begin][0])
+        origin = place(x, x_lost, here + corner[ends[gas]][0])
         share = wp.float64(0.0)
-        t = begin + thread
-        while t < end:
+        t = ends[gas] + thread
+        while t < ends[gas + 1]:
             a = place(x, x_lost, here + corner[t][0]) - origin
             b = place(x, x_lost, here + corner[t][1]) - origin
             c = place(x, x_lost, here + corner[t][2]) - origin
@@ -130,7 +126,8 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         total = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0) / wp.float64(6.0)
         if thread == 0:
             # Turned inside out there is no volume: the pressure stays finite, and the run says that it diverged.
-            part = wp.max(total / volume, wp.float64(1e-6))
-            over[w, gas] = scalar(inside * wp.pow(part, -exponent) - outside)
+            of_gas = numbers[gas]
+            part = wp.max(total / of_gas[2], wp.float64(1e-6))
+            over[w, gas] = scalar(of_gas[0] * wp.pow(part, -of_gas[3]) - of_gas[1])
 
     return find_pressure

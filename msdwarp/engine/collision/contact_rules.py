@@ -22,8 +22,14 @@ within 2 % of the given one at most moments of impact, and within 3 % at all.
 """
 CONTACTS_OF_A_ROPE = 4.0
 """The same of a particle that hangs on others, in a rope or a heap."""
-EDGE_FACTOR = 2.0
-"""Mass that a point on an edge may stand for, by that of a vertex."""
+MASS_FACTOR = 1.2
+"""Mass that a point with an area may stand for, by that of a vertex, in the bound of the damping.
+
+A contact of damping b and gradient g has the rate b Σ|g_j| |g_i| / m at most (as below), with b in proportion to the
+root of 1 / Σg²; so Σ|g_j| / (2 √Σg²) counts. It is most for the middle of an edge on the centre of a triangle.
+"""
+MASS_FACTOR_OF_A_SPHERE = 2.0
+"""The same of a particle on its own or in a rope, for which numbers of contacts are guessed."""
 NOTHING = 1e-30
 """Spacing of a body that has none, such as a single particle [m]."""
 
@@ -181,7 +187,8 @@ class ContactRules:
         each = contacts[body] * (stiff + reaction)[body] * density[body] * weights
         mass = np.where(np.isfinite(mass), mass, 0.0)
         heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)
-        root = np.sqrt(EDGE_FACTOR * np.maximum(stiff, reaction)[body] * heavy)
+        factor = np.where(contacts > 1, MASS_FACTOR_OF_A_SPHERE, MASS_FACTOR)
+        root = np.sqrt((factor * np.maximum(stiff, reaction))[body] * heavy)
         damped = contacts[body] * ratio[body] * density[body] * root * 2 * weights
         return spread_to_particles(surfaces, each, len(mass)), spread_to_particles(surfaces, damped, len(mass))
 

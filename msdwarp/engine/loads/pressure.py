@@ -86,20 +86,20 @@ class Gases(SurfacePressure):
         self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
         self.data.value = wp.zeros((model.worlds, len(gases)), dtype=model.scalar, device=model.device)
         self.by_world = ("value",)
+        numbers = [(one.pressure + one.outside, one.outside, one.volume, one.exponent) for one in gases]
+        self._numbers = wp.array(numbers, dtype=wp.vec4d, device=model.device)
+        self._ends = wp.array(self._faces.ends, dtype=int, device=model.device)
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch the kernels that compute the pressures for positions x."""
-        model, ends = self._model, self._faces.ends
-        threads, stride = THREADS if model.device.is_cuda else 1, model.stride
+        """Launch the kernel that computes the pressures for positions x."""
+        model, threads = self._model, THREADS if self._model.device.is_cuda else 1
+        stride = model.stride
         if self._vertices is not None:
             x = self._vertices.data.x
             stride = len(x) // model.worlds
-        for k, gas in enumerate(self._gases):
-            inside = gas.pressure + gas.outside
-            inputs = [self.data.faces.corner, int(ends[k]), int(ends[k + 1]), inside, gas.outside, gas.volume]
-            inputs += [gas.exponent, k, x, compensation.x, stride]
-            count, out = model.worlds * threads, [self.data.value]
-            wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
+        inputs = [self.data.faces.corner, self._ends, self._numbers, x, compensation.x, stride]
+        count, out = model.worlds * len(self._gases) * threads, [self.data.value]
+        wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness by the gases.

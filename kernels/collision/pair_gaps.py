@@ -1,0 +1,145 @@
+"""The gap of each near pair where a substep begins, and whether the pair comes too near in the substep."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..records import records
+from .contact_data import BodyContactData
+from .cpu_partition import first_of_part, next_of_part
+from .near_pairs import NearPairs, vertex_of
+from .nearest_point import nearest_on_segments, nearest_on_triangle
+from .pair_impulses import pair_impulses
+
+ROUNDING = 4.0
+"""The least gap by how far apart the numbers of the device are there."""
+
+
+@functools.cache
+def ways(scalar: type, worlds: bool):
+    """Compose (place_of, way_towards): where a vertex is, and how far it goes against a direction at most [m]."""
+    V, Data, load = vector(3, scalar), BodyContactData(scalar, worlds), records(3, scalar).load
+
+    @wp.func
+    def place_of(
+        first: wp.array(dtype=int),
+        particle: wp.array(dtype=int),
+        weight: wp.array(dtype=scalar),
+        x: wp.array(dtype=V),
+        v: int,
+    ) -> V:
+        place = V()
+        for s in range(first[v], first[v + 1]):
+            place += weight[s] * load(x, particle[s])
+        return place
+
+    @wp.func
+    def way_towards(data: Data, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V) -> scalar:
+        way = scalar(0.0)  # its particles may go a part of their ways each
+        for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
+            i = data.surfaces.particle[s]
+            way += data.surfaces.weight[s] * wp.max(scalar(0.0), -wp.dot(load(x_out, i) - load(x, i), normal))
+        return way
+
+    return place_of, way_towards
+
+
+@functools.cache
+def measure_pairs(scalar: type, worlds: bool = False):
+    """Compose the kernel that finds the gap of each near pair, and whether it comes too near in the substep.
+
+    Its threads share the pairs. Where none comes too near, nothing has to be kept apart.
+    """
+    V, W = vector(3, scalar), wp.types.vector(4, scalar)
+    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
+    (place_of, way_towards), may_lose = ways(scalar, worlds), pair_impulses(scalar, worlds)[0]
+    zero, one = scalar(0.0), scalar(1.0)
+    rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
+
+    @wp.func
+    def gap_along(normal: V, b: V, c: V, d: V, edges: bool) -> scalar:
+        """Return how far apart the two of a pair are along a direction [m]; its first vertex is at 0."""
+        lowest = zero
+        highest = wp.max(wp.dot(normal, c), wp.dot(normal, d))
+        if edges:
+            lowest = wp.min(zero, wp.dot(normal, b))
+        else:
+            highest = wp.max(highest, wp.dot(normal, b))
+        return lowest - highest
+
+    @wp.func
+    def measure(data: Data, pairs: Pairs, x: wp.array(dtype=V), least: scalar, k: int):
+        """Find the nearest points of a pair and the direction of its plane, where the substep begins."""
+        vertices = pairs.vertices[k]
+        f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
+        a = place_of(f, p, w, x, vertex_of(vertices, 0))
+        b = place_of(f, p, w, x, vertices[1]) - a
+        c = place_of(f, p, w, x, vertices[2]) - a
+        d = place_of(f, p, w, x, vertices[3]) - a
+        weights = W()
+        away = V()
+        across = V()
+        edges = vertices[0] < 0
+        if edges:
+            shares = on_segments(V(), b, c, d)
+            s = shares[0]
+            t = shares[1]
+            weights = W(one - s, s, t - one, -t)
+            away = s * b - (one - t) * c - t * d
+            across = wp.normalize(wp.cross(b, d - c))
+        else:
+            on = on_triangle(V(), b, c, d)
+            weights = W(one, -on[0], -on[1], -on[2])
+            away = -(on[0] * b + on[1] * c + on[2] * d)
+            across = wp.normalize(wp.cross(c - b, d - b))
+        # The nearest points of edges that are almost parallel, or very near, are not exact: of two directions that
+        # one is taken along which the two are farther apart.
+        away = wp.normalize(away)
+        if wp.dot(across, away) < zero:
+            across = -across
+        normal = away
+        gap = gap_along(away, b, c, d, edges)
+        other_gap = gap_along(across, b, c, d, edges)
+        if other_gap > gap:
+            normal = across
+            gap = other_gap
+        pairs.weights[k] = weights
+        pairs.gap[k] = gap
+        pairs.normal[k] = normal
+        # With smaller gaps rounding would decide on which side a vertex is.
+        pairs.least[k] = wp.max(least, rounding * wp.max(wp.abs(a)))
+
+    @kernel
+    def find(
+        data: Data,
+        pairs: Pairs,
+        x: wp.array(dtype=V),  # where the substep begins
+        x_out: wp.array(dtype=V),  # where it ends
+        least: scalar,  # the least distance from a plane [m]
+        apart: scalar,  # beyond this distance pairs are left alone [m]
+        substep: int,  # from 1 in each frame
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # that threads of the CPU take
+    ):
+        count = wp.min(pairs.count[0], pairs.vertices.shape[0])
+        k = first_of_part(wp.tid(), part)
+        while k < count:
+            measure(data, pairs, x, least, k)
+            vertices = pairs.vertices[k]
+            normal = pairs.normal[k]
+            first = way_towards(data, x, x_out, vertex_of(vertices, 0), normal)
+            second = way_towards(data, x, x_out, vertices[3], -normal)
+            if vertices[0] < 0:
+                first = wp.max(first, way_towards(data, x, x_out, vertices[1], normal))
+            else:
+                second = wp.max(second, way_towards(data, x, x_out, vertices[1], -normal))
+            second = wp.max(second, way_towards(data, x, x_out, vertices[2], -normal))
+            gap = pairs.gap[k]
+            if gap > zero and first + second > may_lose(gap, pairs.least[k], apart):
+                pairs.alarm[0] = substep
+            k = next_of_part(k, threads, parts)
+
+    return find
