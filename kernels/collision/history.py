@@ -1,4 +1,4 @@
-"""What points remember of the bodies that they touch: the displacement along them."""
+"""Contact history: the tangential displacement of points along the bodies that they touch."""
 
 import functools
 
@@ -13,8 +13,8 @@ from .pairs import NONE
 def memories(scalar: type, worlds: bool):
     """Compose (Memory, no_memory, remember, keep, shrink_overlap).
 
-    A point remembers two bodies, NONE where there are fewer; of more those whose numbers are least. `keep` writes
-    them, and `shrink_overlap` lessens the overlap that is left of the start.
+    A point remembers two bodies, those with the lowest indices if there are more; NONE fills up. `keep` stores
+    them; `shrink_overlap` reduces the allowed overlap since the start.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
 
@@ -62,7 +62,7 @@ def memories(scalar: type, worlds: bool):
 
 @functools.cache
 def displacements(scalar: type):
-    """Compose (bodies, displacement, p, other): how far a point was moved along a body [m]; 0 if not in touch."""
+    """Compose (bodies, displacement, p, other) -> displacement of point p along a body [m]; 0 without contact."""
     V = vector(3, scalar)
 
     @wp.func

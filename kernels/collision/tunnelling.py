@@ -1,4 +1,4 @@
-"""Tunnelling: points that come so fast, or are pressed so hard, that they may come out on the other side."""
+"""Tunnelling: points so fast, or pressed so hard, that they may come out on the wrong side of a facet."""
 
 import functools
 
@@ -8,17 +8,17 @@ from ..basis import vector
 from .cpu_partition import claim
 
 COUNT, POINT, FACET, GAP, SPEED, PLACE = range(6)
-"""The record of the first one in a frame: how many there are, the point, the facet, the distance where the substep
-ends [m], the speed of approach [m/s], and from PLACE on the place [m]."""
+"""Indices in the record of a frame: number of events, and of the first one the point, the facet, the distance at
+the substep's end [m], the speed of approach [m/s], and from PLACE on the position [m]."""
 NOTED = 8
 
 
 @functools.cache
 def note_tunnelling(scalar: type):
-    """Compose (noted, p, facet, x, onward, least, speed): note a contact unless it stays above the least gap.
+    """Compose (noted, p, facet, x, onward, least, speed): record a contact unless its gap stays above `least`.
 
-    `onward` is the gap with which the substep will end [m]. Of sheets, ropes and particles the least gap is 0:
-    past it a point has changed sides. Of closed bodies it is the depth from which a point is still pushed out.
+    `onward` is the gap expected at the substep's end [m]. For sheets, ropes and particles `least` is 0: below it a
+    point has changed sides. For closed bodies it is the depth up to which a point is pushed out, negated.
     """
     V = vector(3, scalar)
 

@@ -1,4 +1,4 @@
-"""Pressure on the triangles of a surface, given or of an enclosed gas."""
+"""Pressure on the triangles of a surface: given, or that of an enclosed gas."""
 
 import functools
 from typing import Any
@@ -20,9 +20,9 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 
     @wp.struct
     class Pressed:
-        value: wp.array2d(dtype=scalar)  # [Pa], in rows, shape [any, count]
+        value: wp.array2d(dtype=scalar)  # [Pa], shape [rows, count]
         faces: Faces
-        of: wp.array(dtype=int)  # which pressure each triangle has, shape [triangle_count]
+        of: wp.array(dtype=int)  # index of each triangle's pressure, shape [triangle_count]
 
     @wp.func
     def press(p: Pressed, compensation: Compensation, x: Vectors, v: Vectors, i: int, row: int) -> V:
@@ -59,7 +59,7 @@ def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = Fals
 
 @functools.cache
 def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of enclosed gases, with a single row: `gas_law` computes it for the present stage."""
+    """Return the term of enclosed gases, with a single row that `gas_law` computes in each stage."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -77,7 +77,7 @@ def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False)
 
 @functools.cache
 def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose the kernel, by a block of threads for each world, of the pressure of a gas: p = p0 (V0 / V)^γ.
+    """Compose the kernel that computes the pressure of a gas, p = p0 (V0 / V)^γ; each world has one block.
 
     The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, in float64, relative to one of the corners. Each
     thread sums a share, and the shares are added in a fixed order.
@@ -101,19 +101,19 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     def find_pressure(
         # Model:
         corner: wp.array(dtype=wp.vec3i),  # the vertices of each triangle, shape [any]
-        begin: int,  # the first triangle around this gas, and the first behind
+        begin: int,  # range of the triangles around this gas, end exclusive
         end: int,
         inside: wp.float64,  # p0, where the volume is V0 [Pa]
-        outside: wp.float64,  # pressure of the air around [Pa]
+        outside: wp.float64,  # ambient pressure [Pa]
         volume: wp.float64,  # V0 [m³]
         exponent: wp.float64,  # γ
         gas: int,
         # State in:
-        x: wp.array(dtype=V),  # positions of vertices [m]: particles, or where they are mixed their own
-        x_lost: wp.array(dtype=V),  # compensation of those of particles [m]
-        stride: int,  # from one world's places to the next one's
+        x: wp.array(dtype=V),  # positions [m] of particles, or of vertices if mixed
+        x_lost: wp.array(dtype=V),  # compensation of particles' positions [m]
+        stride: int,  # from one world to the next, in elements of x
         # Out:
-        over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [worlds, gas_count]
+        over: wp.array2d(dtype=scalar),  # excess over the ambient pressure [Pa], shape [worlds, gas_count]
     ):
         w = wp.tid() / wp.block_dim()
         thread = wp.tid() % wp.block_dim()
@@ -129,7 +129,7 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
             t += wp.block_dim()
         total = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0) / wp.float64(6.0)
         if thread == 0:
-            # Turned inside out there is no volume: the pressure stays finite, and the run says that it diverged.
+            # An inverted surface has no volume: keep the pressure finite; the run is reported as diverged.
             part = wp.max(total / volume, wp.float64(1e-6))
             over[w, gas] = scalar(inside * wp.pow(part, -exponent) - outside)
 
