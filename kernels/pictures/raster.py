@@ -247,7 +247,7 @@ def shade_triangle(
 def mean_texel(
     body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int
 ) -> wp.vec3:
-    """Return the texture's mean colour at points of a pixel, given as bits; (x, y) of the pixel is at `at`."""
+    """Return the texture's mean colour at the points `covered` (bits) of a pixel; (x, y) in it maps to `at`."""
     colour = wp.vec3()
     for p in range(4):
         if (covered >> p) & 1 == 1:
