@@ -1,4 +1,4 @@
-"""Runs on disk, continued or repeated from their files."""
+"""Continue or repeat runs from their files."""
 
 import contextlib
 from collections.abc import Iterable, Iterator

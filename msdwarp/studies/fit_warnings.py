@@ -11,12 +11,12 @@ from .measured import Channel
 SURE = 2.33
 """A normal variable is above this in one case of a hundred, so perfect noise causes a warning as often."""
 ALIKE = 0.3
-"""Correlation r of residuals at neighbouring times that is ignored: standard deviations are at most 1.4 times too
-small, sqrt((1 + r) / (1 - r))."""
+"""Tolerated correlation r of residuals at neighbouring times: standard deviations are then too small by at most a
+factor sqrt((1 + r) / (1 - r)) = 1.4."""
 OTHER = 1.5
-"""Ratio of residuals and given noise, or its inverse, that is ignored: noise is seldom known better."""
+"""Tolerated ratio of residuals to given noise, or its inverse: noise is seldom known better."""
 BY_STEP = 2.0
-"""Residuals below this multiple of the time step's error are errors of the time step."""
+"""Residuals below this multiple of the time step's error are attributed to the time step."""
 OUTRIGHT = 1000
 """If a frame needs more substeps than this, the measured times are probably in another unit."""
 

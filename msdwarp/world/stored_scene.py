@@ -1,4 +1,4 @@
-"""Scenes as numbers, texts and arrays that a file can hold, so that pictures of them need no script."""
+"""Scenes as JSON data and arrays for files, so that pictures of stored runs need no script."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields

@@ -18,7 +18,7 @@ AUTO = "auto"
 FEW_CONNECTIONS = 300
 """Up to this number scatter is faster: a thread per connection ends sooner than one per particle."""
 LEAST_PARTICLES = 32
-"""From this number on small lattices use a stencil nevertheless: it has several threads per particle."""
+"""Up to this number of particles a stencil is faster than scatter: it has several threads per particle."""
 FEW_PARTICLES = 20_000
 """Up to this number latency dominates, which is least for a stencil."""
 LEAST_USED = 0.4

@@ -194,7 +194,7 @@ class Dynamics:
 
     @contextmanager
     def measuring(self, substep: int) -> Iterator[None]:
-        """Set effects to the end of a substep while forces are measured: they do no work, and no stage counts."""
+        """Set effects to a substep's end while forces are measured. These do no work and count as no stage."""
         if self.composition.timed:  # the end is the start of the next substep
             self.scene.stage = (substep + 1) * len(self._steps.stage_times)
         work = self.assembly.external_work
@@ -227,7 +227,7 @@ class Dynamics:
         self.go_to_substep(substep)
 
     def end_substep(self, state: State, substep: int) -> None:
-        """End substep number `substep` of a frame: launch what effects change of its end, `state.state_out`."""
+        """End substep number `substep` of a frame: launch effects' changes of its result, `state.state_out`."""
         for effect in self._ending:
             effect.end_substep(state.state_in, state.state_out, substep)
 

@@ -16,7 +16,7 @@ from ..model.state import State
 from .assemble import Assembly
 
 COARSE = 1e-3
-"""The largest ratio of the spacing of float32 numbers to the shortest rest length that hardly rounds strains."""
+"""Spacing of float32 numbers over the shortest rest length up to which the rounding of strains is negligible."""
 TORN = 2.0
 """A body would be torn if depenetration stretched a spring by more than this factor."""
 
@@ -120,7 +120,7 @@ def check_swallowed(
 
 
 def start_far(model: Model) -> str | None:
-    """Return text about a system so far from the origin that float32 rounds its strains; None if it is near."""
+    """Return a message about a system too far from the origin for float32 strains; None if it is near."""
     system = model.system
     if model.precision != "float32" or not system.connection_count:
         return None  # compensated sums carry the rounding errors
