@@ -17,7 +17,7 @@ def find_depths(
 
     The winding number, the solid angle that the surface covers seen from the point over 4π, is 1 inside and 0
     outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized
-    winding numbers"); `reach` exceeds the distance of all points from the surface.
+    winding numbers"); all points are within `reach` of the surface.
     """
     i = wp.tid()
     found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)

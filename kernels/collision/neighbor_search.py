@@ -16,8 +16,8 @@ from .pairs import pairs, places, unit_normal
 def find_candidates(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the points which may be near a facet, or have old contacts to clear.
 
-    Its threads share the points; near points become adjacent in the list. Most points of large bodies are left
-    out: otherwise the search would have as many threads, most of them idle.
+    Its threads share the points; near points become adjacent in the list. Most points of large bodies are left out
+    here, because idle threads in a search take as long as busy ones.
     """
     Data, place_of = BodyContactData(scalar, worlds), places(scalar)[0]
 

@@ -17,7 +17,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
     It also measures how far vertices have moved since the last search, beyond the common drift of points in
     contact: whether lists are still valid. Vertices that were far from all other bodies may move further. Its
-    threads share the vertices. It calls no function with `data`: on the CPU each call would copy it.
+    threads share the vertices. On the CPU a part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)

@@ -32,7 +32,7 @@ def mass_product(dim: int, scalar: type):
 def block_inverses(dim: int, scalar: type):
     """Compose the kernel that inverts the diagonal blocks m + h² A_i + h B_i, for the preconditioner.
 
-    The inverse is 0 for a pinned or driven particle: conjugate gradients then do not change its velocity.
+    The inverse is 0 for a pinned or driven particle: conjugate gradients then leave its residual unchanged.
     """
     Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
     Masses, Blocks, Inverses = wp.array(dtype=scalar), wp.array(dtype=Wide), wp.array(dtype=Block)

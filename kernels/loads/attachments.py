@@ -56,8 +56,8 @@ def attachments(
         speed: wp.array2d(dtype=V)  # do/dt [m/s]
         if moving:
             ahead: int  # row offset from the velocity before a stage to that after it
-            # Work of each [J], shape [2, attachment_count]: the total, and its provisional part: half the work of
-            # the last force, with an estimate of the next velocity
+            # Work of each [J], shape [2, attachment_count], to be summed: that of all forces so far, and that of
+            # the next force with the current velocity, estimated from the last force
             done: wp.array2d(dtype=wp.float64)
 
     @wp.func

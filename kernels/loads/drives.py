@@ -40,8 +40,8 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
         bending: wp.array(dtype=Turn)  # [1/s²]
         push: wp.array(dtype=Wide)  # [m/s²]
         ahead: int  # row offset from the velocity before a stage to that after it
-        # Work on what each drives [J], shape [2, driven count]: what is done, and by the
-        # force to come with the velocity so far, that force taken as the last one
+        # Work on each driven particle [J], shape [2, driven count], to be summed: of all forces so far, and of the
+        # next force with the current velocity, estimated from the last force
         done: wp.array2d(dtype=wp.float64)
 
     def drive(SceneData: Any) -> Driving:

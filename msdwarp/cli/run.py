@@ -76,7 +76,7 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
         raise ValueError(f"log is {path}; its plot would have the name of the overlay")
     if not options.logs_in_folder and not path.parent.exists():
         raise FileNotFoundError(
-            f"log is {path}, whose folder is not there; it must be, or log a bare name, which goes into the run's"
+            f"log is {path}, whose folder does not exist; create it, or give a bare name, for the run's folder"
         )
     return EnergyLog(path, force=options.force or options.logs_in_folder)  # its folder is empty, or forced
 

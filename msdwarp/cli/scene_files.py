@@ -80,7 +80,7 @@ def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin
             guard = 'scene_main(build) must stand below `if __name__ == "__main__":`'
             raise ValueError(f"scene is {scene!r}, whose script ended by itself; {guard}") from error
     elif path.suffix == ".py":
-        raise ValueError(f"scene is {scene!r}, a script that is not there")
+        raise ValueError(f"scene is {scene!r}, a script that does not exist")
     else:
         like = difflib.get_close_matches(scene, scene_names(), 1)
         meant = f". Did you mean {like[0]}?" if like else ""

@@ -64,7 +64,7 @@ def reason_for_distrust(place: str, digest: str, stored: Any) -> str | None:
     if not Path(place).is_absolute():
         return "the file does not say in which folder"
     if stored["sha256"] != digest:
-        return "it is no longer what it was when the run began"
+        return "it has changed since the run began"
     seal = _seal(place, digest)
     given = str(stored.get("seal"))
     if seal is None or not hmac.compare_digest(seal.encode(), given.encode()):

@@ -22,9 +22,8 @@ _SLACK = 1 << 18
 class GrowingFile:
     """The file of a trajectory, to which one thread appends records.
 
-    HDF5 has no journal, so the order of writes matters: a frame's data, the number of frames, then the frame's
-    time. Data that readers of earlier frames need are not moved. HDF5 does not recover from a full disk either, so
-    space is reserved before each frame.
+    HDF5 has no journal, so the order of writes matters: a frame's data, the number of frames, then its time. Data
+    that readers of earlier frames need are not moved. HDF5 does not recover from a full disk: space is reserved.
 
     If an existing file is continued, its frames are kept while equal ones are written again. The first different
     frame replaces all later ones, once there is space for as many.
@@ -124,7 +123,7 @@ class GrowingFile:
         if (not kept or self.written < self.frame_count) and self._layout.holds(self.written, record):
             self._layout.append_rows(record.rows)
             return
-        if self.written < self.frame_count:  # end the file here, once there is room for as many frames as it has
+        if self.written < self.frame_count:  # truncate here, once there is space for all frames of the old file
             later = range(self.written, self.frame_count)
             self._reserve(sum(self._layout.growth(k, record.rows) for k in later))
             self._layout.truncate(self.written)

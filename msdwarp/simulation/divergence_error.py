@@ -89,7 +89,7 @@ def describe(
     when = time + substep * dt
     event = "diverged"
     if gained is not None:
-        event = f"energy has grown by {gained:.0%} from nothing, and shorter steps did not prevent it: ended"
+        event = f"energy has grown by {gained:.0%} without a cause, and shorter steps did not prevent it: ended"
     return SimulationDiverged(
         f"{event} at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
         f"{advice}. The last good frame, at {time:.4g} s, is kept",

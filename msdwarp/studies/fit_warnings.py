@@ -75,7 +75,7 @@ def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
         return []
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     return [
-        f"measured has times {np.diff(times).min():.3g} s apart, in which the stiffest part of the scene swings "
+        f"measured has times {np.diff(times).min():.3g} s apart, in which the stiffest part of the scene oscillates "
         f"some {substeps // 3} times; times must be in seconds"
     ]
 
@@ -84,7 +84,7 @@ def value_warnings(problem: Problem, theta: NDArray[np.float64], unseen: list[st
     """Return warnings about the fitted values."""
     messages = []
     if len(unseen) == 1:
-        messages.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
+        messages.append(f"{unseen[0]} is not determined by the measurements: it stays near its start")
     elif unseen:
         messages.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
     for one, at, low, high in zip(problem.parameters, theta, problem.low, problem.high, strict=True):

@@ -152,7 +152,7 @@ class BodyContact(WithHistory):
         self._overlapping = (
             f"the body of particle {one} starts {deep[p]:.3g} m inside "
             f"{'itself' if a[p] == b[p] else f'that of particle {other}'} ({len(points)} points of surfaces start "
-            f"inside bodies): they are led apart within {SEPARATION_TIME} s, as far as they are no deeper than "
+            f"inside bodies): they are moved apart within {SEPARATION_TIME} s, unless they are deeper than "
             "half a spacing; move them apart, or have them ignore each other by Contact(groups=..., exclude=True)"
         )
 

@@ -21,7 +21,7 @@ About 6 would suffice for stability. The value requires more than twice the subs
 restitution of a pair is within 2 % of the given one at most moments of impact, and within 3 % always.
 """
 CONTACTS_OF_A_ROPE = 4.0
-"""The same for a particle that is connected to others, in a rope."""
+"""The same for a particle that is connected to others, in a rope or a heap."""
 EDGE_FACTOR = 2.0
 """Largest mass assigned to a point on an edge, over that of a vertex."""
 NOTHING = 1e-30
@@ -38,7 +38,7 @@ def unit_of_sums(largest: float) -> float:
 
 
 class ContactRules:
-    """Contact rules by pairs of kinds. Bodies are of one kind if rules' groups contain the same of them.
+    """Contact rules by pairs of kinds. A kind has all bodies that belong to the same groups named by rules.
 
     If several rules apply to a pair, the last one counts. `table` has its index for two kinds, −1 if none applies;
     `kind` has the kind of each body. `thickness` [m] and `stiffness` [N/m] of a rule are −1 if not given.

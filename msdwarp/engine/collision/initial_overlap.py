@@ -49,7 +49,7 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
     one, other = (int(np.argmax(body == k)) for k in (body[particle], outer))
     return (
         f"the body of particle {one} starts inside that of particle {other}: particle {particle} is "
-        f"{deepest:.3g} m deep in it, and contact pushes out only what is no deeper than half a spacing, of "
+        f"{deepest:.3g} m deep in it, and contact pushes out only up to a depth of half a spacing, which is "
         f"{surfaces.spacing[outer]:.3g} m; move them apart, or have them ignore each other by "
         "Contact(groups=..., exclude=True)"
     )

@@ -182,7 +182,7 @@ class SurfaceContact(WithHistory):
         vertex = int(self._data.corner.numpy()[facet][0])
         particle = int(self._data.particle.numpy()[self._data.first.numpy()[vertex]])
         return (
-            f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is led "
+            f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is moved "
             f"out within {SEPARATION_TIME} s; move the body or the obstacle apart"
         )
 

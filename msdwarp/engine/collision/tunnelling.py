@@ -48,18 +48,18 @@ class Tunnelling(NamedTuple):
         a, b = (_named(system, surfaces, body) for body in self.bodies)
         where = ", ".join(f"{one:.3g}" for one in self.place)
         way = self.speed * dt
-        stiffer = f"Contact(stiffness=...) of more than the present {self.stiffness:.3g} N/m"
+        stiffer = f"Contact(stiffness=...) above the current {self.stiffness:.3g} N/m"
         if self.most == 0:  # at any speed
             helps = stiffer
         elif way > 0.5 * self.most:  # it moves too far in one substep, whatever the force
             needed = math.ceil(substeps * way / (0.5 * self.most))
-            helps = f"substeps={needed} or more (in one of the present {substeps} it comes {way:.2g} m), {stiffer}"
+            helps = f"substeps={needed} or more (in one of the current {substeps} it moves {way:.2g} m), {stiffer}"
         else:
             helps = f"{stiffer}, more than {substeps} substeps"
-        reach = "out of it points are pushed from" if self.closed else "it is touched from either side, down to"
+        reach = "points are pushed out of it up to a depth of" if self.closed else "contact acts up to a depth of"
         return (
             f"a point of {a} goes {self.deep:.3g} m deep into {b} near ({where}) m, at {self.speed:.3g} m/s; "
-            f"{reach} {self.most:.3g} m, so that it may come out on the wrong side; what would help: {helps}, "
+            f"{reach} {self.most:.3g} m, so that it may come out on the wrong side; remedies: {helps}, "
             "or a larger Contact(thickness=...)"
         )
 

@@ -90,7 +90,7 @@ class Sums:
         self._shares = None if self._work is None else self._work.shares()
         count = max(model.particle_count, model.connection_count if everything else 0)
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
-        # Springs to second neighbours shorten when a sheet bends, so only the others show its stretch.
+        # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.lengths_change or not everything
         between = None if plain else model.system.between_neighbours
         self._what = model.system.damper.law, assembly.fracture is not None, between is not None

@@ -100,8 +100,8 @@ class Drives(FrameTables):
             away = float(np.abs(one.start @ turn.T + shift - one.start).max())
             if away > 1e-6 * max(1.0, float(np.abs(one.start).max())):
                 return (
-                    f"{name} has displaced its particles by {away:.3g} m at time 0: they begin there, away from "
-                    "what they are connected with; motion(0) should be no displacement"
+                    f"{name} has displaced its particles by {away:.3g} m at time 0: they start there, away from "
+                    "the particles that they are connected with; motion(0) should return 0"
                 )
         return None
 
@@ -153,7 +153,7 @@ class Drives(FrameTables):
         if ways[n] > self._longest[k]:
             raise ValueError(
                 f"{name} moves by {ways[n]:.3g} m in the substep of {self.steps.dt:.3g} s at {times[n]:g} s, "
-                f"further than the shortest connection that it pulls is long, {self._longest[k]:.3g} m: "
+                f"more than the length of the shortest connection that it pulls, {self._longest[k]:.3g} m: "
                 "move it slower, or take more substeps"
             )
 

@@ -102,7 +102,7 @@ class OnParticles(WindEffect):
         chosen = [one.particles(model.system) for _, one in winds]
         if np.sum(chosen, axis=0).max() > 1:
             second = winds[1][0].removesuffix(".velocity")
-            raise ValueError(f"{second}.on shares particles with another wind's; one at most blows on each")
+            raise ValueError(f"{second}.on shares particles with another wind's; at most one may act on each")
         self.members = np.logical_or.reduce(chosen)
         self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
         for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):

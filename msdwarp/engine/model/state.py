@@ -101,7 +101,7 @@ class State:
         return {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
 
     def empty_vectors(self, count: int) -> tuple[wp.array, ...]:
-        """Return `count` arrays of zeros, one vector a particle: an integrator's working memory."""
+        """Return `count` arrays of zeros, with a vector per particle, as working memory of an integrator."""
         return self.model.vectors_together(count)
 
     def flip(self) -> None:
