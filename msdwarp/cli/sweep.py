@@ -125,9 +125,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             )
     except (KeyboardInterrupt, Terminated) as stop:
         number = number_of(stop)
-        raise Interrupted(
-            f"{word(number)}: done points are kept, and the same command continues", number
-        ) from None
+        raise Interrupted(f"{word(number)}: done points are kept; the same command continues", number) from None
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")

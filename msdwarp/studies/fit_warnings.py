@@ -75,8 +75,8 @@ def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
         return []
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     return [
-        f"measured has times {np.diff(times).min():.3g} s apart, in which the stiffest part of the scene oscillates "
-        f"some {substeps // 3} times; times must be in seconds"
+        f"measured has times {np.diff(times).min():.3g} s apart, in which the stiffest part of the scene "
+        f"oscillates about {substeps // 3} times; times must be in seconds"
     ]
 
 

@@ -17,8 +17,8 @@ from ..model.model import Model
 from .penetration_depth import describe, start_depths, touching, ways_out
 
 LARGEST = 1e30
-"""Largest dimension of a solid [m]: `msdwarp.kernels.colliders.signed_distance` starts its search for the least
-depth at it."""
+"""Largest number in a solid's geometry [m]: `msdwarp.kernels.colliders.signed_distance` starts its search for the
+least depth at it."""
 DEPENETRATION_TIME = 0.5
 """Time within which particles that start inside an obstacle are moved out [s]: slowly, to spare their springs."""
 COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
