@@ -11,7 +11,7 @@ def vector(dim: int, scalar: type):
 def kernel(function, **options):
     """Declare `function` as a forward-only Warp kernel in a module of its own, with options of `wp.kernel`.
 
-    With a module of its own a kernel is compiled when it is first launched, and not when another one is composed.
-    Kernels with equal sources and pieces share one cache entry.
+    With its own module a kernel is compiled at its first launch, and not again when another kernel is composed.
+    Kernels with equal source code and equal terms share one cache entry.
     """
     return wp.kernel(function, module="unique", enable_backward=False, **options)

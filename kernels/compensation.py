@@ -1,8 +1,8 @@
 """Compensated sums.
 
-In float32 a small change added to a large position is rounded to nothing: at 400 m and h = 1/2640 s a particle
-slower than 4 cm/s would stand still. Kahan's summation carries the rounding error of each sum to the next one.
-It relies on the compiler to leave the order of sums as written.
+In float32 a small change added to a large position is rounded away: at 400 m and h = 1/2640 s a particle slower
+than 4 cm/s would not move. Kahan's summation carries the rounding error of each sum to the next one.
+The compiler must not reorder these sums.
 Reference: Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed. (2002), 4.3.
 """
 
@@ -17,13 +17,13 @@ from .records import records
 
 @functools.cache
 def compensated_sum(dim: int, scalar: type, compensated: bool):
-    """Compose (Compensation, add): the rounding errors of sums, and a function that returns the next sum.
+    """Compose (Compensation, add): the rounding errors of sums, and a function that adds to a sum.
 
-    `add(total, change, lost, lost_out, i)` adds a change to a total.
+    `add(total, change, compensation, lost_out, i)` returns total + change.
 
-    The true total is total − lost[i] before, and the sum − lost_out[i] after. Neighbours also read the rounding
-    errors of positions, so the next ones are written to x_out. Without `compensated` it is a plain sum without
-    errors.
+    The true total is total − compensation[i] before, and the sum − lost_out[i] after. Neighbours also read the
+    rounding errors of positions, so the new ones are written to x_out. Without `compensated` it is a plain sum
+    without errors.
     """
     V = vector(dim, scalar)
     load, store, _ = records(dim, scalar)

@@ -5,26 +5,26 @@ from typing import Any, NamedTuple
 
 
 class Driving(NamedTuple):
-    """Functions of drives that methods call, each None without drives. They do not change free particles."""
+    """Functions of drives that methods call; None without drives. Free particles pass through unchanged."""
 
     holds: Any = None
     """wp.func (scene, i) -> whether particle i is driven."""
     acceleration: Any = None
     """wp.func (scene, force, i) -> acceleration of a driven particle at a frame's end [m/s²], 0 for a pinned one.
 
-    The work of the force on a driven particle is added to that of its drive.
+    Also adds the work of the force on a driven particle to its drive's total.
     """
     way: Any = None
     """wp.func (scene, i, begin, end) -> displacement of a driven particle between two stages of a frame [m]."""
     holds_out: Any = None
     """wp.func (scene, force, i, begin, end): sum a driven particle's work against a steady force between stages.
 
-    It is for methods that know the force only when their equations are solved, in place of `acceleration`.
+    Methods that know the force only after a solve call it instead of `acceleration`.
     """
     at_stage: Any = None
     """wp.func (scene, compensation, x, v, i) -> (x, v) for the next stage of a substep."""
     at_end: Any = None
-    """wp.func (scene, compensation, x, v, i) -> (x, v) at a substep's end; it writes their compensation."""
+    """wp.func (scene, compensation, x, v, i) -> (x, v) at a substep's end; also writes their compensation."""
 
 
 class ForceTerm(NamedTuple):
@@ -41,16 +41,16 @@ class ForceTerm(NamedTuple):
     begin: Callable[[Any], Any] | None = None
     """wp.func (scene, compensation, x, c): change spring c when a substep begins."""
     force: Callable[[Any], Any] | None = None
-    """wp.func (scene, compensation, x, v, i) -> force on particle i [N], beside those of its springs.
+    """wp.func (scene, compensation, x, v, i) -> force on particle i [N], in addition to its springs.
 
-    v is the method's velocity, in leapfrog half a substep old. x and v are read by `records(dim, scalar).load`; in
+    v is the method's velocity, half a substep old in leapfrog. Read x and v with `records(dim, scalar).load`; in
     compensated precision a position is x − compensation.x. Particles are in the system's order.
     """
     drive: Callable[[Any], Any] | None = None
-    """`Driving`: the functions for the places of driven particles."""
+    """`Driving`: the functions that place driven particles."""
     selective: bool = False
-    """Whether the force acts only on the particles that its effect names; each other one costs a byte."""
+    """Whether the force acts only on the particles that its effect names; every other particle costs one byte."""
     timed: bool = False
-    """Whether it depends on time; the time of the stage is `scene.time[scene.stage]`."""
+    """Whether the force depends on time; the stage's time is `scene.time[scene.stage]`."""
     works: bool = False
-    """Whether the work of its force is summed; it is selective then."""
+    """Whether the work of the force is summed; requires `selective`."""

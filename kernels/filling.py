@@ -13,11 +13,11 @@ def find_depths(
     # Out:
     depth: wp.array(dtype=float),  # shape [point_count]
 ):
-    """Find how deep each point is inside the surface, −1 where the surface does not wind around it.
+    """Find the depth of each point below the surface; −1 for points outside.
 
     The winding number, the solid angle that the surface covers seen from the point over 4π, is 1 inside and 0
     outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized
-    winding numbers"); no point is further than `reach` from the surface.
+    winding numbers"); all points are within `reach` of the surface.
     """
     i = wp.tid()
     found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)

@@ -1,7 +1,7 @@
-"""Addresses of arrays: shifts by a number of bytes, and statements of the memory that addresses point to.
+"""Addresses of arrays: shift them by some bytes, and tell the compiler which memory they point to.
 
 If a kernel reads its arrays' addresses from memory, the compiler does not know which memory they point to, and
-uses slower instructions than needed. So the kernel states it (`Place`).
+emits slower instructions. So the kernel states the memory (`Place`).
 """
 
 import functools
@@ -12,7 +12,7 @@ import warp as wp
 
 
 class Place(Enum):
-    """A memory of the GPU, by CUDA's name of the test whether an address lies there."""
+    """A memory of the GPU; the value is CUDA's predicate for addresses in that memory."""
 
     DEVICE = "__isGlobal"
     """The memory of the whole device."""
@@ -29,9 +29,9 @@ SAY = """
 
 
 def arrays_of(Step: Any, compensated: bool) -> tuple[str, ...]:
-    """Return the names of the arrays of a method's step that have a vector for each particle.
+    """Return the names of the arrays in a method's step struct that have a vector for each particle.
 
-    Arrays of rounding errors are among them only in compensated precision; otherwise they are empty.
+    Only compensated precision includes the arrays of rounding errors; otherwise they are empty.
     """
     fields = []
     for name, field in Step.vars.items():
@@ -46,7 +46,7 @@ def arrays_of(Step: Any, compensated: bool) -> tuple[str, ...]:
 def shifts(Struct: Any, fields: tuple[str, ...], place: Place = Place.DEVICE) -> Any:
     """Compose wp.func (s, bytes): shift the arrays of a struct by a number of bytes, in the memory `place`.
 
-    Fields may be "of.fields".
+    A field may be nested: "compensation.x".
     """
 
     @wp.func_native("\n".join(SHIFT.format(one) + SAY.format(one, place.value) for one in fields))
@@ -57,7 +57,7 @@ def shifts(Struct: Any, fields: tuple[str, ...], place: Place = Place.DEVICE) ->
 
 @functools.cache
 def on_device(Struct: Any, fields: tuple[str, ...]) -> Any:
-    """Compose wp.func (s): arrays of a struct lie in the device's memory."""
+    """Compose wp.func (s): tell the compiler that a struct's arrays lie in device memory."""
 
     @wp.func_native("\n".join(SAY.format(one, Place.DEVICE.value) for one in fields))
     def say(s: wp.ref[Struct]): ...

@@ -1,6 +1,6 @@
 """The layout of particles in memory: vectors of three coordinates in records of four numbers.
 
-GPUs read or write a record by one instruction (16 bytes), and from compute capability 9.0 on they also add to it
+A GPU reads or writes a record (16 bytes) with one instruction, and from compute capability 9.0 on also adds to it
 atomically. This access is most of the cost of a force. The fourth number is never used.
 """
 
@@ -24,7 +24,7 @@ class Records(NamedTuple):
 
 
 def record_length(dim: int) -> int:
-    """Return the length in memory of a vector of `dim` coordinates, in numbers."""
+    """Return how many numbers a vector of `dim` coordinates takes in memory."""
     return 4 if dim == 3 else dim
 
 
@@ -88,7 +88,7 @@ def records(dim: int, scalar: type) -> Records:
         def add(x: wp.array(dtype=V), i: int, value: V): ...
 
     else:
-        # Warp would take x[-1] for the last one; here it is what lies before the first, which may be read.
+        # Warp reads x[-1] as the last element; here it is the memory before the first, which may be read.
         @wp.func_native("return x.data[i];")
         def load(x: wp.array(dtype=V), i: int) -> V: ...
 

@@ -10,7 +10,7 @@ import typing as _typing
 def _is_the_command() -> bool:
     """Return whether this is imported to run the command: by its script, or by `python -m msdwarp`."""
     first = getattr(_sys, "argv", None) or [""]
-    if first[0] == "-m":  # which stands there until the module that is run is found, in this package
+    if first[0] == "-m":  # it is "-m" until the module to run has been found in this package
         return "msdwarp" in _sys.orig_argv
     return _os.path.splitext(_os.path.basename(first[0]))[0] == "msdwarp"
 
@@ -20,8 +20,8 @@ def _leave(number: int, _: object) -> None:
     _os._exit(128 + number)
 
 
-# Nothing is begun yet: Ctrl-C and SIGTERM end the process with a word. An exception would end as a traceback, or
-# as whatever a half imported module makes of it. `msdwarp.cli.main` takes over from here.
+# No work has started: Ctrl-C and SIGTERM end the process with a one-word message. An exception would show a
+# traceback, or be changed by a partly imported module. Later `msdwarp.cli.main` handles signals.
 if _is_the_command():
     for _number in (_signal.SIGINT, _signal.SIGTERM):
         if _signal.getsignal(_number) in (_signal.default_int_handler, _signal.SIG_DFL):
@@ -113,8 +113,7 @@ if _typing.TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Where each name is found. A room is imported, and Warp with those that need it, when one of its names is first
-# asked for.
+# The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
     "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System "
     "space_filling_order",

@@ -47,7 +47,7 @@ def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     allowed = "an array of numbers"
     try:
         given: NDArray = np.asarray(value)
-        # Integers that are too large for NumPy's are an array of Python's.
+        # Integers too large for NumPy's types become an array of Python objects.
         if given.dtype.kind in "biuf" or (given.dtype.kind == "O" and all(map(_is_real, given.flat))):
             result: NDArray[np.float64] = np.array(given, dtype=np.float64)
             return result
@@ -58,17 +58,17 @@ def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _is_real(value: object) -> bool:
-    """Return whether a value is a number, or has one (`__float__`); text is none."""
+    """Return whether a value is a number, or converts to one (`__float__`); text does not count."""
     if isinstance(value, np.ndarray | np.generic):
         return value.ndim == 0 and value.dtype.kind in "biuf"
     return hasattr(value, "__float__")
 
 
 def repr_short(value: object) -> str:
-    """Return a value as text for a message: of a long value the beginning and the end."""
+    """Return a value as text for a message; a long one is shortened in the middle."""
     try:
         return _short(repr(value))
-    except ValueError:  # Python writes no whole number of more than some thousand digits
+    except ValueError:  # Python prints no integer of more than a few thousand digits
         return "a whole number of very many digits"
 
 
@@ -79,7 +79,7 @@ def _short(text: str) -> str:
 def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return `value` as a read-only float64 array of `shape`; a uniform value is stored once."""
     if isinstance(value, np.ndarray) and value.size and value.shape == shape and value.strides[:1] == (0,):
-        value = value[0]  # one constant or row already, seen many times
+        value = value[0]  # already one constant or row, repeated
     given = array(name, value)
     try:
         result = np.broadcast_to(given, shape)
@@ -93,7 +93,7 @@ def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
 def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
     """Raise ValueError that names the first entry of `values` for which `holds` is False.
 
-    A number that was broadcast has no entries: the message shows the number.
+    For a broadcast number the message shows only the number.
     """
     if np.all(holds):
         return
@@ -101,7 +101,7 @@ def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
     entry = []
     for axis, k in enumerate(index):
         along = (*index[:axis], slice(None), *index[axis + 1 :])
-        if values.strides[axis] or np.any(holds[along]):  # it has entries there, or this one alone is wrong
+        if values.strides[axis] or np.any(holds[along]):  # entries differ along it, or only this one is wrong
             entry.append(str(k))
     where = f"{name}[{', '.join(entry)}]" if entry else name
     shown = str(values[index]) if entry or values.dtype.kind != "f" else f"{values[index]}".removesuffix(".0")
@@ -120,7 +120,7 @@ def within(name: str, values: NDArray, *limits: Limit) -> None:
     if values.size == 0:
         return
     once = values[tuple(slice(1) if stride == 0 else slice(None) for stride in values.strides)]
-    # Limits are intervals: testing the least and the greatest suffices; these are NaN if any number is.
+    # Limits are intervals: testing minimum and maximum suffices; these are NaN if any number is.
     extremes = np.array([once.min(), once.max()])
     if extremes[1] == np.inf:
         extremes = np.append(extremes, once.max(where=once < np.inf, initial=extremes[0]))
@@ -173,7 +173,7 @@ def non_negative(name: str, value: float, *, infinite: bool = False) -> float:
 
 
 def _real(name: str, value: float, allowed: str) -> float:
-    """Return a number as a float; raise ValueError if it is no number, such as text, or larger than any float."""
+    """Return a number as a float; raise ValueError if it is no number, or larger than any float."""
     if _is_real(value):
         with suppress(TypeError, ValueError, OverflowError):
             return float(value)
@@ -212,7 +212,7 @@ def member(name: str, of: Mapping[str, Any], key: str) -> Any:
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError unless `value` is among `allowed`."""
     allowed = list(allowed)
-    if isinstance(value, np.ndarray) or value not in allowed:  # an array is compared entry by entry
+    if isinstance(value, np.ndarray) or value not in allowed:  # arrays compare entry by entry
         words = ", ".join(map(repr, allowed)) or "those that exist: there are none"
         raise ValueError(f"{name} is {repr_short(value)}; it must be one of {words}")
 
@@ -221,7 +221,7 @@ def instance(name: str, value: object, kind: type, example: str) -> None:
     """Raise ValueError unless `value` is an instance of a class; the example says how to get one."""
     if not isinstance(value, kind):
         given = repr_short(value)
-        if "\n" in given or len(given) > _MOST_SHOWN // 2:  # of a whole scene the class says more
+        if "\n" in given or len(given) > _MOST_SHOWN // 2:  # for a long value, such as a scene, name the class
             given = _kind(type(value))
         raise ValueError(f"{name} is {given}; it must be {_kind(kind)}, such as {example}")
 
@@ -306,9 +306,9 @@ def free_memory() -> int | None:
 def fits(given: str, what: str, size: float) -> None:
     """Raise ValueError if something of `size` bytes does not fit into memory.
 
-    The message begins with the given argument, such as "size is 3"; `what` names the thing that is made of it.
+    The message begins with the given argument, such as "size is 3"; `what` names the resulting object.
     """
-    if size < 1e8:  # asking would take longer than making it
+    if size < 1e8:  # checking would take longer than allocating
         return
     free = free_memory()
     if free is not None and size > free:

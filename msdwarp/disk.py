@@ -40,7 +40,7 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)
-    if durable and hasattr(os, "O_DIRECTORY"):  # the name is in the folder
+    if durable and hasattr(os, "O_DIRECTORY"):  # sync the folder, which holds the name
         _sync(path.parent, os.O_RDONLY | os.O_DIRECTORY)
 
 
@@ -73,9 +73,9 @@ def reserve(number: int, start: int, size: int, folder: Path) -> None:
         os.posix_fallocate(number, start, size)
         return
     except AttributeError:
-        pass  # a system that cannot reserve
+        pass  # the system cannot reserve space
     except OSError as error:
-        if error.errno not in (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL):  # a disk that cannot
+        if error.errno not in (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL):  # the disk cannot reserve space
             raise
     if shutil.disk_usage(folder).free < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -49,7 +49,7 @@ def _on_box(face: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _faces(images: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Return the texture of a box from its faces −x, +x, −y, +y, −z, +z: the first three are the lower row."""
+    """Return the texture of a box from its faces −x, +x, −y, +y, −z, +z: the first three form the lower row."""
     return np.concatenate([np.concatenate(images[3:], axis=1), np.concatenate(images[:3], axis=1)])
 
 
@@ -113,7 +113,7 @@ DIE = (5, 2, 4, 3, 6, 1)
 def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
     """Return a box texture: the faces of a die, with one to six hollow dots and darker edges."""
     u, v = (2 * w - 1 for w in _grid(size))
-    # Light on a rounded edge: the face's own, but for a rim.
+    # Light on a rounded edge: that of the face, except at a rim.
     rim = (np.abs(u) ** 12 + np.abs(v) ** 12) ** (1 / 12)
     face = _shaded(_mix(np.zeros_like(u), colour, dot), 1 - 0.10 * _step(rim - 0.95, 0.1))
     images = []
@@ -251,7 +251,7 @@ def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int
         grain = np.cross(middle, _direction(random))
         grain /= np.linalg.norm(grain)
         rows = slice(None)
-        if abs(middle[2]) < 0.95:  # only the rows that it can reach
+        if abs(middle[2]) < 0.95:  # only the rows that the fleck can reach
             rows = slice(*np.searchsorted(-tilt[:, 0], np.array([-0.06, 0.06]) - np.arcsin(middle[2])))
         along, outwards = place[rows] @ grain, place[rows] @ middle
         across = np.sqrt(np.maximum(1 - along**2 - outwards**2, 0))
@@ -270,6 +270,6 @@ def _direction(random: np.random.Generator) -> NDArray:
 def jelly(colour: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
     """Return a box texture: translucent faces, dark in the middle and bright at the edges."""
     u, v = (2 * w - 1 for w in _grid(size))
-    # Less lies behind a place near an edge.
+    # Near an edge light passes through less material.
     through = 1 - ((1 - u**4) * (1 - v**4)) ** 0.75
     return _on_box(_mix(0.08 + 0.8 * through**1.5, colour, light))

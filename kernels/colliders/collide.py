@@ -1,8 +1,8 @@
 """Contact with a scene's obstacles, fixed or moving: the rule is applied to each in turn.
 
-It is applied at the end of a substep. If a particle has moved so far that it may have passed an obstacle, its
-whole path is swept instead. A plane cannot be passed, since all below it is inside: for planes alone no sweep is
-compiled.
+The rule is applied at the end of a substep. If a particle has moved so far that it may have passed through an
+obstacle, its whole path is swept instead. No particle can pass through a plane, since everything below it is
+inside: for planes alone no sweep is compiled.
 """
 
 import functools
@@ -36,7 +36,7 @@ class ColliderTerm(NamedTuple):
     contact_forces: bool = False
     """Whether the forces of obstacles on particles are summed."""
     overlapping_at_start: bool = False
-    """Whether any particle starts inside an obstacle, and is moved out."""
+    """Whether any particle starts inside an obstacle and must be moved out."""
 
 
 NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
@@ -53,18 +53,18 @@ def collider_contact(
     needed: Needed = NEEDED,
     moving: bool = False,
 ):
-    """Compose (Obstacles, collide): obstacles of these kinds, which a particle meets one after the other.
+    """Compose (Obstacles, collide): obstacles of these kinds, which act on a particle one after the other.
 
-    With `contact_forces` the changes of each particle's velocity by obstacles are stored. A particle meets moving
-    obstacles as if they stood still.
+    With `contact_forces` the velocity changes that obstacles cause are stored for each particle. Moving obstacles
+    follow the same rule as fixed ones.
 
-    When substep n of a frame begins, a point y of obstacle p as given is at turn[n, p] y + shift[n, p]. Its
-    velocity in the previous substep was turning[n, p] y + speed[n, p]. v_old is relative to this velocity: for a
-    particle that rides on an obstacle, its acceleration then acts like gravity.
+    At the start of substep n of a frame, point y of obstacle p in its given pose is at turn[n, p] y + shift[n, p].
+    Its velocity in the previous substep was turning[n, p] y + speed[n, p]. v_old is relative to this velocity, so
+    the obstacle's acceleration acts like gravity on a particle that rides on it.
 
-    In the frame of the surface an obstacle does no work. Otherwise it does the work m Δv·u on a particle. Here u
-    is the mean of the surface's velocities in this substep and the previous one. The work of other forces is
-    computed likewise: half with the velocity before, half with the velocity after.
+    A moving obstacle does the work m Δv·u on a particle, where u is the mean of the surface's velocities in this
+    substep and the previous one. The work of other forces is computed likewise: half with the velocity before the
+    force, half with the velocity after.
     """
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
     Turn, Wide = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64)
@@ -86,15 +86,15 @@ def collider_contact(
             substep: int  # n, from 0 on
             inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
             done: wp.array(dtype=wp.float64)  # work on each particle [J], shape [particle_count]
-            particle: int  # the one that is looked at
+            particle: int  # index of the current particle
         if swept:
-            inradius: scalar  # of the largest ball inside the thinnest [m]
+            inradius: scalar  # the smallest inradius of the obstacles [m]
         if contact_forces:
-            impulse: wp.array(dtype=Wide)  # by mass [m/s], shape [particle_count]
+            impulse: wp.array(dtype=Wide)  # per mass [m/s], shape [particle_count]
         if overlapping_at_start and not moving:
             inverse_mass: wp.array(dtype=scalar)
 
-    if moving:  # generated code has another name for it
+    if moving:  # the generated code of moving obstacles needs another name
         Obstacles.__qualname__ = Obstacles.__qualname__.replace("Obstacles", "MovingObstacles")
     Obstacles = wp.struct(Obstacles)
 
@@ -105,7 +105,7 @@ def collider_contact(
             mass = wp.float64(1.0) / wp.float64(obstacles.inverse_mass[i])
             obstacles.done[i] = obstacles.done[i] + wp.float64(0.5) * mass * twice
 
-    # What `sweep` and `corner` ask of obstacles. Code generated for a function depends on where it returns.
+    # The functions of obstacles for `sweep` and `corner`. Generated code depends on where a function returns.
     if moving:
 
         @wp.func
@@ -174,7 +174,7 @@ def collider_contact(
     def collide(obstacles: Obstacles, x: V, v: V, x_old: V, v_old: V):
         if wp.static(moving):
             n = obstacles.substep
-            twice = wp.float64(0.0)  # the work by mass
+            twice = wp.float64(0.0)  # twice the work per mass
         if wp.static(swept or several):
             x_free = x
         if wp.static(several):
@@ -193,7 +193,7 @@ def collider_contact(
                 for k in range(wp.static(dim)):
                     normal[k] = found[k]
                 normal = turn * normal
-                # Where it was, and the speeds of that place, as given by the obstacle.
+                # The particle's old place relative to the obstacle, and the obstacle's velocities there.
                 y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
                 u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
                 u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
@@ -210,7 +210,7 @@ def collider_contact(
                 twice += wp.float64(wp.dot(v - seen, u + u_old))
                 v = v + u
         else:
-            count = int(1)  # known at compile time: the data of a single one are then read early
+            count = int(1)  # known at compile time, so that the data of a single obstacle are read early
             if wp.static(several):
                 count = obstacles.count
             for p in range(count):
@@ -227,7 +227,7 @@ def collider_contact(
                         clear = wp.min(clear, found[wp.static(dim)])
                 x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
         if wp.static(swept and bounces):
-            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps past what lies behind it
+            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps through another obstacle
                 for p in range(obstacles.count):
                     distance, normal = look(obstacles, p, x)
                     way = x - carried(obstacles, p, x_old)
@@ -239,7 +239,7 @@ def collider_contact(
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
         if wp.static(moving):
             add_work(obstacles, twice)
-        if wp.static(several):  # a particle is put no further than the obstacles that it had not entered were
+        if wp.static(several):  # if moved by more than `clear`, the particle may be in another obstacle
             if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
                 x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v

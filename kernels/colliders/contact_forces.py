@@ -1,4 +1,4 @@
-"""The forces of obstacles and other bodies together on particles."""
+"""Contact forces on particles, of obstacles and other bodies together."""
 
 import functools
 
@@ -14,8 +14,8 @@ def sum_impulses(dim: int):
 
     @kernel
     def sum_up(
-        mass: wp.array(dtype=wp.float64),  # [kg], 0 of what obstacles do not move, shape [particle_count]
-        by_obstacles: wp.array(dtype=Wide),  # by mass [m/s], shape [particle_count]
+        mass: wp.array(dtype=wp.float64),  # [kg], 0 if obstacles cannot move it, shape [particle_count]
+        by_obstacles: wp.array(dtype=Wide),  # per mass [m/s], shape [particle_count]
         by_bodies: wp.array(dtype=Wide),  # [N s], shape [particle_count]
         # Out:
         impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]

@@ -9,29 +9,29 @@ from ..basis import vector
 
 
 class Needed(NamedTuple):
-    """The parts that the obstacles of a scene need beside the rule; others are not compiled."""
+    """The optional parts of the rule that a scene's obstacles need; others are not compiled."""
 
     bounces: bool = True
-    """Whether anything bounces, by rule "coulomb"."""
+    """Whether anything bounces under the rule "coulomb"."""
     several: bool = False
-    """Whether there are several, and so corners between them."""
+    """Whether there are several obstacles, and so corners between them."""
     overlapping_at_start: bool = False
-    """Whether anything starts inside one."""
+    """Whether any particle starts inside an obstacle."""
 
 
 @functools.cache
 def contact_response(dim: int, scalar: type, rule: str):
-    """Compose (velocity after, share) for a contact with surface normal n of a particle approaching it.
+    """Compose the function that returns (velocity after, share) for a particle hitting a surface with normal n.
 
-    The share |v_t'| / |v_t| is the rest of the tangential velocity. Rule "coulomb": with v_old the velocity before
-    the force of this substep,
+    The share |v_t'| / |v_t| of the tangential velocity remains. Rule "coulomb": with v_old the velocity before the
+    force of this substep,
 
         v_n' = −e v_n_old where v_n_old < −rest_speed, else 0
         j    = v_n' − v_n                       normal impulse per mass, support of the load included
         v_t' = v_t (1 − min((1 − f)|v_t|, μ j) / |v_t|)
 
-    so that neither bounce nor friction depends on the step. Rule "report" (the report's Algorithm 1) mirrors and
-    multiplies at every touch, v_n' = −e v_n and v_t' = f v_t: both depend on the step.
+    so neither bounce nor friction depends on the step. Rule "report" (the report's Algorithm 1) sets v_n' = −e v_n
+    and v_t' = f v_t in every substep in contact: both depend on the step.
     e: restitution, μ: friction, f: tangential factor.
     """
     V = vector(dim, scalar)
@@ -61,7 +61,7 @@ def contact_response(dim: int, scalar: type, rule: str):
         if wp.static(coulomb):
             speed = wp.length(v_t)
             loss = friction * (v_n_after - v_n)
-            if loss <= scalar(0.0):  # whatever the speed: the way that it has come is not taken back either
+            if loss <= scalar(0.0):  # no friction, even at speed 0: the path along the surface is kept, too
                 share = scalar(1.0)
             elif loss < (scalar(1.0) - tangential_factor) * speed:
                 share = scalar(1.0) - loss / speed
@@ -74,23 +74,23 @@ def contact_response(dim: int, scalar: type, rule: str):
 def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     """Compose the contact rule for a particle inside an obstacle of any shape.
 
-    A particle that approaches is put back on the surface. By rule "coulomb" friction also undoes its share of this
-    substep's path along the surface, so that a sticking particle does not creep. A particle already on its way out
+    An approaching particle is put back on the surface. Under the rule "coulomb", friction also shortens this
+    substep's path along the surface, so that a sticking particle does not creep. A particle that already moves out
     is left alone. Velocities and paths are relative to the surface. Returns (x, v).
 
-    If it `flies`, a particle bounces where the substep began, and is never lifted through the forces of its
-    neighbours. Their work would come from nothing, and with a restitution near 1 it would add up hit after hit.
-    With velocities half a substep behind positions (leapfrog, symplectic Euler) the particle continues from there
-    at its new speed. Leapfrog conserves the energy ½ m v_(n−½)·v_(n+½) + U(x_n). With the normal speed v_old
-    before the substep, and v after its force, a hit takes from this energy
+    With `flies` a bouncing particle is not lifted to the surface but bounces from its place at the substep's
+    start. Lifting it against its neighbours' forces would create energy, which adds up over hits if the
+    restitution is near 1. With velocities half a substep behind positions (leapfrog, symplectic Euler) the
+    particle continues from there at its new speed. Leapfrog conserves the energy ½ m v_(n−½)·v_(n+½) + U(x_n).
+    With the normal speed v_old before the substep, and v after its force, a hit reduces this energy by
 
         ½ m (1 − e)|v_old| (e|v_old| + |v|)
 
-    for every force: nothing at e = 1, and never less. A change of x other than h v' would add a share of the next
-    force. With velocities at the instant of positions the particle stays there, and loses (1 − e²) ½ m v_old².
+    for every force, which is 0 at e = 1 and never negative. Any change of x but h v' would add a term with the
+    next force. With velocities at the time of positions the particle stays there and loses (1 − e²) ½ m v_old².
 
-    If by rule "coulomb" particles start inside an obstacle (`overlapping_at_start`), they are moved out at a
-    steady pace and gain no speed: put onto the surface at once they would strain their springs.
+    Under the rule "coulomb", particles that start inside an obstacle (`overlapping_at_start`) are moved out at a
+    constant speed and gain no velocity: moving them to the surface at once would strain their springs.
     """
     V, Surface = vector(dim, scalar), surface(scalar, needed)
     coulomb, overlapping_at_start = rule == "coulomb", needed.overlapping_at_start
@@ -141,11 +141,11 @@ def surface(scalar: type, needed: Needed):
         restitution: wp.array(dtype=scalar)  # e
         friction: wp.array(dtype=scalar)  # μ
         tangential_factor: wp.array(dtype=scalar)  # f
-        rest_speed: wp.array(dtype=scalar)  # a particle that approaches more slowly does not bounce [m/s]
+        rest_speed: wp.array(dtype=scalar)  # slower particles do not bounce [m/s]
         if needed.bounces:
-            onward: scalar  # the share of a substep that a particle flies on for after a bounce
+            onward: scalar  # share of a substep that a particle flies on after a bounce
         if needed.overlapping_at_start:
-            slack: scalar  # a particle that began a substep no deeper than this is on the surface [m]
-            overlap_release_speed: scalar  # by how much one that began it deeper is moved out in a substep [m]
+            slack: scalar  # a particle up to this deep at a substep's start is on the surface [m]
+            overlap_release_speed: scalar  # distance that a deeper one is moved out per substep [m]
 
     return Surface

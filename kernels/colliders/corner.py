@@ -5,21 +5,21 @@ import warp as wp
 from ..basis import vector
 
 ROUNDS = 4
-"""Times that all obstacles are looked at again. Two flat faces take one, three that meet in a point a few."""
+"""Maximal number of passes over all obstacles. Two flat faces need one, three that meet in a point a few."""
 PARALLEL = 1e-3
-"""Where the sine squared between two normals is less, a particle is squeezed: along neither is a way out."""
+"""If the squared sine between two normals is less, the particle is squeezed, and no slide frees it."""
 NOTHING = 1e-3
-"""A particle less deep than this share of the way that contact moved it is left to the next substep."""
+"""A depth below this share of the distance that contact moved the particle is left to the next substep."""
 
 
 def corner(dim: int, scalar: type, Obstacles, look, carried, speed, overlapping_at_start: bool):
     """Compose `settle(obstacles, x, v, x_free, x_old)` -> (x, v), for a particle that contact moved from x_free.
 
-    Going from obstacle to obstacle, each putting the particle out by the shortest way, ends in a narrow corner
-    only after many turns. Here the way out of one is taken along the face that was met before: two flat faces are
-    both left at once, whatever their angle. The velocity loses its component into each in the same way.
-    `look(obstacles, p, x)`: (distance, normal) of a place from obstacle p; `speed(obstacles, p, x_old)`: of
-    the obstacle at the place [m/s]; `carried`: see `sweep`. `contact_rule` moves out what started inside.
+    In a narrow corner, pushing the particle out of each obstacle in turn by the shortest way takes many rounds. So
+    it is pushed out of an obstacle along the face of the previous one: two flat faces are then left at once,
+    whatever their angle. The velocity loses its component into each face likewise. `look(obstacles, p, x)`:
+    (distance, normal) of point x from obstacle p; `speed(obstacles, p, x_old)`: the obstacle's velocity at the
+    point [m/s]; `carried`: see `sweep`. `contact_rule` moves out particles that started inside.
     """
     V = vector(dim, scalar)
     zero = wp.constant(scalar(0.0))

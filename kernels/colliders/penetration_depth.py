@@ -10,9 +10,9 @@ from .signed_distance import KINDS, signed_distance, solids
 
 @functools.cache
 def distances(dim: int, kinds: tuple[str, ...] = KINDS):
-    """Compose the kernel that writes the signed distances of places from a solid, in float64.
+    """Compose the kernel that writes the signed distances of points from a solid, in float64.
 
-    By default it knows all kinds of solids, so that it is compiled once.
+    By default it handles all kinds of solids, so that it is compiled only once.
     """
     V, Solids, Distance = vector(dim, wp.float64), solids(dim, wp.float64), wp.float64
     distance_from = signed_distance(dim, wp.float64, kinds)

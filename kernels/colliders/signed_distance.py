@@ -9,7 +9,7 @@ from ..basis import vector
 KINDS = ("Plane", "Sphere", "Box", "Capsule", "Cone")
 """The solids, by the names of their classes in `msdwarp.world.colliders`."""
 PLANE, SPHERE, BOX, CAPSULE, CONE = range(len(KINDS))
-"""Their places in KINDS, which `Solids.kind` holds."""
+"""Their indices in KINDS, as in `Solids.kind`."""
 
 
 @functools.cache
@@ -24,7 +24,7 @@ def solids(dim: int, scalar: type):
     @wp.struct
     class Solids:
         # Each of shape [solid_count]:
-        kind: wp.array(dtype=int)  # its place in KINDS
+        kind: wp.array(dtype=int)  # index in KINDS
         a: wp.array(dtype=V)  # [m]; of a plane a unit vector
         b: wp.array(dtype=V)  # [m]
         radius: wp.array(dtype=scalar)  # [m]
@@ -35,9 +35,9 @@ def solids(dim: int, scalar: type):
 
 @functools.cache
 def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
-    """Compose `distance(solids, p, x)` for solids of these kinds: x's signed distance from solid p [m], behind n.
+    """Compose `distance(solids, p, x)` for solids of these kinds: n and the signed distance of x from p [m].
 
-    The result holds the outward unit normal n = grad of the distance first, and the distance last. Distances are
+    The result vector holds the outward unit normal n = grad of the distance, then the distance. Distances are
     exact inside and outside. Derivations: Quilez, Distance functions, iquilezles.org/articles/distfunctions.
     """
     V, Solids = vector(dim, scalar), solids(dim, scalar)
@@ -55,7 +55,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
 
     @wp.func
     def from_point(x: V, nearest: V, radius: scalar) -> Result:
-        """Distance from a ball around a point; its middle is left upwards."""
+        """Distance from a ball around a point; the way out of its centre is upwards."""
         away = x - nearest
         length = wp.length(away)
         normal = V()
@@ -83,7 +83,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
     def box(s: Solids, p: int, x: V) -> Result:
         axes = s.axes[p]
         q = wp.transpose(axes) * (x - s.a[p])
-        # Inside the nearest face is the way out; outside the nearest point lies on a face, an edge or a corner.
+        # Inside, the nearest face counts; outside, the nearest point lies on a face, an edge or a corner.
         depth = scalar(-1.0e30)
         normal = V()
         beyond = V()
@@ -110,14 +110,14 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
         off = wp.length(outward)
         if off > zero:
             outward = outward / off
-        else:  # on the axis all ways out are alike: any direction across it
+        else:  # on the axis take any direction perpendicular to it
             least = int(0)
             for k in range(wp.static(dim)):
                 if wp.abs(axis[k]) < wp.abs(axis[least]):
                     least = k
             outward[least] = one
             outward = wp.normalize(outward - axis[least] * axis)
-        # In the half plane of (off, along) the cone is a triangle: (0, 0), (radius, height), (0, height).
+        # In the half-plane (off, along) the cone is a triangle: (0, 0), (radius, height), (0, height).
         r = s.radius[p]
         slope = wp.sqrt(r * r + height * height)
         side = (off * height - along * r) / slope
@@ -128,7 +128,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
             return result(axis, end)
         t = wp.clamp((off * r + along * height) / (slope * slope), zero, one)
         to_side = (off - t * r) * outward + (along - t * height) * axis
-        if t > zero and t < one:  # the same, with a direction that rounding does not turn
+        if t > zero and t < one:  # the same vector, with less rounding error in its direction
             to_side = side / slope * (height * outward - r * axis)
         to_end = (off - wp.min(off, r)) * outward + end * axis
         if wp.length_sq(to_end) < wp.length_sq(to_side):

@@ -1,7 +1,7 @@
-"""The solids that a particle meets within a substep, even thin ones that it has passed at the end.
+"""Continuous collision detection: the solids that a particle hits within a substep, even thin ones it has passed.
 
-All solids are convex. Over a straight way their signed distance is then a convex function, and the tangent plane
-at the point of a solid nearest to any place outside has the whole solid behind it: it is a supporting plane.
+All solids are convex. Along a straight path their signed distance is then a convex function. The tangent plane at
+the point of a solid that is nearest to any outside point is a supporting plane: the whole solid is behind it.
 """
 
 import functools
@@ -11,27 +11,27 @@ import warp as wp
 from ..basis import vector
 
 SLACK = 0.01
-"""How deep inside a start still counts as on the surface, and how little of a corner may be cut.
+"""Depth at which a start still counts as on the surface; also how much of a corner a path may cut.
 
-A share of `inradius`: far more than roundings of places, also in float32, and too little to be seen.
+A share of `inradius`: far more than rounding errors of positions, even in float32, and too small to be seen.
 """
 STEPS = 32
-"""Newton's steps to a surface, of which five are common.
+"""Maximal number of Newton steps to a surface; five are typical.
 
-Of a convex function each leaves a quarter at most of its value times its slope: after all of them the distance, or
-the speed of approach, is less than 2^−32 of its first value.
+For a convex function each step at least quarters the product of its value and slope. After all steps the distance
+or the speed of approach is less than 2^−32 of its first value.
 """
 NEAR = {wp.float32: 1e-4, wp.float64: 1e-10}
-"""The distance that counts as on the surface, as a share of `inradius`: more than roundings, and negligible."""
+"""Distance that counts as on the surface, as a share of `inradius`: above rounding errors, and negligible."""
 
 
 @functools.cache
 def passing(dim: int, scalar: type):
-    """Compose `passes`: whether the end of a way leaves open which solids it met, by its distance from one.
+    """Compose `passes`: whether the distance at a path's end does not tell which solids the path hit.
 
-    The normal n there belongs to a supporting plane. A particle that came from before this plane missed the solid,
-    or came in by that side; one that came from behind it, way · n > distance, may have gone through, or past the
-    middle. And a way longer than the thinnest solid is thick may have come to its end by way of another.
+    The normal n there belongs to a supporting plane. A particle that started in front of this plane either missed
+    the solid or entered through that side. One that started behind it, way · n > distance, may have gone through
+    the solid, or past its middle. A path longer than the thinnest solid may also have crossed another solid.
     """
     V = vector(dim, scalar)
     zero, slack = wp.constant(scalar(0.0)), wp.constant(scalar(SLACK))
@@ -46,15 +46,15 @@ def passing(dim: int, scalar: type):
 
 
 def entry(dim: int, scalar: type, Obstacles, look, carried):
-    """Compose `enter(obstacles, p, x_old, x)` -> (t, distance, normal) where a way from outside enters obstacle p.
+    """Compose `enter(obstacles, p, x_old, x)` -> (t, distance, normal) where a path enters an obstacle.
 
-    t is the share of the way before it. The last two are those of x from the tangent plane there; distance >= 0
-    means that the way misses the obstacle, or begins in it.
+    The entry is after the share t of the path. Distance and normal are those of x from the tangent plane there;
+    distance >= 0 means that the path misses the obstacle or starts inside.
 
-    Newton's method for distance = 0: from each place on to its supporting plane. Distances being convex, it never
-    goes too far, and never less far than sphere tracing (Hart, The Visual Computer 12, 1996), which goes on by the
-    distance itself. A flat face takes one step. As soon as the end lies before such a plane the way is a miss;
-    a way that after all steps still comes nearer grazes; it is kept before the last plane, which is safe.
+    It solves distance = 0 by Newton's method, each step ending on a supporting plane. As distances are convex, it
+    never overshoots, and is never slower than sphere tracing (Hart, The Visual Computer 12, 1996), which advances
+    by the distance itself. A flat face takes one step. The path misses once its end is in front of such a plane. A
+    path that still approaches after all steps grazes, and stays in front of the last plane: that is safe.
     """
     V = vector(dim, scalar)
     zero, one = wp.constant(scalar(0.0)), wp.constant(scalar(1.0))
@@ -70,7 +70,7 @@ def entry(dim: int, scalar: type, Obstacles, look, carried):
         for step in range(STEPS):
             gap, normal = look(obstacles, p, start + t * way)
             distance = gap + (one - t) * wp.dot(way, normal)
-            if step == 0 and (gap < -slack * obstacles.inradius or distance >= gap):  # begins inside, or leaves
+            if step == 0 and (gap < -slack * obstacles.inradius or distance >= gap):  # starts inside, or leaves
                 distance = scalar(0.0)
             if distance >= zero or gap <= near * obstacles.inradius:
                 break
@@ -81,24 +81,24 @@ def entry(dim: int, scalar: type, Obstacles, look, carried):
 
 
 def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
-    """Compose `sweep_way(obstacles, x, v, x_old, v_old)` -> (x, v) after contact with all that lies on the way.
+    """Compose `sweep_way(obstacles, x, v, x_old, v_old)` -> (x, v) after contact with all obstacles on the path.
 
-    The first obstacle entered is met first, in whatever order they are listed. By the rule the way then ends on
-    the tangent plane there, and is looked at again. The functions of the obstacles:
-    `look(obstacles, p, x)`: (distance, normal) of a place from obstacle p where that is when the substep ends;
-    `carried(obstacles, p, x_old)`: where x_old is then if it goes with the obstacle, from which that stands still;
-    `answer(obstacles, p, distance, normal, x, v, start, x_old, v_old)`: (x, v) by the rule, friction taking its
-    share of the way from `start` on.
+    Contacts are resolved in the order of entry, not of the list. After each the path ends on the tangent plane
+    there, and the rest is checked again. The functions of the obstacles:
+    `look(obstacles, p, x)`: (distance, normal) of point x from obstacle p at the substep's end;
+    `carried(obstacles, p, x_old)`: x_old moved along with the obstacle, so that the obstacle seems fixed;
+    `answer(obstacles, p, distance, normal, x, v, start, x_old, v_old)`: (x, v) after contact; friction shortens
+    the path after `start`.
     """
     V = vector(dim, scalar)
     slack, near = wp.constant(scalar(SLACK)), wp.constant(scalar(NEAR[scalar]))
     enter = entry(dim, scalar, Obstacles, look, carried)
-    # In a corner each face takes one direction from the way; those of sharper ones take more in turn.
+    # In a corner each face removes one direction from the path; sharper corners need more rounds.
     meetings = 2 * dim
 
     @wp.func
     def first_on_way(obstacles: Obstacles, met: int, x_old: V, x: V):
-        """Return (p, t, distance, normal) of the first obstacle entered but the one just met; p = -1: none."""
+        """Return (p, t, distance, normal) of the first obstacle on the path, except `met`; p = -1: none."""
         first = int(-1)
         t_first = scalar(2.0)
         distance_first = scalar(0.0)
@@ -122,14 +122,14 @@ def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
                 break
             start = carried(obstacles, met, x_old)
             entered = start + t * (x - start)
-            if k == meetings:  # wedged in between: it stays where it meets the first of them
+            if k == meetings:  # wedged between obstacles: the particle stays where it enters the first of them
                 x = entered
             else:
                 free = x
                 x, v = answer(obstacles, met, distance, normal, x, v, entered, x_old, v_old)
-                # The rule leaves alone a particle on its way out; this one, turned back too late, is beyond.
+                # The rule ignores particles that move out; this one turned back too late and is past the plane.
                 x -= wp.min(distance + wp.dot(x - free, normal), scalar(0.0)) * normal
-        # A particle that began inside is put out where it ends, in the order of the list.
+        # A particle that started inside an obstacle is moved out from its final place, in the list's order.
         for p in range(obstacles.count):
             start = carried(obstacles, p, x_old)
             depth, normal = look(obstacles, p, start)

@@ -1,4 +1,4 @@
-"""Bodies that touch: points of their surfaces against triangles, found by lists, held apart by springs."""
+"""Contact between bodies: points of their surfaces against triangles, by neighbor lists and penalty springs."""
 
 from .body_contact import contact_energy as contact_energy, evaluate_contact as evaluate_contact
 from .bounding_boxes import (

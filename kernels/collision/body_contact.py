@@ -6,9 +6,9 @@ For a point at x that overlaps a facet by δ, with the unit normal n out of the 
     ξ is turned into the plane of contact, ξ += h u_t, and shortened to at most μ f_n / k_t
     f_t = −k_t ξ − b_t u_t, shortened to at most μ f_n
 
-The facet's corners take the opposite force by the weights of the nearest point. Forces are summed as whole numbers
-of a small unit: such sums do not depend on their order, so that runs repeat to the last bit, and what two exert on
-each other cancels exactly.
+The facet's corners take the opposite force by the weights of the nearest point. Forces are summed as integers in a
+small unit. Such sums do not depend on their order: runs repeat to the last bit, and the forces between two bodies
+cancel exactly.
 Reference: Cundall and Strack, A discrete numerical model for granular assemblies, Géotechnique 29 (1979).
 """
 
@@ -28,32 +28,32 @@ from .pairs import FAR, Pair, next_in_order, pairs, places, points, unit_normal
 
 @functools.cache
 def evaluate_contact(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that adds up the forces of the contacts of points; `lanes` of its threads share a point.
+    """Compose the kernel that sums the contact forces of points; `lanes` of its threads share a point.
 
-    Where bodies start inside each other (`overlapping_at_start`), an overlap counts by its excess over an allowed
-    one, which shrinks to nothing: bodies are moved apart, not thrown.
+    Where bodies start inside each other (`overlapping_at_start`), only the excess over an allowed overlap counts.
+    The allowance shrinks to 0, so that bodies are moved apart slowly and not thrown.
     """
     return _each_point(scalar, overlapping_at_start, False, lanes, worlds)
 
 
 @functools.cache
 def contact_energy(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel of what the contacts of points store [J] and turn to heat [W]."""
+    """Compose the kernel that computes the energy that contacts store [J] and the power they dissipate [W]."""
     return _each_point(scalar, overlapping_at_start, True, lanes, worlds)
 
 
 @wp.func
 def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
-    """Tell whether both bodies are closed: only those may come out on the wrong side, see `division_planes`."""
+    """Tell whether both bodies are closed. Only such a pair can tunnel: `division_planes` separates others."""
     return closed[mine] != 0 and closed[other] != 0
 
 
 @functools.cache
 def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
-    """Compose (bear, note_fast): the force of one contact, and what passes a facet before it touches.
+    """Compose (bear, note_fast): the force of one contact, and a record of points that skip a facet in a substep.
 
-    `bear` returns whether the contact bears, how far it has been moved along the surface [m], the side of a sheet
-    that the point is on, and where it measures what it stores [J] and turns to heat [W].
+    `bear` returns whether the contact exerts a force, its tangential displacement [m], and, if `measuring`, its
+    stored energy [J] and dissipated power [W].
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
@@ -79,7 +79,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         power = wp.float64(0.0)
         moved = V()
         p = point.number
-        # What is far in memory is read at once, also where it turns out that they do not touch.
+        # Distant memory is read early, even if there turns out to be no contact.
         v = data.surfaces.v
         u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
         mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
@@ -112,7 +112,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                 if lane == 0:
                     record(data, p, pair.mine, k_n, overlap, step, flags)
                 if lane == 0 and step.h > zero and both_closed(data.surfaces.closed, pair.mine, pair.other):
-                    # The vertex of a point bears as much for each of its other points.
+                    # The vertex of a point has as much force from each of its other points.
                     u_n += step.h * f_n * mobility / data.surfaces.density[pair.mine]
                     least = zero
                     if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
@@ -124,7 +124,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
 
     @wp.func
     def note_fast(data: Data, point: Point, pair: PointAndBody, nearest: Nearest, away: V, h: scalar):
-        """Note a point that passes a facet in the substep, and so has never been in touch."""
+        """Record a point that passes a facet within the substep without ever being in contact."""
         gap = wp.sqrt(nearest.squared)
         v = data.surfaces.v
         u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
@@ -133,7 +133,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
             least = -pair.reach
             if wp.dot(away, normal_of(data.surfaces.x, nearest.corner)) < zero:
-                u_n = zero  # it is within, and lost already
+                u_n = zero  # already inside, too deep to be pushed out
         note(data.tunnelling, point.number, nearest.facet, point.x, gap + h * u_n, least, -u_n)
 
     return bear, note_fast
@@ -162,7 +162,7 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
     def evaluate_point(
         data: Data,
         p: int,
-        lane: int,  # which of the threads that share the point this is
+        lane: int,  # index of this thread among those of the point
         step: Step,
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),
@@ -174,10 +174,10 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
         point = point_of(data, p)
         n = data.neighbors.candidate_count[p]
         first = int(0)
-        if wp.static(measuring):  # no whole numbers are summed: their order counts
+        if wp.static(measuring):  # sums of floats depend on their order
             first = next_in_order(data.neighbors.candidate_body, p, n, -1)
         while first < n:
-            # The facets of one body, which are side by side in the row: the nearest counts.
+            # The facets of one body are adjacent in the row; the nearest one counts.
             pair = pair_of(data, point.body, data.neighbors.candidate_body[p, first])
             nearest = find_nearest(data, point, lane, pair, first, step.buffer)
             away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)

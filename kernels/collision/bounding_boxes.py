@@ -1,4 +1,4 @@
-"""Boxes around facets and bodies, and which bodies are near each other by them."""
+"""Bounding boxes of facets and bodies, and the broad phase: which bodies are near each other."""
 
 import functools
 
@@ -13,7 +13,7 @@ from .pairs import pairs
 
 @functools.cache
 def clear_boxes():
-    """Compose the kernel, over bodies, that makes the boxes around them hold nothing."""
+    """Compose the kernel, over bodies, that empties their bounding boxes."""
 
     @kernel
     def forget(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), widest: wp.array(dtype=float)):
@@ -26,14 +26,14 @@ def clear_boxes():
 
 
 NEVER = 1e30
-"""A speed that nothing has [m/s]."""
+"""A speed that no point reaches [m/s]."""
 
 
 @functools.cache
 def box_facets(scalar: type, lanes: int, worlds: bool = False):
-    """Compose the kernel, over pieces of bodies, that boxes their facets, and extends the boxes around bodies.
+    """Compose the kernel, over pieces of bodies, that bounds facets and extends the bounds of their bodies.
 
-    So many threads (`lanes`) share a piece.
+    `lanes` threads share a piece.
     """
     Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
     load = records(3, scalar).load
@@ -45,14 +45,14 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
     @kernel
     def write_boxes(
         data: Data,
-        piece: wp.array(dtype=wp.vec3i),  # body, first facet, and the one behind the last, shape [piece_count]
+        piece: wp.array(dtype=wp.vec3i),  # body, first facet, end of facets, shape [piece_count]
         # Out, shape [facet_count]:
         lower: wp.array(dtype=wp.vec3),
         upper: wp.array(dtype=wp.vec3),
         # In and out, shape [body_count]:
         low: wp.array(dtype=wp.vec3),
         high: wp.array(dtype=wp.vec3),
-        widest: wp.array(dtype=float),  # side of a box around a facet, at most [m]
+        widest: wp.array(dtype=float),  # longest side of any facet's box [m]
     ):
         part = piece[wp.tid() / wp.static(lanes)]
         least = wp.vec3(1.0e30, 1.0e30, 1.0e30)
@@ -74,7 +74,7 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         most = -least_corner(-most)
         side = -least_of(-side)
         body = part[0]
-        wider = side > widest[body]  # most extend nothing, as others have been there
+        wider = side > widest[body]  # most threads find the body's box large enough
         for k in range(3):
             wider = wider or least[k] < low[body][k] or most[k] > high[body][k]
         if wider and wp.tid() % wp.static(lanes) == 0:
@@ -87,9 +87,9 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
 
 @functools.cache
 def find_roots():
-    """Compose the kernel, over bodies, that finds where in the tree of facets those of each are.
+    """Compose the kernel, over bodies, that finds the root of each body's subtree in the tree of facets.
 
-    Also over worlds, in the tree of bodies.
+    Likewise for each world's subtree in the tree of bodies.
     """
 
     @kernel
@@ -102,9 +102,9 @@ def find_roots():
 
 @functools.cache
 def box_neighbours(scalar: type, worlds: bool = False):
-    """Compose the kernel, over bodies, that lists which others each may touch, and boxes where.
+    """Compose the kernel, over bodies, that lists the bodies each may touch, and bounds the region.
 
-    The box holds those of all bodies near by: most points of large bodies are outside, and need no more tests.
+    The box holds the boxes of all bodies nearby. Most points of a large body are outside and need no further test.
     """
     Data, margin = BodyContactData(scalar, worlds), margin_of_boxes(scalar)
     find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
@@ -113,9 +113,9 @@ def box_neighbours(scalar: type, worlds: bool = False):
     def extend_neighbours(
         data: Data,
         bodies: wp.uint64,  # tree of the boxes around bodies
-        low: wp.array(dtype=wp.vec3),  # these, shape [body_count]
+        low: wp.array(dtype=wp.vec3),  # the boxes, shape [body_count]
         high: wp.array(dtype=wp.vec3),
-        farthest: scalar,  # how far off a point may touch anything [m]
+        farthest: scalar,  # largest distance of any contact [m]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
         flags: wp.array(dtype=float),
         active_count: wp.array(dtype=int),
@@ -124,7 +124,7 @@ def box_neighbours(scalar: type, worlds: bool = False):
         most: wp.array(dtype=wp.vec3),
     ):
         i = wp.tid()
-        if i == 0:  # of the search that begins
+        if i == 0:  # reset the counters of the new search
             active_count[0] = 0
             data.neighbors.search_point_count[0] = 0
             for k in range(2):
@@ -160,7 +160,7 @@ def box_neighbours(scalar: type, worlds: bool = False):
 
 @functools.cache
 def margin_of_boxes(scalar: type):
-    """Compose (low, high, around) -> by how much a box grows to hold all that is so near, whatever was rounded."""
+    """Compose (low, high, around) -> the margin that makes a box hold all points that near, despite rounding."""
 
     @wp.func
     def margin(low: wp.vec3, high: wp.vec3, around: scalar) -> wp.vec3:

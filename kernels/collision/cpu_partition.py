@@ -1,13 +1,13 @@
-"""Threads of the CPU that share points or vertices: which each takes, and how they add to the same numbers.
+"""Partition of points or vertices among CPU threads, and atomic operations on the numbers they share.
 
-On a GPU, or where one thread of the CPU does it all, there is one part. Warp's own atomic functions are not
-atomic on the CPU, where its kernels have one thread.
+On a GPU, or with a single CPU thread, there is one part. Warp's own atomic functions are not atomic on the CPU,
+where Warp runs a kernel in one thread.
 """
 
 import warp as wp
 
 CHUNK = 32
-"""Consecutive items of one thread: enough that two threads seldom write to the same line of the cache."""
+"""Consecutive items of one thread: enough that two threads seldom write to the same cache line."""
 COUNT_UP = """
 #if defined(__CUDA_ARCH__)
     return wp::atomic_add(counter, 0, 1);
@@ -60,7 +60,7 @@ def first_of_part(thread: int, part: int) -> int:
 
 @wp.func
 def next_of_part(e: int, threads: int, parts: int) -> int:
-    """Return the item after e; the threads of each part take turns: on the CPU there is one."""
+    """Return a thread's next item after e. The threads of a part interleave; on the CPU a part has one thread."""
     following = e + threads
     if parts > 1 and following % wp.static(CHUNK) == 0:
         following += (parts - 1) * wp.static(CHUNK)
@@ -69,19 +69,19 @@ def next_of_part(e: int, threads: int, parts: int) -> int:
 
 @wp.func_native(COUNT_UP)
 def count_up(counter: wp.array(dtype=int)) -> int:
-    """Add 1 to a counter, and return what it was."""
+    """Add 1 to a counter and return its previous value."""
     ...
 
 
 @wp.func_native(RAISE)
 def raise_to(numbers: wp.array(dtype=float), at: int, value: float):
-    """Put a value in place of a number that is less."""
+    """Raise a number to a value if it is less."""
     ...
 
 
 @wp.func_native(ADD_WHOLE)
 def add_whole(numbers: wp.array2d(dtype=wp.int64), i: int, k: int, value: wp.int64, parts: int):
-    """Add to a whole number. Alone a thread of the CPU need not lock it, which takes longer than all else."""
+    """Add to an integer. A single CPU thread needs no atomic operation, which would dominate the cost."""
     ...
 
 

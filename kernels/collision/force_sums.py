@@ -1,6 +1,6 @@
-"""Forces of contacts on vertices, as whole numbers of a unit: their sums do not depend on the order.
+"""Contact forces on vertices as integers in a unit of force, whose sums do not depend on their order.
 
-And their impulses on particles, summed over a frame: for sensors, pictures and files.
+Also their impulses on particles, summed over a frame, for probes, pictures and files.
 """
 
 import functools
@@ -17,12 +17,10 @@ Units = wp.types.vector(3, wp.int64)
 
 @functools.cache
 def exert_force(scalar: type, lanes: int):
-    """Compose (force, ends, s, corner, w, f, per_unit, lane, parts).
+    """Compose (force, ends, s, corner, w, f, per_unit, lane, parts), which adds f [N] to a point, −f to a facet.
 
-    It adds f [N] to a point, and the opposite to a facet.
-
-    The point lies between the vertices `ends`, with the share s of the second, and touches the facet where its
-    corners have the weights w. Their forces add up to exactly that of the point, in units of 1 / per_unit [N].
+    The point lies between the vertices `ends`; s is the weight of the second. It touches the facet where its
+    corners have the weights w. The corners' forces sum to exactly the point's, in units of 1 / per_unit [N].
     """
     V = vector(3, scalar)
 
@@ -40,7 +38,7 @@ def exert_force(scalar: type, lanes: int):
         f: V,
         per_unit: wp.float64,  # [1/N]
         lane: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts for threads of the CPU
     ):
         """Add force f to a point, and the opposite to a facet; each thread of the point takes some coordinates."""
         for k in range(lane, 3, wp.static(lanes)):
@@ -64,16 +62,16 @@ def exert_force(scalar: type, lanes: int):
 def exert_on_segments(scalar: type):
     """Compose (in_units, take_from, add_to), for points that touch segments or grains only.
 
-    The whole numbers of a force f [N]; the opposite of such for the ends of a segment, by the share t of the
-    second; and such for a point. The forces of several contacts on a point may be summed first: additions to
-    shared memory take longer than all else.
+    `in_units` turns a force [N] into integers, `take_from` subtracts them from the ends of a segment, and `add_to`
+    adds them to a point. The forces of several contacts on a point may be summed first, since atomic additions
+    dominate the cost.
     """
     V = vector(3, scalar)
     zero = wp.int64(0)
 
     @wp.func
     def in_units(f: V, per_unit: wp.float64) -> Units:
-        """Return a force as whole numbers."""
+        """Return a force as integers."""
         return Units(
             wp.int64(wp.float64(f[0]) * per_unit),
             wp.int64(wp.float64(f[1]) * per_unit),
@@ -82,7 +80,7 @@ def exert_on_segments(scalar: type):
 
     @wp.func
     def take_from(force: wp.array2d(dtype=wp.int64), first: int, second: int, t: scalar, total: Units, parts: int):
-        """Add the opposite of a force to two vertices, of which the second has the share t."""
+        """Subtract a force from two vertices; the second has the weight t."""
         for k in range(3):
             on_second = wp.int64(wp.float64(total[k]) * wp.float64(t))
             if on_second != zero:
@@ -92,7 +90,7 @@ def exert_on_segments(scalar: type):
 
     @wp.func
     def add_to(force: wp.array2d(dtype=wp.int64), ends: wp.vec2i, s: scalar, total: Units, parts: int):
-        """Add a force to a point between two vertices, of which the second has the share s."""
+        """Add a force to a point between two vertices; the second has the weight s."""
         if ends[0] == ends[1]:
             take_from(force, ends[0], ends[0], scalar(0.0), -total, parts)
         else:
@@ -103,9 +101,9 @@ def exert_on_segments(scalar: type):
 
 @functools.cache
 def add_impulses(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over particles, that adds up the impulse of other bodies on each, in float64.
+    """Compose the kernel, over particles, that sums the impulses of other bodies on them, in float64.
 
-    A force counts for the time that the method gives it in its sum over the substep.
+    Each force is weighted by its time in the method's sum over the substep.
     """
     VertexForces = body_contact_term(dim, scalar, compensated).Data
     Wide = vector(dim, wp.float64)
@@ -113,7 +111,7 @@ def add_impulses(dim: int, scalar: type, compensated: bool):
     @kernel
     def add_impulse(
         body_contact: VertexForces,
-        seconds: wp.float64,  # how long the forces count [s]
+        seconds: wp.float64,  # weight of the forces: their time [s]
         # In and out:
         impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]
     ):

@@ -1,4 +1,4 @@
-"""What points remember of the bodies that they touch, and the record of the first one that may tunnel.
+"""Contact history: the tangential displacement of points along the bodies that they touch, and tunnelling.
 
 Tunnelling is only recorded here; `division_planes` prevents it where one of the two bodies is open.
 """
@@ -13,8 +13,8 @@ from .cpu_partition import claim
 from .pairs import NONE
 
 COUNT, POINT, FACET, GAP, SPEED, PLACE = range(6)
-"""The record of the first one in a frame: how many there are, the point, the facet, the distance where the substep
-ends [m], the speed of approach [m/s], and from PLACE on the place [m]."""
+"""Indices in the record of a frame: number of events, and of the first one the point, the facet, the distance at
+the substep's end [m], the speed of approach [m/s], and from PLACE on the position [m]."""
 NOTED = 8
 
 
@@ -22,8 +22,8 @@ NOTED = 8
 def memories(scalar: type, worlds: bool):
     """Compose (Memory, no_memory, remember, keep, shrink_overlap).
 
-    A point remembers two bodies, NONE where there are fewer; of more those whose numbers are least. `keep` writes
-    them, and `shrink_overlap` lessens the overlap that is left of the start.
+    A point remembers two bodies, those with the lowest indices if there are more; NONE fills up. `keep` stores
+    them; `shrink_overlap` reduces the allowed overlap since the start.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
 
@@ -71,7 +71,7 @@ def memories(scalar: type, worlds: bool):
 
 @functools.cache
 def displacements(scalar: type):
-    """Compose (bodies, displacement, p, other): how far a point was moved along a body [m]; 0 if not in touch."""
+    """Compose (bodies, displacement, p, other) -> displacement of point p along a body [m]; 0 without contact."""
     V = vector(3, scalar)
 
     @wp.func
@@ -88,10 +88,10 @@ def displacements(scalar: type):
 
 @functools.cache
 def note_tunnelling(scalar: type):
-    """Compose (noted, p, facet, x, onward, least, speed): note a contact unless it stays above the least gap.
+    """Compose (noted, p, facet, x, onward, least, speed): record a contact unless its gap stays above `least`.
 
-    `onward` is the gap with which the substep will end [m]. Of sheets, ropes and particles the least gap is 0:
-    past it a point has changed sides. Of closed bodies it is the depth from which a point is still pushed out.
+    `onward` is the gap expected at the substep's end [m]. For sheets, ropes and particles `least` is 0: below it a
+    point has changed sides. For closed bodies it is the depth up to which a point is pushed out, negated.
     """
     V = vector(3, scalar)
 

@@ -1,4 +1,4 @@
-"""Threads that share a point: each looks at some of the facets near it, and all of them learn the result."""
+"""GPU threads that share a point: each tests some of the facets near it, and all receive the result."""
 
 import functools
 
@@ -9,15 +9,15 @@ from .contact_data import BodyContactData, Substep
 from .cpu_partition import first_of_part, next_of_part
 
 ON_GPU = 4
-"""Threads to a point on a GPU where there are triangles: most points have some six near them."""
+"""Threads per point on a GPU in scenes with triangles: most points have about six near them."""
 FEW_ON_GPU = 2
-"""The same where there are grains and ropes only, on which less has to be computed."""
+"""The same for grains and ropes only, which need less computation."""
 BLOCK = 64
-"""Threads in a block on a GPU: in larger ones many wait for those whose rows are long."""
+"""Threads per block on a GPU: in larger blocks many threads wait for those with long rows."""
 BLOCKS = 10
-"""Blocks of a multiprocessor at a time: more of them hide the latency of memory better."""
+"""Concurrent blocks per multiprocessor: more of them hide memory latency better."""
 FAST = {"fast_math": True}
-"""Options of kernels in which divisions and roots on a GPU may be wrong by two units in the last place."""
+"""Kernel options: on a GPU, divisions and roots may be wrong by two units in the last place."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -28,7 +28,7 @@ LEAST = """
 #endif
     return value;
 """
-"""They are neighbours in a warp. Values that one of them has read, the others may overwrite afterwards."""
+"""A point's threads are adjacent in a warp. After the call, one may overwrite values that others have read."""
 CHOSEN = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -41,12 +41,12 @@ CHOSEN = """
 
 
 def bounds_of_blocks(scalar: type) -> tuple[int, int]:
-    """Return for how many threads in a block, and blocks at a time, the compiler is to leave registers."""
+    """Return the launch bounds: threads per block, and concurrent blocks, for the compiler's use of registers."""
     return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
 
 
 def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool):
-    """Compose the kernel that evaluates points that are near anything; `lanes` of its threads share a point."""
+    """Compose the kernel that evaluates all active points; `lanes` of its threads share a point."""
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
 
     def evaluate_points(
@@ -55,11 +55,11 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool):
         behind: scalar,
         per_unit: wp.float64,
         buffer: wp.array(dtype=scalar),
-        threads: int,  # in each part
+        threads: int,  # per part
         part: int,
         parts: int,
         flags: wp.array(dtype=float),
-        stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], where measured
+        stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], if measuring
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
         step = Step(h, behind, per_unit, buffer[0], parts)
@@ -74,7 +74,7 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool):
 
 @functools.cache
 def least_of_lanes(kind: type, lanes: int):
-    """Compose the least of the values that the threads of a point have, of a type; all of them must call it."""
+    """Compose the minimum over the threads of a point, for values of type `kind`; all of them must call it."""
     if lanes == 1:
 
         @wp.func
@@ -93,7 +93,7 @@ def least_of_lanes(kind: type, lanes: int):
 def chosen_of_lanes(kind: type, lanes: int):
     """Compose (chosen, value) -> the value of the first thread of a point for which `chosen` is true.
 
-    All of them must call it. Where it is true for none each keeps its own.
+    All threads of the point must call it. If `chosen` is true for none, each keeps its own value.
     """
     if lanes == 1:
 

@@ -10,17 +10,17 @@ from .cpu_partition import raise_to
 from .pairs import Pair, pairs
 
 TANGENTIAL = 2.0 / 7.0
-"""Stiffness along the plane of contact by that along the normal (Cundall and Strack; of spheres by Mindlin)."""
+"""Ratio of tangential to normal stiffness (Cundall and Strack; for spheres Mindlin)."""
 
 
 @functools.cache
 def friction(scalar: type):
     """Compose the law of friction, (moved, u_t, k_t, b_t, most) -> (held, f_t, slides).
 
-    `moved` is how far the contact was moved along the surface [m], `u_t` how fast it moves [m/s], k_t and b_t are
-    its spring [N/m] and damper [N s/m], and `most` is Coulomb's limit μ f_n [N]. Returned are the displacement
-    that can be held, the force f_t = −k_t held − b_t u_t, shortened to the limit, and whether it was: Cundall and
-    Strack 1979.
+    `moved` is the tangential displacement [m], `u_t` the tangential velocity [m/s], k_t and b_t are the spring
+    [N/m] and damper [N s/m], and `most` is Coulomb's limit μ f_n [N]. It returns the displacement after limiting,
+    the force f_t = −k_t held − b_t u_t, shortened to the limit, and whether it was shortened: Cundall and Strack
+    1979.
     """
     V = vector(3, scalar)
 
@@ -42,12 +42,12 @@ def friction(scalar: type):
 
 @functools.cache
 def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
-    """Compose (press, record, per_unit_of): the law of one contact, and the record of one that bears.
+    """Compose (press, record, per_unit_of): the force of one contact, and statistics of active contacts.
 
-    `press` returns the stiffness [N/m], the force along the normal [N], that along the surface [N], how far the
-    contact has been moved along it now [m], how fast the point comes out along the normal [m/s], and whether it
-    slides. `record` notes the deepest overlap, and the work of depenetration. `per_unit_of` is how many units of
-    force 1 N has: in an ensemble each world has its own.
+    `press` returns the stiffness [N/m], the normal force [N], the tangential force [N], the new tangential
+    displacement [m], the normal velocity of the point, positive when leaving [m/s], and whether it slides.
+    `record` updates the deepest overlap and the work of depenetration. `per_unit_of` returns the units of force
+    per newton: in an ensemble each world has its own.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     PointAndBody, zero, one = Pair(scalar), scalar(0.0), scalar(1.0)
@@ -62,18 +62,18 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
         overlap: scalar,  # [m]
         normal: V,  # unit vector out of the facet
         u: V,  # velocity of the point relative to the facet [m/s]
-        before: V,  # how far the contact had been moved along the surface before [m]
+        before: V,  # tangential displacement before this substep [m]
         step: Step,
     ):
         k_n = stiffness_of(data, pair.rule, pair.mine, pair.other)
         u_n = wp.dot(u, normal)
         u_t = u - u_n * normal
-        # As it has a share of the stiffness, a point has one of the mass.
+        # A point has a share of the stiffness, and the same share of the mass.
         root = wp.sqrt(data.surfaces.density[pair.mine] * k_n / mobility)
-        # A pair touches twice, as a point and as a facet of each: both have half of the damping.
+        # A pair has two contacts, a point on a facet each way: each has half of the damping.
         b_n = scalar(2.0**0.5) * data.rules.damping[pair.rule] * root
         b_t = wp.sqrt(tangential) * b_n
-        # Where velocities lag the mean of those before and after a substep counts.
+        # If velocities lag, the damper acts on the mean of those before and after a substep.
         late = one / (one + step.behind * b_n * mobility)
         b_t = b_t / (one + step.behind * b_t * mobility)
         f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)

@@ -1,4 +1,4 @@
-"""Which facet of a body is the nearest to a point, and on which side of it the point is."""
+"""Find the facet of a body that is nearest to a point, and the side of the facet that the point is on."""
 
 import functools
 
@@ -15,8 +15,8 @@ from .pairs import ALMOST, FAR, NONE, Pair, places, points, unit_normal
 def nearest_facets(scalar: type, lanes: int, worlds: bool):
     """Compose (Nearest, find_nearest, separate).
 
-    `find_nearest` finds the facet of one body that is the nearest to a point, by the row of the point. Its threads
-    (`lanes`) share the row, and all of them learn the facet. `separate` returns the distance of the point from it
+    `find_nearest` finds the facet of one body in the point's row that is nearest to the point. `lanes` threads
+    share the row, and all receive the facet. `separate` returns the signed distance of the point from the facet
     [m], below 0 on the wrong side, and the unit vector in which the distance grows.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
@@ -31,10 +31,10 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         facet: int  # NONE where there is none
         corner: wp.vec3i
         squared: scalar  # distance² [m²]
-        w: V  # weights of its corners in the nearest place
-        first: int  # where the facets of its body begin in the row
-        until: int  # where those of another body begin
-        # Of the facets that this thread has looked at, the nearest:
+        w: V  # weights of its corners at the nearest point
+        first: int  # index in the row of the body's first facet
+        until: int  # end of the body's facets in the row
+        # The nearest of the facets that this thread has tested:
         entry: int
         w_own: V
 
@@ -42,10 +42,10 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
     def find_nearest(
         data: Data,
         point: Point,
-        lane: int,  # which of the threads that share the point this is
+        lane: int,  # index of this thread among those of the point
         pair: PointAndBody,
         first: int,
-        buffer: scalar,  # by how much distances may have become less since rows were found [m]
+        buffer: scalar,  # bound on how much distances have shrunk since the last search [m]
     ) -> Nearest:
         found = Nearest()
         p = point.number
@@ -57,7 +57,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         w = V()
         until = int(n)
         for e in range(first + lane, n, wp.static(lanes)):
-            f = data.neighbors.candidates[p, e]  # before anything is known of it: these three are read at once
+            f = data.neighbors.candidates[p, e]  # read three values early, to overlap their latencies
             listed = data.neighbors.candidate_distance[p, e]
             if data.neighbors.candidate_body[p, e] != pair.other:
                 until = e
@@ -85,7 +85,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
             for k in range(3):
                 w[k] = pick(own == facet, found.w_own[k])
         found.facet = facet
-        found.corner = data.surfaces.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
+        found.corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
         found.squared = best
         found.w = w
         found.until = until
@@ -100,7 +100,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         height: scalar,  # above the plane of the nearest facet [m]
         buffer: scalar,
     ) -> scalar:
-        """Return the height above that triangle around an edge or a corner which is seen most steeply."""
+        """Return the height above the triangle at the nearest edge or corner that faces the point most."""
         p = point.number
         x = data.surfaces.x
         edge = load(x, nearest.corner[1]) - load(x, nearest.corner[0])

@@ -1,4 +1,4 @@
-"""The nearest points of a triangle and a point, and of two segments."""
+"""Nearest points between a triangle and a point, and between two segments."""
 
 import functools
 
@@ -7,12 +7,12 @@ import warp as wp
 from ..basis import vector
 
 FLAT = 1e-10
-"""The square of the sine of an angle below which corners are on one line: float32 knows no smaller area."""
+"""Squared sine of an angle below which corners count as collinear: float32 resolves no smaller area."""
 
 
 @functools.cache
 def share_of_length(scalar: type):
-    """Compose (numerator, denominator) -> their quotient, clamped to 0 … 1; 0 of an edge without length."""
+    """Compose (numerator, denominator) -> their quotient, clamped to 0 … 1; 0 for an edge of length 0."""
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
@@ -26,9 +26,9 @@ def share_of_length(scalar: type):
 
 @functools.cache
 def nearest_on_triangle(scalar: type):
-    """Compose (p, a, b, c) -> weights of a, b and c in the point of the triangle that is nearest to p.
+    """Compose (p, a, b, c) -> barycentric weights of the point of a triangle that is nearest to p.
 
-    Triangles may be segments (b = c) or points (a = b = c): ropes and grains are made of such.
+    Triangles may be segments (b = c) or points (a = b = c), as for ropes and grains.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.5.
     """
     V, share = vector(3, scalar), share_of_length(scalar)
@@ -36,7 +36,7 @@ def nearest_on_triangle(scalar: type):
 
     @wp.func
     def on_longest_edge(ap: V, ab: V, ac: V) -> V:
-        """Return the weights where all corners are on one line: that of the longest edge, which holds them all."""
+        """Return the weights for collinear corners: those on the longest edge, which contains the others."""
         bc = ac - ab
         if wp.length_sq(bc) > wp.max(wp.length_sq(ab), wp.length_sq(ac)):
             t = share(wp.dot(bc, ap - ab), wp.length_sq(bc))
@@ -62,7 +62,7 @@ def nearest_on_triangle(scalar: type):
         d4 = wp.dot(ac, bp)
         d5 = wp.dot(ab, cp)
         d6 = wp.dot(ac, cp)
-        # Weights, but for a factor. Of the regions around a triangle the last one below that holds p counts.
+        # Weights up to a factor. If several regions around the triangle hold p, the last one below counts.
         u = d3 * d6 - d5 * d4
         v = d5 * d2 - d1 * d6
         w = d1 * d4 - d3 * d2
@@ -89,7 +89,7 @@ def nearest_on_triangle(scalar: type):
 
 @functools.cache
 def nearest_on_segments(scalar: type):
-    """Compose (a, b, c, d) -> the shares of b and d in the points of the segments a b and c d that are nearest.
+    """Compose (a, b, c, d) -> the weights of b and d in the nearest points of segments a b and c d.
 
     Segments may be points.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.9.

@@ -1,4 +1,4 @@
-"""Which facets are near a point: lists that hold until something has moved by half of their skin."""
+"""Narrow search: lists of the facets near each point, valid until something has moved by half of the buffer."""
 
 import functools
 
@@ -14,17 +14,17 @@ from .pairs import pairs, places, unit_normal
 
 @functools.cache
 def find_candidates(scalar: type, worlds: bool = False):
-    """Compose the kernel that lists the points which may be near any facet, or have something to forget.
+    """Compose the kernel that lists the points which may be near a facet, or have old contacts to clear.
 
-    Its threads share the points, and put those that are near each other behind each other. Most points of large
-    bodies are done with here: a search with threads that have nothing to do takes as long as with all busy.
+    Its threads share the points; near points become adjacent in the list. Most points of large bodies are left out
+    here, because idle threads in a search take as long as busy ones.
     """
     Data, place_of = BodyContactData(scalar, worlds), places(scalar)[0]
 
     @kernel
     def list_candidates(
         data: Data,
-        least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
+        least: wp.array(dtype=wp.vec3),  # box that holds all points of a body near others, shape [body_count]
         most: wp.array(dtype=wp.vec3),
         threads: int,  # in each part
         part: int,
@@ -51,12 +51,12 @@ def find_candidates(scalar: type, worlds: bool = False):
 
 @functools.cache
 def find_rows(scalar: type, worlds: bool = False):
-    """Compose the kernel that lists the facets which each point may touch before lists are made again.
+    """Compose the kernel that lists the facets which each point may touch before the next search.
 
-    Its threads share the candidates. Of each body those facets stay that may come to be the nearest meanwhile, the
-    nearest first; none, where the point is so far outside that it cannot come in. Each has its distance beside it,
-    so that later most need not be looked at. Facets that are listed and never touched change nothing; neither do
-    the skin and the order in which facets are found.
+    Its threads share the points to search for. For each body it keeps the facets that may become the nearest, the
+    current nearest first; none if the point is outside and cannot get in. Distances are stored, so that later most
+    facets can be skipped. Results depend neither on listed facets without contact, nor on the buffer, nor on the
+    order in which facets are found.
     """
     Data, margin, V = BodyContactData(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
     (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
@@ -65,7 +65,7 @@ def find_rows(scalar: type, worlds: bool = False):
 
     @wp.func
     def is_near(first_near: wp.array(dtype=int), near: wp.array(dtype=int), vertex: int, corner: wp.vec3i) -> bool:
-        """Tell whether a corner of a facet is among the neighbours of a vertex, which it never touches."""
+        """Tell whether a corner of a facet is among the vertices that a vertex never touches."""
         found = bool(False)
         for e in range(first_near[vertex], first_near[vertex + 1]):
             other = near[e]
@@ -75,7 +75,7 @@ def find_rows(scalar: type, worlds: bool = False):
 
     @wp.func
     def is_outside(data: Data, p: int, x: V, begin: int, end: int, nearest: scalar) -> bool:
-        """Tell whether a point is outside of the closed body of these entries: as in `nearest_facet`."""
+        """Tell whether a point is outside the closed body of these row entries, as in `nearest_facet`."""
         side = scalar(0.0)
         for e in range(begin, end):
             if data.neighbors.candidate_distance[p, e] <= doubt * nearest:
@@ -88,14 +88,14 @@ def find_rows(scalar: type, worlds: bool = False):
 
     @wp.func
     def keep_near(data: Data, p: int, other: int, begin: int, end: int, nearest: scalar, limit: scalar) -> int:
-        """Keep the listed facets of a body up to a distance, the nearest first; return where the list ends."""
+        """Keep the listed facets of a body up to a distance, the nearest first; return the end of the list."""
         kept = int(begin)
         for e in range(begin, end):
             away = data.neighbors.candidate_distance[p, e]
             if away <= limit:
                 facet = data.neighbors.candidates[p, e]
                 to = int(kept)
-                if away == nearest:  # it changes places with the first one
+                if away == nearest:  # swap it with the first one
                     data.neighbors.candidates[p, kept] = data.neighbors.candidates[p, begin]
                     data.neighbors.candidate_distance[p, kept] = data.neighbors.candidate_distance[p, begin]
                     to = begin
@@ -113,19 +113,18 @@ def find_rows(scalar: type, worlds: bool = False):
         facets: wp.uint64,  # tree of the boxes around facets
         lower: wp.array(dtype=wp.vec3),  # boxes around bodies, shape [body_count]
         upper: wp.array(dtype=wp.vec3),
-        farthest: scalar,  # how far off a point may touch anything [m]
+        farthest: scalar,  # largest distance of any contact [m]
         buffer: scalar,  # [m]
         flags: wp.array(dtype=float),
     ):
-        # In one piece: with the query of the tree in a function of its own, searches took 1.8 times as long on an
-        # H200.
+        # One function: with the tree query in its own function, a search took 1.8 times as long on an H200.
         ends = data.surfaces.ends[p]
         mine = data.surfaces.body[p]
         room = data.neighbors.candidates.shape[1]
         count = int(0)
-        missed = int(0)  # for want of room
+        missed = int(0)  # not listed for lack of room
         most = int(0)
-        known = int(-1)  # which facet was the nearest before
+        known = int(-1)  # the facet that was nearest before
         if data.neighbors.candidate_count[p] > 0:
             known = data.neighbors.candidates[p, 0]
         wide = margin(wp.vec3(x), wp.vec3(x), farthest + buffer)
@@ -141,7 +140,7 @@ def find_rows(scalar: type, worlds: bool = False):
                 around = scalar(limit)
                 if known >= 0:
                     if data.surfaces.owner[known] == other:
-                        # The nearest facet before bounds the distance of the nearest now.
+                        # The distance of the previous nearest facet bounds that of the nearest one now.
                         c = data.surfaces.corner[known]
                         nearest = wp.min(
                             limit, wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
@@ -173,7 +172,7 @@ def find_rows(scalar: type, worlds: bool = False):
                     if nearest > doubt * (thickness_of(data, rule, mine, other) + buffer):
                         if is_outside(data, p, x, begin, count, nearest):
                             count = begin
-                # Another one may come to be the nearest only if it is further by no more than two skins.
+                # Another facet can become the nearest only if it is at most two buffers further away.
                 limit = doubt * (nearest + scalar(2.0) * buffer)
                 count = keep_near(data, p, other, begin, count, nearest, limit)
         data.neighbors.candidate_count[p] = count
@@ -210,7 +209,7 @@ def find_rows(scalar: type, worlds: bool = False):
 
 @functools.cache
 def range_of_speeds(scalar: type, lanes: int):
-    """Compose the kernel that finds between which velocities points are that are near anything.
+    """Compose the kernel that finds the range of velocities of the active points.
 
     Its threads share these points; `lanes` of them combine their results.
     """

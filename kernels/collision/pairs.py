@@ -1,4 +1,4 @@
-"""A point and a facet: where they are, by which rule they touch, from how far, and how stiffly."""
+"""Pairs of a point and a facet: their positions, their contact rule, its range and its stiffness."""
 
 import functools
 
@@ -10,20 +10,20 @@ from .contact_data import BodyContactData
 from .nearest_point import nearest_on_triangle
 
 NONE = 2**31 - 1
-"""No body, or no facet: behind all."""
+"""No body or no facet: greater than any index."""
 ALMOST = 0.9999
-"""A distance that was listed may be less by rounding."""
+"""Factor on listed distances, which rounding may have made too large."""
 FAR = 1.0e30
-"""A distance at which nothing is [m]."""
+"""A distance greater than any [m]."""
 
 
 @functools.cache
 def places(scalar: type):
     """Compose (place_of, place_on, nearest_to).
 
-    The place of a point; that on a facet by the weights of its corners (of velocities: the velocity there); and
-    the weights of the place on a facet that is nearest to p. They take arrays and not all data: on the CPU a
-    function has a copy of its arguments.
+    The position of a point; the position on a facet for given weights of its corners (or the velocity, for an
+    array of velocities); the weights of the position on a facet nearest to p. They take arrays, not the whole data
+    struct: on the CPU a function copies its arguments.
     """
     V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
@@ -45,7 +45,7 @@ def places(scalar: type):
 
 @functools.cache
 def unit_normal(scalar: type):
-    """Compose (x, corner) -> the unit normal out of a facet; 0 of one that has none."""
+    """Compose (x, corner) -> the outward unit normal of a facet; 0 for a degenerate one."""
     V, load = vector(3, scalar), records(3, scalar).load
 
     @wp.func
@@ -66,7 +66,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def find_rule(data: Data, mine: int, other: int) -> int:
-        """Return the rule by which they touch; −1 if they do not."""
+        """Return the index of the contact rule of two bodies; −1 if they pass through each other."""
         rule = data.rules.table[data.rules.kind[mine], data.rules.kind[other]]
         if mine == other and rule >= 0:
             if data.rules.self_contact[rule] == 0:
@@ -75,7 +75,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def thickness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return at which distance they touch [m]."""
+        """Return the distance at which contact begins [m]."""
         given = data.rules.thickness[rule]
         if given >= scalar(0.0):
             return given
@@ -83,7 +83,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return how far off a facet can push a point [m]: out of a closed body, from this depth."""
+        """Return the largest distance at which a facet pushes a point [m]; for a closed body also the depth."""
         reach = thickness_of(data, rule, mine, other)
         if data.surfaces.closed[other] != 0 and mine != other:
             reach = wp.max(reach, data.surfaces.depth[other])
@@ -91,7 +91,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the stiffness of a contact of one point [N/m]: the harmonic mean of both, by its share."""
+        """Return the contact stiffness of one point [N/m]: its share of the harmonic mean of both bodies."""
         k = data.rules.stiffness[rule]
         if k < scalar(0.0):
             a = data.surfaces.stiffness[mine]
@@ -108,17 +108,17 @@ def Pair(scalar: type):
 
     @wp.struct
     class Pair:
-        mine: int  # the body of the point
-        other: int  # that of the facets
+        mine: int  # body of the point
+        other: int  # body of the facets
         rule: int
-        reach: scalar  # from how far a facet can push the point [m]
+        reach: scalar  # largest distance at which a facet pushes the point [m]
 
     return Pair
 
 
 @functools.cache
 def points(scalar: type, worlds: bool = False):
-    """Compose (Point, point_of, mobility_of): a point, and the mobility of one between two vertices [1/kg]."""
+    """Compose (Point, point_of, mobility_of): a point, and its mobility from those of two vertices [1/kg]."""
     V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
     place_of = places(scalar)[0]
 
@@ -127,7 +127,7 @@ def points(scalar: type, worlds: bool = False):
         number: int
         body: int
         ends: wp.vec2i  # the vertices that it lies between
-        share: scalar  # that of the second one
+        share: scalar  # weight of the second vertex
         x: V  # [m]
 
     @wp.func
@@ -152,7 +152,7 @@ def points(scalar: type, worlds: bool = False):
 
 @wp.func
 def next_in_order(candidate_body: wp.array2d(dtype=int), p: int, n: int, before: int) -> int:
-    """Return where in row p of n the body begins whose number is the least above `before`; n if there is none."""
+    """Return the start in row p (length n) of the body with the next index after `before`; n if there is none."""
     least = int(wp.static(NONE))
     first = int(n)
     for e in range(n):

@@ -1,4 +1,4 @@
-"""Contact where there are no triangles: between grains, and ropes. The law is that of `body_contact`."""
+"""Contact between grains and ropes, which have no triangles. The law is that of `body_contact`."""
 
 import functools
 
@@ -15,10 +15,10 @@ from .pairs import ALMOST, FAR, NONE, Pair, pairs, places, points
 
 @functools.cache
 def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that adds up the forces of the contacts of points, where no facet is a triangle.
+    """Compose the kernel that sums the contact forces of points if no facet is a triangle.
 
-    Such bodies have no inside and no sides, and are many: so the threads that share a point (`lanes`) take bodies
-    near it, each its own. `overlapping_at_start` is as for `evaluate_contact`.
+    Such bodies are many, and have neither an inside nor sides. So each of the `lanes` threads of a point handles
+    other bodies near it. `overlapping_at_start` is as for `evaluate_contact`.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (place_of, place_on, _), (find_rule, thickness_of, _, _) = places(scalar), pairs(scalar, worlds)
@@ -32,7 +32,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
 
     @wp.func
     def share_of(x: wp.array(dtype=V), corner: wp.vec3i, p: V) -> scalar:
-        """Return the share of the second end in the place on a segment that is nearest to p; 0 on a grain."""
+        """Return the weight of the second end at the point of a segment nearest to p; 0 for a grain."""
         start = place_on(x, corner, V(one, zero, zero))
         along = place_on(x, corner, V(zero, one, zero)) - start
         squared = wp.length_sq(along)
@@ -43,7 +43,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
 
     @wp.func
     def find_nearest(data: Data, point: Point, first: int, other: int, buffer: scalar):
-        """Return the nearest facet of a body, the distance² [m²], and the share of its second end."""
+        """Return the nearest facet of a body, the squared distance [m²], and the weight of its second end."""
         p = point.number
         best = far
         near = far
@@ -66,7 +66,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
 
     @wp.func
     def least_of_all(own: Memory) -> Memory:
-        """Return the two bodies with the least numbers of those that all threads of a point remember."""
+        """Return the two bodies with the lowest indices among those that the point's threads remember."""
         found = no_memory()
         body = own.body_0
         moved = own.moved_0
@@ -85,25 +85,25 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
     def evaluate_point(
         data: Data,
         p: int,
-        lane: int,  # which of the threads that share the point this is
+        lane: int,  # index of this thread among those of the point
         step: Step,
         flags: wp.array(dtype=float),
-        stored: wp.array(dtype=wp.float64),  # nothing is measured here
+        stored: wp.array(dtype=wp.float64),  # not used here
         heated: wp.array(dtype=wp.float64),
     ):
         point = point_of(data, p)
         pair = PointAndBody()
         pair.mine = point.body
-        memory = no_memory()  # of the bodies that this thread finds in touch
+        memory = no_memory()  # of the bodies in contact that this thread finds
         total = Units()  # of the forces on the point
         for first in range(lane, data.neighbors.candidate_count[p], wp.static(lanes)):
             pair.other = data.neighbors.candidate_body[p, first]
-            begins = bool(True)  # here those of a body begin, which are side by side
+            begins = bool(True)  # whether a body's facets, which are adjacent, start here
             if first > 0:
                 begins = data.neighbors.candidate_body[p, first - 1] != pair.other
             if begins:
                 facet, best, t = find_nearest(data, point, first, pair.other, step.buffer)
-                corner = data.surfaces.corner[facet % wp.static(NONE)]  # 0 where nothing is anywhere
+                corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
                 w = V(one - t, t, zero)
                 pair.rule = find_rule(data, pair.mine, pair.other)
                 away = point.x - place_on(data.surfaces.x, corner, w)
@@ -116,7 +116,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                 if wp.static(overlapping_at_start):
                     overlap = overlap - data.history.initial_overlap[p]
                 mobility = zero
-                if overlap > zero:  # most listed facets are not in touch: reads from memory take the time
+                if overlap > zero:  # most listed facets are not in contact: avoid the memory reads
                     mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]

@@ -1,22 +1,22 @@
-"""Facets on obstacles: edges and solids that come in between particles, which contact with obstacles does not see.
+"""Contact of facets with obstacles: edges and solids that enter between particles, unseen by particle contact.
 
-An obstacle keeps particles out. Between them an edge or a corner of it may come in, or all of a solid smaller
-than they are apart. So each facet is looked at in many places, a grid that includes its corners. Each place that
-lies δ deep in the obstacle is a spring of energy k δ²/2: an integral over the facet, as a sum. The spring pushes
-the corners along the gradient n of the obstacle's signed distance, by the weights of the place. For the facet as
-a whole, with the velocity u of the mean place by δ,
+An obstacle keeps particles out. An edge or corner of it may still enter between them, as may a solid smaller than
+the spacing. So each facet is sampled at a grid of points that includes its corners. Each sample at depth δ in the
+obstacle is a spring of energy k δ²/2; their sum approximates an integral over the facet. The spring pushes the
+corners along the gradient n of the obstacle's signed distance, by the weights of the sample. For the whole facet,
+with the velocity u of the δ-weighted mean sample,
 
     f_n = max(0, |Σ k δ n| − b_n u·n)
 
 and friction as between bodies.
 
-What is deep in a thin obstacle may be nearer to its other side. So the plane of the side that it came in by is
-kept, and δ is the depth below it, up to twice the distance from the nearest side: nothing jumps where it goes in
-and out.
+A deep sample in a thin obstacle may be nearer to its other side. So the plane of the side where the facet entered
+is stored, and δ is the depth below this plane, up to twice the distance from the nearest side: forces do not jump
+at entry and exit.
 
-The solids being convex, the plane that touches one nearest to the middle of a facet has all of the solid behind
-it. A facet before this plane is looked at no further; so is one that lies flat on a face, where particles are
-held.
+Solids are convex, so the tangent plane at the point of a solid nearest to a facet's centre has the whole solid
+behind it. A facet in front of this plane is skipped; so is one that lies flat on a face, which holds its
+particles.
 """
 
 import functools
@@ -30,18 +30,17 @@ from .law import TANGENTIAL, friction
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 
 CAP = 2.0
-"""The most depth that counts below the side that a place came in by, by the distance of the nearest side."""
+"""Limit of the depth below the entry side, as a multiple of the distance from the nearest side."""
 
 
 @functools.cache
 def evaluate_surface(
     scalar: type, kinds: tuple[str, ...], moving: bool, overlapping_at_start: bool, measuring: bool
 ):
-    """Compose the kernel of the forces of obstacles on facets, or of the energy stored [J] and turned to heat [W].
+    """Compose the kernel of obstacles' forces on facets, or of their stored energy [J] and dissipated power [W].
 
-    Its threads share the facets. Where any facet starts on an obstacle (`overlapping_at_start`), it counts by its
-    excess over an allowed depth, which shrinks to nothing. Forces are summed as whole numbers, as between
-    bodies.
+    Its threads share the facets. If any facet starts inside an obstacle (`overlapping_at_start`), only the excess
+    over an allowed depth counts, which shrinks to 0. Forces are summed as integers, as between bodies.
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
@@ -49,7 +48,7 @@ def evaluate_surface(
 
     @wp.func
     def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
-        """Return a place in the frame of obstacle p, at a share of the substep after a row of poses."""
+        """Return a point in the frame of obstacle p, interpolated by `share` between two rows of poses."""
         if wp.static(moving):
             begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
             if share > zero:
@@ -60,7 +59,7 @@ def evaluate_surface(
 
     @wp.func
     def turned(data: Data, p: int, row: int, share: scalar, normal: V) -> V:
-        """Return a direction in the frame of obstacle p as it is now in the world."""
+        """Transform a direction from the frame of obstacle p to the scene's."""
         if wp.static(moving):
             begun = data.turn[row, p] * normal
             if share > zero:
@@ -83,24 +82,24 @@ def evaluate_surface(
         a: V  # positions of its corners [m]
         b: V
         c: V
-        row: int  # of the obstacles' poses, where the substep begins
-        share: scalar  # how much of the substep has gone by
-        begins: scalar  # the depth from which on places are pushed out [m]
+        row: int  # row of the obstacles' poses at the substep's start
+        share: scalar  # share of the substep that has passed
+        begins: scalar  # depth beyond which samples are pushed out [m]
 
     @wp.struct
     class Inside:
-        # The obstacle, how far the facet was moved along it, and the side that it came in by if it is deep:
+        # The obstacle, the facet's tangential displacement, and its entry side if it is deep:
         solid: int
         moved: V
         side: V
         level: scalar
-        # What pushes each corner, by the stiffness [m], and the sums over places:
+        # The force on each corner per stiffness [m], and sums over samples:
         f_a: V
         f_b: V
         f_c: V
-        w: V  # weights of the corners by the depth
+        w: V  # weights of the corners, summed with the depth
         deep: scalar  # [m]
-        squares: scalar  # of depths [m²]
+        squares: scalar  # sum of squared depths [m²]
         count: scalar
         most_deep: scalar  # [m]
 
@@ -118,7 +117,7 @@ def evaluate_surface(
 
     @wp.func
     def add_places(data: Data, facet: Facet, before: Inside) -> Inside:
-        """Return the sums over the places on a facet that are inside an obstacle."""
+        """Return the sums over the samples of a facet that are inside an obstacle."""
         inside = before
         p = before.solid
         kept = wp.dot(before.side, before.side) > zero
@@ -154,9 +153,9 @@ def evaluate_surface(
 
     @wp.func
     def surface_velocity(data: Data, facet: Facet, p: int, w: V) -> V:
-        """Return the velocity of an obstacle's surface at a place on a facet [m/s]."""
+        """Return the velocity of an obstacle's surface at a point of a facet [m/s]."""
         y = place_of(data, p, facet.row, facet.share, w[0] * facet.a + w[1] * facet.b + w[2] * facet.c)
-        following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # where a frame ends there is none
+        following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # a frame's last pose has no successor
         return scalar(0.5) * (
             data.turning[facet.row, p] * y
             + data.speed[facet.row, p]
@@ -166,7 +165,7 @@ def evaluate_surface(
 
     @wp.func
     def bear(data: Data, facet: Facet, before: Inside, h: scalar, behind: scalar, unit: wp.float64):
-        """Return the history of a contact, whether it bears, and its energy [J], heat [W] and power [W]."""
+        """Return a contact's history, whether it has a force, energy [J], dissipation [W] and work rate [W]."""
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
         done = wp.float64(0.0)
@@ -194,7 +193,7 @@ def evaluate_surface(
                 u = u - surface
             u_n = wp.dot(u, normal)
             u_t = u - u_n * normal
-            # What is in has its share of the stiffness around a vertex, and so of the mass.
+            # The samples inside have a share of the stiffness around a vertex, and the same share of the mass.
             b_n = scalar(2.0) * data.damping[p] * inside.count * k / wp.sqrt(data.whole[t] * mobility)
             b_t = wp.sqrt(tangential) * b_n
             late = one / (one + behind * b_n * mobility)
@@ -240,10 +239,10 @@ def evaluate_surface(
         c: V,
         row: int,
         share: scalar,
-        h: scalar,  # length of the substep that begins [s]; 0 where none does, and nothing may slip further
+        h: scalar,  # length of the coming substep [s]; 0 for measurements, which change no history
         behind: scalar,  # twice the time by which velocities lag behind positions [s]
         unit: wp.float64,  # of forces [N]
-        stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], where measured
+        stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], if measuring
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
         facet = Facet(t, corner, a, b, c, row, share, data.slack[t])
@@ -296,8 +295,8 @@ def evaluate_surface(
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
-        # Most facets are far from all obstacles. They are found here, without a function: on the CPU each has a
-        # copy of `data`.
+        # Most facets are far from all obstacles. They are found here, without a function call: on the CPU each
+        # call copies `data`.
         t = wp.tid()
         while t < data.corner.shape[0]:
             corner = data.corner[t]

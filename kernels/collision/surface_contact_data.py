@@ -1,4 +1,4 @@
-"""Facets on obstacles, on a device: the facets, the obstacles, and the forces on particles with their sums."""
+"""Device data of contact between facets and obstacles, the forces on particles, and sums of forces and powers."""
 
 import functools
 from typing import Any
@@ -11,56 +11,56 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 
 SIDES = 12
-"""Parts of each side of a facet."""
+"""Intervals along each side of a facet."""
 QUADRATURE_POINTS = (SIDES + 1) * (SIDES + 2) // 2
-"""Places on a facet that are looked at."""
+"""Sample points of a facet."""
 
 
 def quadrature_weights() -> list[tuple[float, float, float]]:
-    """Return the shares of the corners in each of the places on a facet, shape [PLACES, 3]."""
+    """Return the barycentric weights of a facet's sample points, shape [QUADRATURE_POINTS, 3]."""
     rows = [(i, j) for i in range(SIDES + 1) for j in range(SIDES + 1 - i)]
     return [((SIDES - i - j) / SIDES, i / SIDES, j / SIDES) for i, j in rows]
 
 
 @functools.cache
 def SurfaceContactData(scalar: type, moving: bool):
-    """Compose the struct of facets, and of the obstacles that they may lie on."""
+    """Compose the struct of facets, and of the obstacles that they may touch."""
     V, Solids, Turn = vector(3, scalar), solids(3, scalar), wp.types.matrix((3, 3), scalar)
 
     @wp.struct
     class FacetsAndObstacles:
-        place: wp.array(dtype=V)  # shares of the corners in each place, shape [PLACES]
-        # Vertices, mixtures of particles, as `place_vertices` has them:
-        x: wp.array(dtype=V)  # where each is [m], shape [vertex_count]
-        v: wp.array(dtype=V)  # how fast [m/s]
-        first: wp.array(dtype=int)  # where the particles of each begin, shape [vertex_count + 1]
+        place: wp.array(dtype=V)  # barycentric weights of samples, shape [QUADRATURE_POINTS]
+        # Vertices, weighted means of particles, as in `place_vertices`:
+        x: wp.array(dtype=V)  # position [m], shape [vertex_count]
+        v: wp.array(dtype=V)  # velocity [m/s]
+        first: wp.array(dtype=int)  # row starts of particle and weight, shape [vertex_count + 1]
         particle: wp.array(dtype=int)  # shape [any]
-        weight: wp.array(dtype=scalar)  # the share of each, shape [any]
+        weight: wp.array(dtype=scalar)  # of each particle, shape [any]
         mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg], shape [vertex_count]
         # Facets, of shape [facet_count] unless noted:
-        corner: wp.array(dtype=wp.vec3i)  # the vertices of each
-        stiffness: wp.array(dtype=scalar)  # of each place on it [N/m]
-        whole: wp.array(dtype=scalar)  # of all around a vertex [N/m]
-        slack: wp.array(dtype=scalar)  # how deep is none yet, for roundings [m]
+        corner: wp.array(dtype=wp.vec3i)  # its three vertices
+        stiffness: wp.array(dtype=scalar)  # of each sample on it [N/m]
+        whole: wp.array(dtype=scalar)  # of all samples around a vertex [N/m]
+        slack: wp.array(dtype=scalar)  # smaller depths are rounding errors [m]
         tangential_displacement: wp.array2d(
             dtype=V
-        )  # how far it was moved along what it touches [m], shape [HISTORY, facet_count]
-        contact_body: wp.array2d(dtype=int)  # which obstacle that is, −1: none
-        way: wp.array2d(dtype=V)  # if it is deep in it, the normal of the side that it came in by, else 0
-        level: wp.array2d(dtype=scalar)  # and where that side is along it, in the obstacle as given [m]
-        initial_overlap: wp.array(dtype=scalar)  # how deep it may still lie, since it did at the start [m]
-        overlap_release_speed: scalar  # how fast that shrinks [m/s]
+        )  # of each facet along contact_body [m], shape [HISTORY, facet_count]
+        contact_body: wp.array2d(dtype=int)  # obstacle that the facet touches, −1: none
+        way: wp.array2d(dtype=V)  # normal of the entry side if the facet is deep, else 0
+        level: wp.array2d(dtype=scalar)  # offset of the entry side along `way`, in the obstacle's given pose [m]
+        initial_overlap: wp.array(dtype=scalar)  # depth at the start that is still allowed [m]
+        overlap_release_speed: scalar  # rate at which initial_overlap shrinks [m/s]
         power: wp.array(dtype=wp.float64)  # power of the obstacles on it [W]
         force: wp.array2d(dtype=wp.int64)  # on particles, in units, shape [particle_count, 3]
         # Obstacles:
-        solid: wp.array(dtype=int)  # which of them are no planes, shape [solid_count]
+        solid: wp.array(dtype=int)  # indices of all that are not planes, shape [solid_count]
         solids: Solids  # the shapes of all
-        lower: wp.array(dtype=V)  # boxes around all as they were given [m], shape [obstacle_count]
+        lower: wp.array(dtype=V)  # bounding boxes in the given pose [m], shape [obstacle_count]
         upper: wp.array(dtype=V)
-        friction: wp.array(dtype=scalar)  # of each
+        friction: wp.array(dtype=scalar)  # μ
         damping: wp.array(dtype=scalar)  # damping ratio, from its restitution
-        thin: wp.array(dtype=scalar)  # how deep in it the nearest side may be another one [m]
-        if moving:  # where each is at the ends of substeps, see `collider_contact`
+        thin: wp.array(dtype=scalar)  # beyond this depth the nearest side may not be the entry side [m]
+        if moving:  # poses at the ends of substeps, see `collider_contact`
             turn: wp.array2d(dtype=Turn)
             shift: wp.array2d(dtype=V)
             turning: wp.array2d(dtype=Turn)
@@ -71,7 +71,7 @@ def SurfaceContactData(scalar: type, moving: bool):
 
 @functools.cache
 def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the term of facets on obstacles: the forces on particles."""
+    """Return the force term of contact between facets and obstacles."""
     V = vector(dim, scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
 
@@ -99,7 +99,7 @@ def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm
 def add_pushes(scalar: type):
     """Compose the kernel, over particles, that adds the forces of obstacles on facets to impulses.
 
-    That is summed by mass, in float64.
+    The sums are impulses per mass, in float64.
     """
     Wide = vector(3, wp.float64)
 
@@ -108,9 +108,9 @@ def add_pushes(scalar: type):
         force: wp.array2d(dtype=wp.int64),  # in units, shape [particle_count, 3]
         unit: wp.float64,  # [N]
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], shape [particle_count]
-        seconds: wp.float64,  # how long the forces count [s]
+        seconds: wp.float64,  # weight of the forces: their time [s]
         # In and out:
-        impulse: wp.array(dtype=Wide),  # by mass [m/s], shape [particle_count]
+        impulse: wp.array(dtype=Wide),  # per mass [m/s], shape [particle_count]
     ):
         i = wp.tid()
         by_mass = seconds * unit * wp.float64(inverse_mass[i])
@@ -129,6 +129,6 @@ def add_energies(
     # In and out:
     done: wp.array(dtype=wp.float64),  # [J], shape [any]
 ):
-    """Add the energies of powers over some time."""
+    """Integrate powers over a time."""
     i = wp.tid()
     done[i] = done[i] + seconds * power[i]

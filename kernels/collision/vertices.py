@@ -1,4 +1,4 @@
-"""Vertices of surfaces, put where their particles are."""
+"""Positions and velocities of surface vertices, from those of particles."""
 
 import functools
 
@@ -13,11 +13,11 @@ from .cpu_partition import first_of_part, next_of_part, raise_to
 
 @functools.cache
 def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
-    """Compose the kernel that puts each vertex where its particles are, and forgets the force on it.
+    """Compose the kernel that updates vertices from their particles and clears the forces on them.
 
-    It finds by how much lists have become wrong: how far vertices have moved, beyond the common drift of points in
-    contact. Vertices that were far from all others may move further. Its threads share the vertices. On the CPU
-    there is one: each would have a copy of `data`.
+    It also measures how far vertices have moved since the last search, beyond the common drift of points in
+    contact: whether lists are still valid. Vertices that were far from all other bodies may move further. Its
+    threads share the vertices. On the CPU a part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -29,17 +29,17 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         compensation: Compensation,
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
-        since: float,  # time since rows were found [s]
+        since: float,  # time since the last search [s]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
-        more: float,  # by how much further distant vertices may have moved than others, both together [m]
-        widest: wp.array(dtype=float),  # side of a box around a facet of each body, at most [m]
-        least: wp.array(dtype=wp.vec3),  # box outside of which nothing of a body is near any, shape [body_count]
+        more: float,  # additional path allowed to distant vertices, both together [m]
+        widest: wp.array(dtype=float),  # longest side of a facet's box, by body [m]
+        least: wp.array(dtype=wp.vec3),  # box that holds all parts of a body near others, shape [body_count]
         most: wp.array(dtype=wp.vec3),
-        listing: bool,  # whether rows are found here
+        listing: bool,  # whether a search follows
         threads: int,  # in each part
         part: int,
         parts: int,  # that threads of the CPU take
-        way: wp.array(dtype=float),  # the furthest that any has moved [m], where the flags of its world begin
+        way: wp.array(dtype=float),  # longest path of a vertex [m], at the first flag of its world
     ):
         i = first_of_part(wp.tid(), part)
         drift = (0.5 * since) * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
@@ -63,7 +63,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             moved = wp.length(wp.vec3(place - x_found) - drift)
             if listing:
                 store(data.neighbors.x_found, i, place)
-            # Of a facet that is near, no corner counts as far.
+            # The box is widened so that no corner of a near facet counts as distant.
             body = data.surfaces.body_of[i]
             further = wp.vec3(1.0, 1.0, 1.0) * (more + widest[body])
             low = least[body] - further

@@ -1,4 +1,4 @@
-"""Methods of integration: the composition of their kernels, and their stages."""
+"""Integration methods: the composition of their kernels, and their stages."""
 
 from .composition import (
     Composition as Composition,

@@ -22,7 +22,7 @@ class Composition(NamedTuple):
     dim: int
     """Number of coordinates."""
     scalar: type
-    """Warp's type of numbers."""
+    """Warp's type of real numbers."""
     force_algorithm: ForceAlgorithm
     """The algorithm that sums the forces of connections."""
     compensated: bool = False
@@ -34,13 +34,13 @@ class Composition(NamedTuple):
     pieces: tuple[ForceTerm, ...] = ()
     """The other effects that the scene has."""
     second_pass: bool = False
-    """Whether a second launch advances masked particles: on lattices in columns, if few particles are masked."""
+    """Whether a second launch advances masked particles: for lattices in columns, if few particles are masked."""
     differs: Differences | None = None
     """`Differences` between the worlds of an ensemble; None outside of ensembles."""
 
     @property
     def selective(self) -> list[ForceTerm]:
-        """The effects whose forces act on some particles only; the k-th has bit k of a particle's mask."""
+        """The effects whose forces act on some particles only; the k-th one uses bit k of a particle's mask."""
         return [piece for piece in self.pieces if piece.selective]
 
     @property
@@ -53,9 +53,9 @@ class Stage(NamedTuple):
     """One stage of an integration method, as a function of one particle."""
 
     Step: Any
-    """Struct type that a stage reads and writes. Forces are those at its `x`, `v` and `compensation`."""
+    """Struct type that a stage reads and writes. Forces are evaluated at its `x`, `v` and `compensation`."""
     advance: Any
-    """wp.func (scene, step, force, i): advance particle i, on which this force acts."""
+    """wp.func (scene, step, force, i): advance particle i under this force."""
     forced: bool = True
     """Whether it needs the force; otherwise `force` is 0."""
 
@@ -65,11 +65,11 @@ def scene(composition: Composition):
     """Compose the struct of everything that acts on particles. It is the same in every stage of every method.
 
     forces: the data of the force algorithm. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity
-    [m/s²]. colliders: the obstacles. Then the data of each other effect, by the name that its piece gives.
-    Then, if needed: effect_mask, the selective effects that act on each particle, as bits, shape
-    [particle_count]; masked_particles, the numbers of particles with any; spring_force, the forces of connections
-    on these [N], made by `Model.vectors`; stage, the stage of a frame, counted from 0; time, the times of all
-    stages and of the frame's end [s]; worlds, the differences between worlds.
+    [m/s²]. colliders: the obstacles. Then the data of each other effect, named as in its force term. Then, if
+    needed: effect_mask, the selective effects that act on each particle, as bits, shape [particle_count];
+    masked_particles, the indices of particles with any; spring_force, the forces of connections on them [N], made
+    by `Model.vectors`; stage, the stage of a frame, counted from 0; time, the times of all stages and of the
+    frame's end [s]; worlds, the differences between worlds.
     """
     fields = {
         "forces": composition.force_algorithm.Forces,
@@ -99,7 +99,7 @@ class Tools(NamedTuple):
     V: Any
     """Vector of the scene's coordinates."""
     SceneData: Any
-    """Struct type of what acts on particles."""
+    """Struct type of everything that acts on particles."""
     Compensation: Any
     """Struct type of the compensation of sums."""
     load: Any
@@ -107,7 +107,7 @@ class Tools(NamedTuple):
     store: Any
     """wp.func (x, i, value): x[i] = value."""
     add: Any
-    """wp.func (total, change, lost, lost_out, i) -> the next sum (see `compensated_sum`)."""
+    """wp.func (total, change, compensation, lost_out, i) -> total + change (see `compensated_sum`)."""
 
 
 @functools.cache
@@ -185,9 +185,9 @@ def loads(composition: Composition) -> Any:
 
 @functools.cache
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
-    """Return `advance` of a method, and `loads`, for kernels in which all lanes of a particle call them.
+    """Return a method's `advance`, and `loads`, for kernels in which all lanes of a particle call them.
 
-    Only the first lane calls them. If a particle has a single thread, they are the functions themselves.
+    The returned functions act in the first lane only. With a single thread per particle they are the originals.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     (Step, advance, _), load = method(composition), loads(composition)

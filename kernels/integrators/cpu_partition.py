@@ -1,4 +1,4 @@
-"""Many steps in one launch for each CPU thread; the threads share the particles, and wait for each other."""
+"""Many steps in one launch per CPU thread; the threads share the particles and synchronize at barriers."""
 
 import functools
 from typing import Any
@@ -10,8 +10,8 @@ from ..springs import NO_SUBSTEP
 from .composition import Composition, beginning, loads, tools
 
 ABORT = 16
-"""Where in `PartOfParticles.meeting` it is said that a thread is missing: not in the line of the cache that all
-wait for."""
+"""Index in `PartOfParticles.meeting` of the flag that a thread is missing; not in the cache line that all threads
+poll."""
 MEET = f"""
 #if !defined(__CUDA_ARCH__)
     int* arrived = meeting.data;
@@ -33,9 +33,9 @@ MEET = f"""
 
 @wp.func_native(MEET)
 def barrier(meeting: wp.array(dtype=int), threads: int, yield_cpu: wp.uint64):
-    """Let no thread go on before all have come here, and see what they have written.
+    """Wait until all threads are here; their writes are then visible.
 
-    The k-th meeting is over when threads have come k times their number, which is counted and never set back.
+    The k-th barrier opens when the count of arrivals, which is never reset, reaches k times the number of threads.
     """
     ...
 
@@ -44,31 +44,31 @@ def barrier(meeting: wp.array(dtype=int), threads: int, yield_cpu: wp.uint64):
 class PartOfParticles:
     """The part of the particles that one of several threads advances."""
 
-    threads: int  # how many there are
-    first: int  # its particles are from this one on
-    last: int  # up to this one, which is not one of them
-    first_begun: int  # the connections where it does what effects do as a substep begins
+    threads: int  # number of threads
+    first: int  # first particle of the part
+    last: int  # end of the part, exclusive
+    first_begun: int  # connections whose start-of-substep effects this thread runs
     last_begun: int
-    # Of an algorithm that scatters, the connections that end in its particles: runs from one to before another
+    # For algorithms that scatter: ranges of connections with an end in the part
     runs: wp.array(dtype=wp.vec2i)
-    others: wp.array(dtype=int)  # particles of other shares that these end in
-    meeting: wp.array(dtype=int)  # how often threads have come to meet; at ABORT whether one never will
-    yield_cpu: wp.uint64  # address of the system's function that lets other programs have the core
+    others: wp.array(dtype=int)  # particles of other parts at the other ends
+    meeting: wp.array(dtype=int)  # number of arrivals at barriers; at ABORT whether a thread is missing
+    yield_cpu: wp.uint64  # address of the system function that yields the core to other programs
 
 
 @kernel
 def wait_for_all(share: PartOfParticles):
-    """Let no thread go on before all have come here."""
+    """Wait until all threads are here."""
     barrier(share.meeting, share.threads, share.yield_cpu)
 
 
 @functools.cache
 def in_partition(composition: Composition, method: Any):
-    """Compose the kernel that takes many steps, as `persistent` does, for the particles of one share.
+    """Compose the kernel that takes many steps, as `persistent` does, for one part of the particles.
 
-    It is launched once for each share, all at the same time. A particle's forces are summed in the same order as
-    by a single thread. If forces are scattered, each thread has its own array, for all connections that end in its
-    particles. Connections between two shares are evaluated in both.
+    It is launched once per part, all at the same time. A particle's forces are summed in the same order as by a
+    single thread. If forces are scattered, each thread has its own array for the connections of its particles.
+    Connections between two parts are evaluated in both.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     begin, load, masked_particles = beginning(composition), loads(composition), bool(composition.selective)
@@ -90,7 +90,7 @@ def in_partition(composition: Composition, method: Any):
             if wp.static(timed):
                 scene.stage = first_stage + k
             if wp.static(begin is not None):
-                if k % (steps.shape[0] / 2) == 0:  # where a substep begins
+                if k % (steps.shape[0] / 2) == 0:  # at a substep's start
                     for c in range(share.first_begun, share.last_begun):
                         begin(scene, step.compensation, step.x, c)
                     barrier(share.meeting, share.threads, share.yield_cpu)

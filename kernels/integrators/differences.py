@@ -1,4 +1,4 @@
-"""The differences between the worlds of an ensemble, and their struct for kernels."""
+"""Differences between the worlds of an ensemble, and their struct for kernels."""
 
 import functools
 from typing import Any, NamedTuple
@@ -8,11 +8,11 @@ import warp as wp
 from ..basis import vector
 
 SHARED, UNIFORM, EACH = "shared", "uniform", "each"
-"""Differences of a constant of connections: none; one number for each world; several numbers for each world."""
+"""How a constant of connections differs: not at all; one number per world; several numbers per world."""
 
 
 class Differences(NamedTuple):
-    """The differences between worlds; others are not compiled. Hashable, so that equal ensembles share kernels."""
+    """What differs between worlds; nothing else is compiled. Hashable, so that equal ensembles share kernels."""
 
     gravity: bool = False
     mass: bool = False
@@ -24,15 +24,15 @@ class Differences(NamedTuple):
     stiffness: str = SHARED
     damping: str = SHARED
     arrays: tuple[str, ...] = ()
-    """Arrays of the scene, "field.name", that have a part for each world."""
+    """Arrays of the scene, as "field.name", that have a part for each world."""
 
 
 @functools.cache
 def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_contact: bool) -> Any:
     """Compose the struct of all differences. World w has row w mod (number of rows).
 
-    stride: bytes from one world's vectors to the next one's. frozen: the status of each world; worlds other than 0
-    are no longer advanced, shape [world_count]. unit: of the forces of contacts [N], shape [world_count].
+    stride: bytes from one world's vectors to the next one's. frozen: the status of each world; if not 0, the world
+    is no longer advanced, shape [world_count]. unit: unit of contact forces [N], shape [world_count].
     """
     V, Three = vector(dim, scalar), vector(3, scalar)
     fields: dict[str, Any] = {"stride": wp.int64, "frozen": wp.array(dtype=wp.int32)}

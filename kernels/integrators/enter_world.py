@@ -1,8 +1,8 @@
-"""Gives a thread the data of its own world of an ensemble.
+"""Give a thread the data of its own world of an ensemble.
 
-The particles of a world are side by side, world after world. A thread shifts the arrays of its stage to its own
-world, and puts the world's numbers in place of a single scene's. Then it calls the functions of a single scene. So
-each world moves as it would alone, to the last bit.
+Arrays hold all particles of one world after those of another. A thread shifts the arrays of its stage to its own
+world and replaces the scene's numbers by its world's. Then it calls the functions of a single scene. So each world
+moves exactly as it would alone, to the last bit.
 """
 
 import functools
@@ -27,7 +27,7 @@ PART = """
 
 @functools.cache
 def parts(Struct: Any, fields: tuple[str, ...]) -> Any:
-    """Compose wp.func (s, w, count): arrays of a struct become the w-th of `count` equal parts of them."""
+    """Compose wp.func (s, w, count): reduce arrays of a struct to the w-th of `count` equal parts."""
     code = "".join(PART.format(one, one.replace(".", "_"), Place.DEVICE.value) for one in fields)
 
     @wp.func_native(code)
@@ -73,12 +73,12 @@ def enter_world(composition: Composition) -> Any:
 
 
 def _constants(composition: Composition, SceneData: Any) -> Any:
-    """Compose wp.func (scene, w) that puts the connection constants of world w where the algorithm reads them.
+    """Compose wp.func (scene, w) that stores the connection constants of world w where the algorithm reads them.
 
-    Storage "one" and "table" are as in `springs.constants`, with a table for each world; "own" has arrays for each
-    world. In a "lattice" the constants by direction are in the struct of the algorithm itself; a constant that is
-    equal in all directions of a world is one number, which stays in a register. "lattices" have a table by kind
-    and direction.
+    Storage "one" and "table" are as in `springs.constants`, with one table per world; "own" has arrays for each
+    world. With "lattice" the constants by direction are in the algorithm's struct; one that is equal in all
+    directions is a single number, which stays in a register. With "lattices" there is a table by kind and
+    direction.
     """
     *_, storage, lengths, stiffnesses, dampings, _ = composition.differs
     if storage == "one":

@@ -98,7 +98,7 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
 
 @functools.cache
 def kick(composition: Composition) -> Stage:
-    """Compose v_out = v_half + h a(x, v): a velocity moved in time, positions held."""
+    """Compose v_out = v_half + h a(x, v): advance velocities only, at fixed positions."""
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, _ = tools(composition)
     acceleration = particle_acceleration(composition)

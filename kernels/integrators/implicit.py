@@ -1,4 +1,4 @@
-"""The stages and products of a linearly implicit method."""
+"""Stages and matrix products of a linearly implicit method."""
 
 import functools
 
@@ -14,7 +14,7 @@ LAUNCHES = 2
 
 @functools.cache
 def mass_product(dim: int, scalar: type):
-    """Compose z = M p; a pinned particle counts as one of 1 kg."""
+    """Compose z = M p; a pinned particle has the mass 1 kg."""
     V = vector(dim, scalar)
 
     @kernel
@@ -30,9 +30,9 @@ def mass_product(dim: int, scalar: type):
 
 @functools.cache
 def block_inverses(dim: int, scalar: type):
-    """Compose the kernel that inverts the diagonal blocks m + h² A_i + h B_i, as preconditioner.
+    """Compose the kernel that inverts the diagonal blocks m + h² A_i + h B_i, for the preconditioner.
 
-    The inverse is 0 for a pinned or driven particle: conjugate gradients leave its residual unchanged.
+    The inverse is 0 for a pinned or driven particle: conjugate gradients then leave its residual unchanged.
     """
     Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
     Masses, Blocks, Inverses = wp.array(dtype=scalar), wp.array(dtype=Wide), wp.array(dtype=Block)
@@ -59,9 +59,9 @@ def block_inverses(dim: int, scalar: type):
 
 @functools.cache
 def impulse(composition: Composition) -> Stage:
-    """Compose out = h (f + m g), the impulse of the present forces; 0 for a pinned particle.
+    """Compose out = h (f + m g), the impulse of the current forces; 0 for a pinned particle.
 
-    For a driven particle it is h f, and `given` is the change of its velocity, to Δx / h; for others `given` is 0.
+    For a driven particle it is h f, and `given` is its change of velocity to Δx / h; otherwise `given` is 0.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, _ = tools(composition)
@@ -97,7 +97,7 @@ def impulse(composition: Composition) -> Stage:
 def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), then x += h v, then contact.
 
-    For driven particles `impulse` is the impulse of all forces in the substep, which their drives balance.
+    For driven particles `impulse` is that of all forces in the substep, which their drives balance.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)

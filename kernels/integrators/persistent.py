@@ -1,4 +1,4 @@
-"""Many steps in one launch, for bodies so small that launches take most of the time."""
+"""Many steps in one launch, for bodies so small that launches would dominate the time."""
 
 import functools
 from typing import Any
@@ -12,7 +12,7 @@ from .composition import Composition, beginning, by_first_lane, tools
 from .enter_world import enter_world, to_world
 
 MOST_THREADS = 512
-"""Threads in a block; the compiler leaves registers for this many."""
+"""Threads per block; the launch bounds limit registers accordingly."""
 WAIT = """
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
     asm volatile("barrier.cluster.arrive.release; barrier.cluster.wait.acquire;" ::: "memory");
@@ -24,7 +24,7 @@ WAIT = """
 
 @wp.func_native(WAIT)
 def wait():
-    """Let no thread of the cluster of blocks go on before all have come here, and see what they have written."""
+    """Wait until all threads of the cluster of blocks are here; their writes are then visible."""
     ...
 
 
@@ -37,21 +37,21 @@ WAIT_IN_BLOCK = """
 
 @wp.func_native(WAIT_IN_BLOCK)
 def wait_in_block():
-    """Let no thread of the block go on before all have come here, and see what they have written."""
+    """Wait until all threads of the block are here; their writes are then visible."""
     ...
 
 
 @functools.cache
 def persistent(composition: Composition, method: Any, blocks: int, block: int = 0, together: int = 0):
-    """Compose the kernel that takes many steps in one launch: its threads share the particles, and wait.
+    """Compose the kernel that takes many steps in one launch; its threads share the particles, with barriers.
 
-    Step k is steps[k mod their number]; `steps` are those of two substeps. All steps then cost a single launch,
-    which takes most of a small body's time. Several blocks form a cluster, from compute capability 9.0 on.
+    Step k is steps[k mod len(steps)]; `steps` has those of two substeps. A single launch for all steps matters for
+    small bodies, for which launches dominate. Several blocks form a cluster, from compute capability 9.0 on.
 
-    In an ensemble a block of threads advances each world, on the CPU a single thread. No world waits for another,
-    so frozen worlds are skipped.
+    In an ensemble one block of threads advances each world, on the CPU one thread. Worlds do not wait for each
+    other, so frozen worlds are skipped.
 
-    `blocks` share the particles of a single scene. A world has `block` threads, and a multiprocessor holds
+    `blocks` is the number of blocks for a single scene. A world has `block` threads, and a multiprocessor holds
     `together` threads of worlds, which limits registers.
     """
     _, SceneData, *_ = tools(composition)
@@ -88,7 +88,7 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
             if wp.static(timed):
                 scene.stage = first_stage + k
             if wp.static(begin is not None):
-                if k % (steps.shape[0] / 2) == 0:  # where a substep begins
+                if k % (steps.shape[0] / 2) == 0:  # at a substep's start
                     c = thread
                     while c < connection_count:
                         begin(scene, step.compensation, step.x, c)

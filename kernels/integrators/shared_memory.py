@@ -1,4 +1,4 @@
-"""Small worlds whose state stays on the chip: in the shared memory of a block of threads, for many steps."""
+"""Small worlds whose state stays in the shared memory of a block of threads for many steps."""
 
 import functools
 from typing import Any
@@ -50,10 +50,10 @@ def on_chip_worlds(
     """Compose the kernel that takes many steps of small worlds in one launch, each state in shared memory.
 
     A block has a thread for each particle of its world, or for each column of particles (see `column_forces`). All
-    forces are known before any thread moves its particle, so a stage may write where it reads. `steps` are those
-    of one substep, and their arrays are byte offsets in shared memory. Arrays have `words` numbers of four bytes,
-    are `each` apart, and have `margin` zeros before and after them, which may be read. Array s of world 0 comes
-    from `home[s]` and goes back there.
+    forces are computed before any thread moves its particle, so a stage may update arrays in place. `steps` has
+    those of one substep; their arrays are byte offsets in shared memory. An array has `words` numbers of four
+    bytes, and `margin` zeros before and after it, which may be read; arrays are `each` words apart. Array s of
+    world 0 is copied from `home[s]` and back.
 
     The algorithm must not scatter. A block has `threads` threads and `room` bytes of shared memory, and a
     multiprocessor holds `together` threads, which limits registers. Columns are for lattices of layers.

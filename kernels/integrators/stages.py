@@ -1,7 +1,7 @@
-"""The kernels that run a stage of a method, and the parts of all methods: accelerations, and contact at the end.
+"""Kernels that run a stage of a method, and the parts that methods share: accelerations and contact.
 
-A method is a struct that a stage reads and writes, and a function that advances particle i; none knows how forces
-are computed. Arrays that other particles read (positions, velocities, compensation) are never written in place.
+A method is a struct that a stage reads and writes, and a function that advances particle i. No method computes
+forces. Arrays that other particles read (positions, velocities, compensation) are never written in place.
 """
 
 import functools
@@ -17,7 +17,7 @@ from .enter_world import enter_world, to_world
 
 @functools.cache
 def begin_each_connection(composition: Composition):
-    """Compose the kernel, over connections (and worlds), of the effects' actions at a substep's start."""
+    """Compose the kernel, over connections (and worlds), that runs the effects' actions at a substep's start."""
     V, SceneData, Compensation, *_ = tools(composition)
     begin = beginning(composition)
     if composition.differs is None:
@@ -43,7 +43,7 @@ def begin_each_connection(composition: Composition):
 
 @functools.cache
 def each_connection(composition: Composition, method: Any = None):
-    """Compose the kernel, over connections, that evaluates scattered forces; in worlds the forces of a stage."""
+    """Compose the kernel, over connections (and worlds), that evaluates scattered forces."""
     V, SceneData, Compensation, *_ = tools(composition)
     Forces, evaluate = composition.force_algorithm.Forces, composition.force_algorithm.evaluate
     if composition.differs is not None:
@@ -68,7 +68,7 @@ def each_connection(composition: Composition, method: Any = None):
 def each_particle(composition: Composition, method: Any):
     """Compose the kernel, over particles (and worlds), of one stage of a method.
 
-    With a second pass, the forces of connections on masked particles are passed to `each_masked`.
+    With a second pass, it leaves masked particles to `each_masked`, and stores the forces of connections for it.
     """
     V, SceneData, _, _, store, _ = tools(composition)
     force_algorithm, masked_particles = composition.force_algorithm, bool(composition.selective)
@@ -102,8 +102,8 @@ def each_particle(composition: Composition, method: Any):
         return kernel(advance_particles, **options)
     enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-    # A kernel of its own: threads have as many dimensions as any branch of a kernel asks for. With two dimensions
-    # each thread divides to find its place: 3 % of a substep of a single world of 16³ particles.
+    # A separate kernel: the launch has as many dimensions as any branch of a kernel uses. With two dimensions each
+    # thread divides to find its indices: 3 % of a substep of a single world of 16³ particles.
     def advance_particles_of_worlds(scene: SceneData, step: Step):
         w, i = wp.tid()
         shift(step, wp.int64(w) * scene.worlds.stride)
@@ -125,10 +125,10 @@ def each_particle(composition: Composition, method: Any):
 
 @functools.cache
 def each_column(composition: Composition, method: Any):
-    """Compose the kernel of a stage for a lattice, over columns of particles, which read neighbours together.
+    """Compose the kernel of a stage for a lattice, over columns of particles that share their reads of neighbours.
 
-    With a second pass, the forces of connections on masked particles are passed to `each_masked`: in this kernel
-    the code of selective effects would make all columns slower.
+    With a second pass, it leaves masked particles to `each_masked`, as in `each_particle`: the code of selective
+    effects would make all columns slower.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     load, forces_at = loads(composition), composition.force_algorithm.column_forces
@@ -151,7 +151,7 @@ def each_column(composition: Composition, method: Any):
                     if wp.static(load is not None):
                         mask = wp.uint8(0)
                         if wp.static(masked_particles):
-                            mask = scene.effect_mask[i + d * stride]  # loaded earlier, it was slower
+                            mask = scene.effect_mask[i + d * stride]  # loading it earlier is slower
                         forces[d] += load(scene, step.compensation, step.x, step.v, i + d * stride, mask)
                     advance(scene, step, forces[d], i + d * stride)
 
@@ -163,7 +163,7 @@ def each_column(composition: Composition, method: Any):
 
 @functools.cache
 def each_masked(composition: Composition, method: Any):
-    """Compose the kernel, over masked particles, of the rest of a stage that columns have begun."""
+    """Compose the kernel of the second pass: complete a stage for masked particles, after all columns."""
     _, SceneData, _, read, *_ = tools(composition)
     load = loads(composition)
     Step, advance, _ = method(composition)
@@ -181,8 +181,8 @@ def each_masked(composition: Composition, method: Any):
 def particle_acceleration(composition: Composition):
     """Compose a_i = f_i / m_i + g; it is 0 for a pinned particle (inverse mass 0), prescribed for a driven one.
 
-    A pinned particle stands still, so it approaches no fixed collider. Without moving colliders this is the only
-    test for it, and it is compiled only if a particle is pinned.
+    A pinned particle does not move, so it never approaches a fixed collider. Without moving colliders this is the
+    only test for pinned particles, and it is compiled only if there are any.
     """
     V, SceneData, *_ = tools(composition)
     scalar, pinned, driven = composition.scalar, composition.pinned, driving(composition).acceleration
@@ -202,9 +202,9 @@ def particle_acceleration(composition: Composition):
 
 @functools.cache
 def finish(composition: Composition):
-    """Compose the end of a substep: the changes dx, dv are added, then contact is applied.
+    """Compose the end of a substep: add the changes dx and dv, then apply contact.
 
-    Contact sets positions directly, so their compensation is cleared. If contact forces are summed, the change of
+    Contact sets positions directly, so it clears their compensation. If contact forces are summed, the change of
     velocity is added to the impulse.
     """
     V, _, Compensation, _, store, add = tools(composition)
@@ -220,7 +220,7 @@ def finish(composition: Composition):
         x_new = add(x_old, dx, compensation.x, compensation.x_out, i)
         if wp.static(pinned_apart):
             if colliders.inverse_mass[i] == scalar(0.0):
-                return x_new, v_new  # pinned: moving obstacles pass through it, and depenetration leaves it
+                return x_new, v_new  # pinned: neither moving obstacles nor depenetration move it
         if wp.static(moving):
             colliders.particle = i
         if wp.static(has_colliders):
@@ -241,7 +241,7 @@ def finish(composition: Composition):
 
 @functools.cache
 def force_on_each(composition: Composition) -> Stage:
-    """Compose the stage that writes the force of connections and loads on each particle, without moving any."""
+    """Compose the stage that writes the force of connections and loads on each particle, and moves none."""
     V, SceneData, Compensation, _, store, _ = tools(composition)
 
     @wp.struct

@@ -14,20 +14,20 @@ from ..springs.force_algorithm import difference
 
 @functools.cache
 def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the term of actuators: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
+    """Return the force term of actuators: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
 
-    A spring of rest length l0 (1 + s) pulls with k (l − l0 (1 + s)): the force for l0, less k l0 s along its axis.
-    Both ends compute the force from the same numbers, so the two forces are equal and opposite.
+    A spring of rest length l0 (1 + s) has the tension k (l − l0 (1 + s)): that for l0, minus k l0 s. Both ends
+    compute the force from the same numbers, so the two forces are equal and opposite.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
 
     @wp.struct
     class Actuated:
-        strain: wp.array2d(dtype=scalar)  # s in each stage of a frame, and at its end; each column has a delay
-        first: wp.array(dtype=int)  # where the entries of each particle begin, shape [particle_count + 1]
+        strain: wp.array2d(dtype=scalar)  # s in each stage of a frame and at its end; a column per delay
+        first: wp.array(dtype=int)  # row starts of the entries, shape [particle_count + 1]
         other: wp.array(dtype=int)  # the spring's other end, shape [entry_count]
-        column: wp.array(dtype=int)  # where its s is, shape [entry_count]
+        column: wp.array(dtype=int)  # column of its s, shape [entry_count]
         strength: wp.array(dtype=scalar)  # k l0 [N], shape [entry_count]
 
     def force(SceneData: Any):
@@ -64,7 +64,7 @@ def add_tension(dim: int, scalar: type):
         ends: wp.array(dtype=wp.vec2i),  # two particles each, shape [actuated_count]
         rest_length: wp.array(dtype=wp.float64),  # l0 [m], shape [actuated_count]
         stiffness: wp.array(dtype=wp.float64),  # k [N/m], shape [actuated_count]
-        strain: wp.array(dtype=wp.float64),  # the least s, at most 0, shape [actuated_count]
+        strain: wp.array(dtype=wp.float64),  # minimum of s, at most 0, shape [actuated_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
         # Out:

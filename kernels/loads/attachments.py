@@ -15,9 +15,9 @@ class Attachments(NamedTuple):
     """The device side of attachments."""
 
     piece: ForceTerm
-    """Their force, for the kernels of a scene."""
+    """The force term, for the kernels of a scene."""
     add_blocks: Any
-    """Kernel, over members, that adds to the bound of the rates (`Effect.add_blocks`)."""
+    """Kernel, over members, that adds to the blocks for the stability bound (`Effect.add_blocks`)."""
     measure: Any
     """Kernel, over members, that writes the stored energy [J] and the dissipated power [W] of each."""
 
@@ -26,13 +26,13 @@ class Attachments(NamedTuple):
 def attachments(
     dim: int, scalar: type, compensated: bool, *, moving: bool, damped: bool, stretched: bool
 ) -> Attachments:
-    """Compose the attachments of a scene; the flags say whether any moves, is damped, or has a rest length.
+    """Compose the attachments of a scene; the flags tell whether any moves, is damped, or has a rest length.
 
     An attachment of rest length 0 acts equally in all directions, F = −k (x − p) − b (v − u) for the point p with
     velocity u. An attachment with a rest length acts only along its axis, like springs between particles, and
     exerts no force without an axis.
 
-    The carrier of a point does the work F·u. Over a substep it is summed like the work of drives.
+    The carrier of a point does work at the rate F·u, which is summed over a substep like the work of drives.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Turn = wp.types.matrix((dim, dim), scalar)
@@ -41,11 +41,11 @@ def attachments(
 
     @wp.struct
     class Attached:
-        first: wp.array(dtype=int)  # where the attachments of each particle begin, shape [particle_count + 1]
+        first: wp.array(dtype=int)  # row starts of the attachments, shape [particle_count + 1]
         member: wp.array(dtype=int)  # the particles that have any, shape [member_count]
         # Of each attachment, shape [attachment_count]:
-        point: wp.array(dtype=V)  # where to [m]; as its carrier was given, if it has one
-        carrier: wp.array(dtype=int)  # the carrier that moves the point; −1 where it is fixed
+        point: wp.array(dtype=V)  # anchor point [m]; in the given pose of its carrier, if any
+        carrier: wp.array(dtype=int)  # index of the carrier that moves the point; −1 if fixed
         rest_length: wp.array(dtype=scalar)  # l0 [m]
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b [N s/m]
@@ -55,9 +55,9 @@ def attachments(
         turning: wp.array2d(dtype=Turn)  # dR/dt [1/s]
         speed: wp.array2d(dtype=V)  # do/dt [m/s]
         if moving:
-            ahead: int  # rows from the velocity before a stage to that after it
-            # Work by each [J], shape [2, attachment_count]: what is done, and by the force to come with the
-            # velocity so far, that force taken as the last one
+            ahead: int  # row offset from the velocity before a stage to that after it
+            # Work of each [J], shape [2, attachment_count], to be summed: that of all forces so far, and that of
+            # the next force with the current velocity, estimated from the last force
             done: wp.array2d(dtype=wp.float64)
 
     @wp.func
@@ -100,7 +100,7 @@ def attachments(
             if scene.attached.carrier[e] >= 0:
                 before = scene.worked.weight[row]
                 after = scene.worked.weight_of_last[row]
-                if before + after > wp.float64(0.0):  # not where a frame ends
+                if before + after > wp.float64(0.0):  # false at a frame's end
                     now = before * wp.float64(wp.dot(f, velocity(scene.attached, row, e)))
                     half = after * wp.float64(wp.dot(f, velocity(scene.attached, row + scene.attached.ahead, e)))
                     scene.attached.done[0, e] = scene.attached.done[0, e] + now + half

@@ -1,4 +1,4 @@
-"""Driven particles: their positions and velocities follow from the poses of their drives."""
+"""Driven particles: their positions and velocities are prescribed by the poses of their drives."""
 
 import functools
 from typing import Any
@@ -15,12 +15,12 @@ from ..records import records
 def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of drives.
 
-    A particle that started at y is at turn y + shift, computed in float64 and rounded once. The next stage reads
-    what a stage writes for a driven particle, so it is written for the next stage's time.
+    A particle that started at y is at turn y + shift, computed in float64 and rounded once. A stage writes a
+    driven particle's state for the time of the next stage, which reads it.
 
-    The work of a drive is −f·v, with the force f on a particle that it moves at v. Over a substep it is summed
-    like the work of loads (see `work`): half with the velocity before, half with the velocity after. An implicit
-    method solves for the force that acts during a substep; the work of this force is −f·Δx.
+    A drive does work at the rate −f·v on a particle with force f and velocity v. Over a substep it is summed like
+    the work of loads (see `work`): half with the velocity before, half with the velocity after. An implicit method
+    solves for the force that acts during a substep, whose work is −f·Δx.
     """
     V, Wide, Turn = vector(dim, scalar), vector(dim, wp.float64), wp.types.matrix((dim, dim), wp.float64)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -28,20 +28,20 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     @wp.struct
     class Drives:
-        entry: wp.array(dtype=int)  # which of the driven ones a particle is, -1 of a free one
-        drive: wp.array(dtype=int)  # of each of these its drive
-        start: wp.array(dtype=Wide)  # and where it was at the start [m]
-        # Poses in each stage of a frame and at its end, and their rates there, as the method keeps velocities:
+        entry: wp.array(dtype=int)  # index of a particle among the driven ones, -1 if free
+        drive: wp.array(dtype=int)  # drive of each driven particle
+        start: wp.array(dtype=Wide)  # position of each at the start [m]
+        # Poses in each stage of a frame and at its end, and rates at the times of the method's velocities:
         turn: wp.array2d(dtype=Turn)
         shift: wp.array2d(dtype=Wide)  # [m]
         turning: wp.array2d(dtype=Turn)  # [1/s]
         speed: wp.array2d(dtype=Wide)  # [m/s]
-        # The second derivatives where the frame ends, one for each drive:
+        # Second derivatives at the frame's end, one per drive:
         bending: wp.array(dtype=Turn)  # [1/s²]
         push: wp.array(dtype=Wide)  # [m/s²]
-        ahead: int  # rows from the velocity before a stage to that after it
-        # Work on what each drives [J], shape [2, driven count]: what is done, and by the
-        # force to come with the velocity so far, that force taken as the last one
+        ahead: int  # row offset from the velocity before a stage to that after it
+        # Work on each driven particle [J], shape [2, driven count], to be summed: of all forces so far, and of the
+        # next force with the current velocity, estimated from the last force
         done: wp.array2d(dtype=wp.float64)
 
     def drive(SceneData: Any) -> Driving:
@@ -62,7 +62,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
             row = scene.stage
             before = scene.worked.weight[row]
             after = scene.worked.weight_of_last[row]
-            if before + after > wp.float64(0.0):  # not where a frame ends
+            if before + after > wp.float64(0.0):  # false at a frame's end
                 f = Wide(force)
                 half = after * wp.dot(f, velocity(scene, e, row + scene.drives.ahead))
                 now = before * wp.dot(f, velocity(scene, e, row)) + half

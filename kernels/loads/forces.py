@@ -1,4 +1,4 @@
-"""Forces on particles: constant ones, given for each stage of a frame, and functions of place and time."""
+"""Forces on particles: constant, tabulated for the stages of a frame, or functions of position and time."""
 
 import functools
 from typing import Any
@@ -15,14 +15,14 @@ from .work import Nothing
 def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of constant forces.
 
-    Particles with the same forces share one sum of them. There are few different sums, which caches hold.
+    Particles with the same forces share their sum. Different sums are few, and fit into caches.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
     class Steady:
-        value: wp.array(dtype=V)  # each combination of forces [N], the first one 0; shape [combination_count]
-        combination: wp.array(dtype=int)  # which of them each particle feels, shape [particle_count]
+        value: wp.array(dtype=V)  # sums of combined forces [N], the first one 0; shape [combination_count]
+        combination: wp.array(dtype=int)  # index of the sum for each particle, shape [particle_count]
 
     def force(SceneData: Any):
         @wp.func
@@ -42,7 +42,7 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     @wp.struct
     class Varying:
         value: wp.array2d(dtype=V)  # by stage of a frame, and at its end [N], shape [any, combination_count]
-        combination: wp.array(dtype=int)  # which one each particle feels, shape [particle_count]
+        combination: wp.array(dtype=int)  # index of the sum for each particle, shape [particle_count]
 
     def force(SceneData: Any):
         @wp.func
@@ -56,7 +56,7 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the term of gravity that is a function of time: m g(t)."""
+    """Return the force term of time-dependent gravity: m g(t)."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
@@ -75,7 +75,7 @@ def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> ForceTerm:
-    """Return the term of a force that is a function of place, speed and time.
+    """Return the term of a force that is a function of position, velocity and time.
 
     `function` is a wp.func (x, v, t, i) -> force [N] on particle i at position x with velocity v at time t.
     `number` distinguishes several functions of a scene.

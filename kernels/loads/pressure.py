@@ -1,4 +1,4 @@
-"""Pressure on the triangles of a surface, given or of an enclosed gas."""
+"""Pressure on the triangles of a surface: given, or that of an enclosed gas."""
 
 import functools
 from typing import Any
@@ -20,9 +20,9 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 
     @wp.struct
     class Pressed:
-        value: wp.array2d(dtype=scalar)  # [Pa], in rows, shape [any, count]
+        value: wp.array2d(dtype=scalar)  # [Pa], shape [rows, count]
         faces: Faces
-        of: wp.array(dtype=int)  # which pressure each triangle has, shape [triangle_count]
+        of: wp.array(dtype=int)  # index of each triangle's pressure, shape [triangle_count]
 
     @wp.func
     def press(p: Pressed, compensation: Compensation, x: Vectors, v: Vectors, i: int, row: int) -> V:
@@ -59,7 +59,7 @@ def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = Fals
 
 @functools.cache
 def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of enclosed gases, with a single row: `gas_law` computes it for the present stage."""
+    """Return the term of enclosed gases, with a single row that `gas_law` computes in each stage."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -77,7 +77,7 @@ def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False)
 
 @functools.cache
 def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose the kernel, by a block of threads for each gas in each world, of its pressure: p = p0 (V0 / V)^γ.
+    """Compose the kernel for the pressure of each gas, p = p0 (V0 / V)^γ; a block for each gas and world.
 
     The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, in float64, relative to one of the corners. Each
     thread sums a share, and the shares are added in a fixed order.
@@ -102,13 +102,13 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         # Model:
         corner: wp.array(dtype=wp.vec3i),  # the vertices of each triangle, shape [any]
         ends: wp.array(dtype=int),  # where the triangles around each gas begin, shape [gas_count + 1]
-        numbers: wp.array(dtype=wp.vec4d),  # of each: p0 and the pressure outside [Pa], V0 [m³], and γ
+        numbers: wp.array(dtype=wp.vec4d),  # of each gas: p0 and the ambient pressure [Pa], V0 [m³], and γ
         # State in:
-        x: wp.array(dtype=V),  # positions of vertices [m]: particles, or where they are mixed their own
-        x_lost: wp.array(dtype=V),  # compensation of those of particles [m]
-        stride: int,  # from one world's places to the next one's
+        x: wp.array(dtype=V),  # positions [m] of particles, or of vertices if mixed
+        x_lost: wp.array(dtype=V),  # compensation of particles' positions [m]
+        stride: int,  # from one world to the next, in elements of x
         # Out:
-        over: wp.array2d(dtype=scalar),  # pressure above that outside [Pa], shape [worlds, gas_count]
+        over: wp.array2d(dtype=scalar),  # excess over the ambient pressure [Pa], shape [worlds, gas_count]
     ):
         gas = (wp.tid() / wp.block_dim()) % numbers.shape[0]
         w = wp.tid() / wp.block_dim() / numbers.shape[0]
@@ -125,7 +125,7 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
             t += wp.block_dim()
         total = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0) / wp.float64(6.0)
         if thread == 0:
-            # Turned inside out there is no volume: the pressure stays finite, and the run says that it diverged.
+            # An inverted surface has no volume: keep the pressure finite; the run is reported as diverged.
             of_gas = numbers[gas]
             part = wp.max(total / of_gas[2], wp.float64(1e-6))
             over[w, gas] = scalar(of_gas[0] * wp.pow(part, -of_gas[3]) - of_gas[1])

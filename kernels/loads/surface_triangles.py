@@ -1,4 +1,4 @@
-"""The triangles of a surface, for loads that act on them."""
+"""Triangles of surfaces, for loads that act on them."""
 
 import functools
 from typing import Any
@@ -15,12 +15,11 @@ from ..records import records
 def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     """Compose (Faces, corners): triangles with the particles at their corners, and the geometry of one.
 
-    If vertices are `mixed`, that is mixtures of particles, x and v belong to the vertices, computed by
-    `mix_vertices`. A particle then gets a triangle's force in proportion to its shares in the corners.
+    With `mixed`, vertices are weighted means of particles, and x and v are those of vertices, from `mix_vertices`.
+    A particle then gets a triangle's force in proportion to its weights in the corners.
 
     corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners,
-    and half the product of two edges, out of the surface by the right-hand rule. Only three coordinates have area
-    vectors.
+    and half the cross product of two edges, outward by the right-hand rule. Area vectors exist in 3D only.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
@@ -28,10 +27,10 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     @wp.struct
     class Faces:
         corner: wp.array(dtype=wp.vec3i)  # the vertices of each triangle, shape [triangle_count]
-        first: wp.array(dtype=int)  # where the triangles around each particle begin, shape [particle_count + 1]
-        number: wp.array(dtype=int)  # which triangle it is, shape [3 triangle_count], or [any] of mixed vertices
+        first: wp.array(dtype=int)  # row starts of `number`, shape [particle_count + 1]
+        number: wp.array(dtype=int)  # triangles around each particle, shape [3 triangle_count], or [any] if mixed
         if mixed:
-            share: wp.array(dtype=scalar)  # share of the particle in it, shape [any]
+            share: wp.array(dtype=scalar)  # weight of the particle in the triangle, shape [any]
 
     @wp.func
     def place(compensation: Compensation, x: Vectors, i: int) -> V:
@@ -65,7 +64,7 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
 
 @functools.cache
 def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
-    """Return the term of vertices that are mixtures of particles: their positions and velocities."""
+    """Return the term that holds the state of mixed vertices, which are weighted means of particles."""
     V = vector(dim, scalar)
 
     @wp.struct
@@ -86,8 +85,8 @@ def mix_vertices(dim: int, scalar: type, compensated: bool):
     @kernel
     def mix(
         # Model:
-        particle: wp.array2d(dtype=int),  # that each is a mixture of, shape [vertex_count, k]
-        weight: wp.array2d(dtype=scalar),  # their shares
+        particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
+        weight: wp.array2d(dtype=scalar),  # their weights
         stride: int,  # from one world to the next, in particles
         # State in:
         compensation: Compensation,

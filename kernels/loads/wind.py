@@ -14,7 +14,7 @@ from .surface_triangles import face
 
 @functools.cache
 def _blows(dim: int, scalar: type, function: Any):
-    """Compose (Winds, air): data of the air, and its velocity at x for wind w in a stage of a frame."""
+    """Compose (Winds, air): data of winds, and the air's velocity at x for wind w in a stage of a frame."""
     V = vector(dim, scalar)
 
     @wp.struct
@@ -38,20 +38,19 @@ def wind_on_faces(
 ) -> ForceTerm:
     """Return the term of wind on a surface: the force of the air on the triangles around a particle.
 
-    With u the velocity of a triangle against the air, a its area vector and n = a/|a|,
+    With u the velocity of a triangle relative to the air, a its area vector and n = a/|a|,
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
-    of which each corner takes a third: drag against u as on a plate of the area visible along u, and lift across u
-    towards the lee side. Both sides of the surface count. A closed surface has air only outside, so wind acts on
-    triangles that move against it, u·a > 0: together they have the area visible along u. Without a relative speed
-    the force is exactly 0.
-    Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that each triangle meets by
-    itself; the quadratic law of drag is that of a plate.
+    and each corner takes a third. Drag acts against u as on a plate of the area projected along u, and lift acts
+    across u towards the lee side. Both sides of the surface count. A closed surface has air only outside, so wind
+    acts only on triangles that move against the air, u·a > 0: together they have the area projected along u.
+    Without a relative velocity the force is exactly 0.
+    Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that other triangles do not
+    disturb; the quadratic drag is that of a plate.
 
-    `function` is a wp.func (x, t) -> velocity of the air [m/s], None if it is given by numbers. `mixed` says
-    whether vertices are mixtures of particles (see `face`), `any_closed` whether any triangle is of a closed
-    surface.
+    `function` is a wp.func (x, t) -> velocity of the air [m/s]; None if velocities are given by numbers. `mixed`:
+    vertices are weighted means of particles (see `face`). `any_closed`: a triangle is part of a closed surface.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
@@ -61,9 +60,9 @@ def wind_on_faces(
     class WindOnFaces:
         winds: Winds
         faces: Faces
-        wind: wp.array(dtype=int)  # which one blows on each triangle, shape [triangle_count]
+        wind: wp.array(dtype=int)  # index of the wind on each triangle, shape [triangle_count]
         if any_closed:
-            closed: wp.array(dtype=bool)  # whether it is of a closed surface, shape [triangle_count]
+            closed: wp.array(dtype=bool)  # whether its surface is closed, shape [triangle_count]
 
     @wp.func
     def push(drag: scalar, lift: scalar, u: V, a: V) -> V:
@@ -112,7 +111,7 @@ def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) 
     @wp.struct
     class WindOnParticles:
         winds: Winds
-        wind: wp.array(dtype=int)  # which one blows on each particle, shape [particle_count]
+        wind: wp.array(dtype=int)  # index of the wind on each particle, shape [particle_count]
         area: wp.array(dtype=scalar)  # [m²], shape [particle_count]
 
     def force(SceneData: Any):

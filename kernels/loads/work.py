@@ -16,36 +16,34 @@ class Nothing:
 
 
 NOTHING = ForceTerm("nothing", Nothing)
-"""The piece of such an effect."""
+"""The force term of such an effect."""
 
 
 @functools.cache
 def work(dim: int, scalar: type) -> ForceTerm:
-    """Return the term of external work: the arrays that hold its sums.
+    """Return the term of external work, which holds the arrays of its sums.
 
-    Over a substep the work of a force is Σ weight f·v over its stages. For a method with one force a substep it is
-    h f_n·(v_n + v_(n+1))/2 with the velocities before and after: the kinetic energy that f_n adds. Half of it is
-    summed in its own substep, and half in the next one, when v_(n+1) is known.
+    The work of a force over a substep is Σ weight f·v over its stages. For a method with one force per substep it
+    is h f_n·(v_n + v_(n+1))/2 with the velocities before and after: the kinetic energy that f_n adds. Half of it
+    is summed in its own substep, and half in the next one, when v_(n+1) is known.
     """
 
     @wp.struct
     class Worked:
         done: wp.array(dtype=wp.float64)  # on each particle [J], shape [particle_count]
         last: wp.array(dtype=vector(dim, scalar))  # the force on each in the last substep [N]
-        # By stage of a frame [s]; at its end, which belongs to no substep, and in stages that do not count, 0:
+        # By stage of a frame [s]; 0 at the frame's end, and in stages that do not count:
         weight: wp.array(dtype=wp.float64)  # weight of the stage
-        weight_of_last: wp.array(
-            dtype=wp.float64
-        )  # weight of the last substep's force with the velocity of the stage
+        weight_of_last: wp.array(dtype=wp.float64)  # weight of the last substep's force times the stage's velocity
 
     return ForceTerm("worked", Worked, timed=True)
 
 
 @functools.cache
 def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: Any, effect_mask: int):
-    """Compose a force (scene, compensation, x, v, i, mask) that equals `force`, and adds up its work.
+    """Compose a force (scene, compensation, x, v, i, mask) that equals `force` and also sums its work.
 
-    It sums the work on particles with one of these bits in their mask.
+    It sums the work on particles whose mask has a bit of `effect_mask`.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Vectors = wp.array(dtype=V)
@@ -85,8 +83,8 @@ def sum_work(dim: int, scalar: type):
         done: wp.array(dtype=wp.float64),  # so far [J], shape [worlds * count], or [0]
         last: wp.array(dtype=V),  # force in the last substep [N], of the same shape
         v: wp.array(dtype=V),  # velocities [m/s], of all worlds
-        remaining: wp.float64,  # weight of that force that is still to come [s]
-        combination: wp.array(dtype=int),  # which steady force acts on each, 0: none; or of shape [0]
+        remaining: wp.float64,  # weight of `last` that is still to be summed [s]
+        combination: wp.array(dtype=int),  # index into `steady` by particle, 0: none; or shape [0]
         steady: wp.array(dtype=V),  # steady forces [N], shape [any]
         x: wp.array(dtype=V),  # positions [m], of all worlds
         # Out:
@@ -115,7 +113,7 @@ def sum_work(dim: int, scalar: type):
 
 @kernel
 def add_work(
-    done: wp.array(dtype=wp.float64),  # [J], one world's numbers after the other's
+    done: wp.array(dtype=wp.float64),  # [J], numbers of all worlds, concatenated
     worlds: int,
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]

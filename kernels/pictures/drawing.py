@@ -1,4 +1,4 @@
-"""Points, normals and colours that follow the particles, and arrows (float32, in three dimensions)."""
+"""Points, normals and colours of meshes that follow the particles, and arrows (float32, in 3D)."""
 
 import warp as wp
 
@@ -11,7 +11,7 @@ STRAIN_STOPS = (
     (0.90, 0.42, 0.27),
     (0.70, 0.06, 0.10),
 )
-"""Colours, evenly spaced, of strain from full compression (blue) over none (grey) to full tension (red)."""
+"""Evenly spaced colours of strain from full compression (blue) through 0 (grey) to full tension (red)."""
 VALUE_STOPS = (
     (0.08, 0.29, 0.58),
     (0.32, 0.31, 0.74),
@@ -23,18 +23,18 @@ VALUE_STOPS = (
     (1.00, 0.71, 0.26),
     (0.98, 0.87, 0.31),
 )
-"""Colours, evenly spaced, of any other value from 0 to full: from blue through red to yellow.
+"""Evenly spaced colours of other values from 0 to full: from blue through red to yellow.
 
-Distances in OKLab between neighbours are the same to 5 %, and each is lighter than the one before: equal
-differences of values look alike. The darkest is light enough for shading to show the shape of a body at rest.
+Distances of adjacent colours in OKLab agree to 5 %, and lightness increases: equal differences of values look
+equal. The darkest colour is light enough for shading to show the shape of a body at rest.
 """
 SIDES = 8
 """Corners of each ring around an arrow: a thin cylinder with a cone in front."""
 RINGS = 5
 """Start and end of an arrow's shaft, base and tip of its head, and the base again, which closes the cone."""
 THICK, WIDE, HEAD = 0.025, 0.07, 0.25
-"""Radii of shaft and head, and length of the head, by the longest arrow's length; at most HEAD / SHORTEST of the
-arrow's own."""
+"""Radii of shaft and head, and length of the head, over the longest arrow's length; on short arrows all are
+smaller."""
 SHORTEST = 0.5
 
 
@@ -48,7 +48,7 @@ def place_vertices(
     # Out:
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
 ):
-    """Put every vertex at the weighted sum of its particles, plus a radius along its normal."""
+    """Place every vertex at the weighted sum of its particles, plus `radius` along its normal."""
     i = wp.tid()
     point = wp.vec3()
     for k in range(particle.shape[1]):
@@ -62,9 +62,9 @@ def place_vertices(
 def add_face_normals(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
-    normal_of: wp.array(dtype=int),  # the vertex whose normal each shares, shape [vertex_count]
+    normal_of: wp.array(dtype=int),  # vertex whose normal each vertex shares, shape [vertex_count]
     # Out:
-    sums: wp.array(dtype=wp.vec3),  # 0 before; twice an area [m²], shape [vertex_count]
+    sums: wp.array(dtype=wp.vec3),  # initially 0; twice the area [m²], shape [vertex_count]
 ):
     """Add each triangle's normal, weighted by its area, to those of its corners."""
     t = wp.tid()
@@ -79,8 +79,8 @@ def add_face_normals(
 
 @kernel
 def take_normals(
-    sums: wp.array(dtype=wp.vec3),  # of the normals of triangles, shape [vertex_count]
-    normal_of: wp.array(dtype=int),  # the vertex whose normal each shares, shape [vertex_count]
+    sums: wp.array(dtype=wp.vec3),  # sums of triangle normals, shape [vertex_count]
+    normal_of: wp.array(dtype=int),  # vertex whose normal each vertex shares, shape [vertex_count]
     # Out:
     normals: wp.array(dtype=wp.vec3),  # of unit length, shape [vertex_count]
 ):
@@ -142,21 +142,21 @@ def place_tubes(
 
 @kernel
 def place_arrows(
-    start: wp.array(dtype=wp.vec3),  # where each begins [m], shape [arrow_count]
-    way: wp.array(dtype=wp.vec3),  # from there to its tip [m]
+    start: wp.array(dtype=wp.vec3),  # start of each arrow [m], shape [arrow_count]
+    way: wp.array(dtype=wp.vec3),  # from the start to the tip [m]
     longest: float,  # [m]
     # Out, of shape [arrow_count · RINGS · SIDES]:
     points: wp.array(dtype=wp.vec3),  # [m]
     normals: wp.array(dtype=wp.vec3),  # of unit length
 ):
-    """Lay out every arrow; one of no length is an invisible point."""
+    """Place the vertices of every arrow; an arrow of length 0 is an invisible point."""
     a = wp.tid()
     length = wp.length(way[a])
     axis = wp.normalize(way[a])
-    # Short arrows are smaller as a whole.
+    # Short arrows are scaled down as a whole.
     unit = wp.min(longest, length * wp.static(SHORTEST / HEAD))
     neck = start[a] + (length - wp.static(HEAD) * unit) * axis
-    slant = wp.normalize(wp.vec2(wp.static(HEAD), wp.static(WIDE)))  # the cone's normal: outwards, and ahead
+    slant = wp.normalize(wp.vec2(wp.static(HEAD), wp.static(WIDE)))  # the cone's normal: outward, and forward
     for k in range(wp.static(SIDES)):
         outwards = spoke(axis, k, wp.static(SIDES))
         first = wp.static(RINGS * SIDES) * a + k
@@ -174,14 +174,14 @@ def place_arrows(
 
 @kernel
 def collapse(
-    since: wp.array(dtype=float),  # when each piece appears [s], shape [piece_count]
-    until: wp.array(dtype=float),  # when it disappears [s], inf for never, shape [piece_count]
+    since: wp.array(dtype=float),  # time when each piece appears [s], shape [piece_count]
+    until: wp.array(dtype=float),  # time when it disappears [s], inf for never, shape [piece_count]
     time: float,  # [s]
-    corners: int,  # of each piece
+    corners: int,  # vertices of each piece
     # In and out:
     points: wp.array(dtype=wp.vec3),  # [m], shape [piece_count · corners]
 ):
-    """Collapse pieces that are invisible now, or broke at the start, to their first corners."""
+    """Collapse pieces that are not visible at `time` to their first vertices."""
     piece = wp.tid()
     if until[piece] < time or until[piece] <= 0.0 or (since[piece] >= time and since[piece] > 0.0):
         for k in range(1, corners):
@@ -190,7 +190,7 @@ def collapse(
 
 @wp.func
 def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
-    """Return the colour at a share of a scale: linear between its stops, and its ends below 0 and above 1."""
+    """Return the colour at `share` of a scale: linear between its stops, clamped to its ends outside 0 … 1."""
     last = stops.shape[0] - 1
     at = wp.clamp(share, 0.0, 1.0) * float(last)
     k = wp.min(int(at), last - 1)
@@ -225,7 +225,7 @@ def colour_by_value(
     # Out:
     colours: wp.array(dtype=wp.vec3),  # shape [vertex_count]
 ):
-    """Colour every vertex by the mixture of its particles' values, given as shares of the full one."""
+    """Colour every vertex by the weighted mean of its particles' values, given as shares of the full value."""
     i = wp.tid()
     share = float(0.0)
     for k in range(particle.shape[1]):
@@ -241,10 +241,10 @@ def halve_over(
     # In and out:
     pixels: wp.array2d(dtype=wp.vec4ub),  # shape [height, width]
 ):
-    """Average a picture of twice the size, last row first, 2 × 2 to a pixel, and lay it over the present one.
+    """Average 2 × 2 pixels of a picture of twice the size, stored last row first, and blend it over `pixels`.
 
-    Threads cover a rectangle from the first row and column on. Where nothing was drawn `fine` is 0, so averages
-    are weighted by coverage.
+    Threads cover a rectangle that starts at the first row and column. Where nothing was drawn `fine` is 0, so
+    averages are weighted by coverage.
     """
     i, j = wp.tid()
     row = first_row + i

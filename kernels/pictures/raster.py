@@ -1,7 +1,8 @@
-"""A rasteriser: four points of each pixel find their nearest triangles, which are lit, mostly for 2 x 2 pixels.
+"""A rasteriser: finds the nearest triangle at four points of each pixel, then shades, mostly 2 x 2 pixels at once.
 
-Points are found by products of three vectors, after M. Olano and T. Greer, "Triangle scan conversion using 2D
-homogeneous coordinates", Graphics Hardware 1997: triangles that reach behind the camera need no clipping.
+Whether a triangle covers a point follows from triple products, after M. Olano and T. Greer, "Triangle scan
+conversion using 2D homogeneous coordinates", Graphics Hardware 1997: triangles that reach behind the camera need
+no clipping.
 """
 
 import warp as wp
@@ -23,31 +24,31 @@ from .shading import (
 from .shadow import DepthMap, inverse, narrow, share_of_light
 
 ASIDE = wp.constant(wp.vec4(0.375, 0.875, 0.125, 0.625))
-"""The four points of a pixel: one in each quarter of its height, and of its width (a rotated grid)."""
+"""Offsets of a pixel's four points: one in each quarter of its height and of its width (a rotated grid)."""
 ALL = wp.constant(0xFFFF)
-"""All points of 2 x 2 pixels, as bits: 4 n to 4 n + 3 are those of pixel n, counted along rows."""
+"""Bit mask of all points of 2 x 2 pixels: bits 4 n to 4 n + 3 are those of pixel n, counted along rows."""
 Faces = wp.types.vector(16, int)
 Colours = wp.types.matrix((4, 3), wp.float32)
 Keys, Pixels = wp.array2d(dtype=wp.uint64), wp.array2d(dtype=wp.vec3ub)
 SQUARE_MARGIN = wp.constant(1.0)
-"""For 2 x 2 pixels the shadow map is sampled this many texels further out, so that no pixel's shadow is missed."""
+"""For 2 x 2 pixels the shadow map is sampled over this many more texels, so that no pixel's shadow is missed."""
 MOST_GLINT = wp.constant(0.01)
-"""Brighter highlights are drawn pixel by pixel: they change quickly."""
+"""Brighter highlights are shaded pixel by pixel: they change quickly."""
 MOST_TURN = wp.constant(0.05)
-"""Surfaces whose normals turn further from pixel to pixel [rad] are too: light would change in visible steps."""
+"""Surfaces whose normals turn more per pixel [rad] are shaded pixel by pixel: steps would be visible."""
 
 
 @wp.func
 def row_of(row: int) -> float:
-    """Return how far from the upper edge a row of points is, in pixels."""
+    """Return the distance of a row of points from the upper edge, in pixels."""
     return 0.25 * (float(row) + 0.5)
 
 
 @wp.func
 def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Return (start, across, down): weights of corners at (x, y) are in proportion to start + x across + y down.
+    """Return (start, across, down): weights of corners at (x, y) are proportional to start + x across + y down.
 
-    The corners are relative to the camera.
+    Corners are given relative to the camera.
     """
     shares = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b))
     return shares @ view.corner, shares @ view.across, shares @ view.down
@@ -62,8 +63,7 @@ def draw_triangles(
 ):
     """Draw every triangle at the points inside it, and keep the nearest.
 
-    The upper half of an entry is 1 / distance along the view, as bits, and the lower half the triangle's number,
-    counted from 1.
+    The upper half of an entry has the bits of 1 / depth; the lower half has the triangle's index plus 1.
     """
     t = wp.tid()
     a = body.points[body.triangles[t][0]] - view.eye
@@ -141,7 +141,7 @@ def draw_backdrop(
 
 @wp.func
 def light_on_ground(view: Surroundings, shadows: DepthMap, x: float, y: float, around: float) -> float:
-    """Return the share of the key light on the ground at (x, y) in the picture; 1 beside the ground."""
+    """Return the share of the key light on the ground at (x, y) in the picture; 1 outside the ground."""
     way = view.corner + x * view.across + y * view.down
     t, _uv = meets_ground(view, way)
     if t > 0.0 and view.shadows == 1:
@@ -151,7 +151,7 @@ def light_on_ground(view: Surroundings, shadows: DepthMap, x: float, y: float, a
 
 @wp.func
 def faces_at(nearest: Keys, row: int, column: int, points: int) -> Faces:
-    """Return the triangles that the points of one pixel show (4), or of 2 x 2 pixels (16); -1 for none."""
+    """Return the triangles visible at the points of one pixel (4), or of 2 x 2 pixels (16); -1 for none."""
     faces = Faces(-2)
     for q in range(16):
         if q < points:
@@ -190,9 +190,9 @@ def number_of(points: int) -> float:
 def shade_triangle(
     body: Body, view: Surroundings, shadows: DepthMap, face: int, x: float, y: float, around: float
 ):
-    """Return a triangle's look at (x, y) in the picture.
+    """Return the shading of a triangle at (x, y) in the picture.
 
-    That is: brightness of its colour, highlights, share of the key light, colour if it has no texture, texture
+    Namely: brightness of its colour, highlights, share of the key light, colour if it has no texture, texture
     coordinates and their change per pixel across and down, height above the ground there and the lowest within a
     pixel, and how far the normal turns from one pixel to the next.
     """
@@ -204,10 +204,10 @@ def shade_triangle(
     start, to_right, downwards = shares_of(view, a, b, c)
     shares = start + x * to_right + y * downwards
     whole = shares[0] + shares[1] + shares[2]
-    # Where a triangle is seen edge on, rounding must not lead out of it.
+    # For a triangle seen edge-on, rounding must not give a point outside.
     shares = wp.max(shares / whole, wp.vec3())
     shares = shares / (shares[0] + shares[1] + shares[2])
-    # How the shares change per pixel.
+    # Change of the shares per pixel.
     to_right = to_right / whole
     to_right -= (to_right[0] + to_right[1] + to_right[2]) * shares
     downwards = downwards / whole
@@ -226,7 +226,7 @@ def shade_triangle(
     upright = wp.normalize(mix(shares, body.normals, corners))
     turn = wp.length(mix(to_right, body.normals, corners))
     turn += wp.length(mix(downwards, body.normals, corners))
-    if wp.dot(a, normal) > 0.0:  # seen from its back
+    if wp.dot(a, normal) > 0.0:  # its back is visible
         upright = -upright
     above = float(0.0)
     least = float(0.0)
@@ -247,7 +247,7 @@ def shade_triangle(
 def mean_texel(
     body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int
 ) -> wp.vec3:
-    """Return the texture's mean colour at points of a pixel, given as bits; (x, y) of the pixel is at `at`."""
+    """Return the texture's mean colour at the points `covered` (bits) of a pixel; (x, y) in it maps to `at`."""
     colour = wp.vec3()
     for p in range(4):
         if (covered >> p) & 1 == 1:
@@ -259,7 +259,7 @@ def mean_texel(
 def shade_pixel(
     body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
 ):
-    """Lay triangles and their shadow on the ground over one pixel; each is lit once, amid the points it covers."""
+    """Draw triangles and their shadow on the ground in one pixel; each is shaded once, amid its covered points."""
     faces = faces_at(nearest, row, column, 4)
     for q in range(4):
         if faces[q] >= 0:
@@ -297,10 +297,10 @@ def shade_pixel(
 def shade_square(
     body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
 ) -> int:
-    """Shade 2 x 2 pixels, each triangle lit once, and return 0; or return 4 where each pixel needs its own light.
+    """Shade 2 x 2 pixels, each triangle once, and return 0; return 4 if each pixel needs its own shading.
 
-    That is at the edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
-    ground. Elsewhere light hardly changes between pixels; textures are sampled as finely as ever.
+    Pixels do at the edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
+    ground. Elsewhere light hardly changes between pixels; textures are still sampled in each pixel.
     """
     if 4 * row + 8 > nearest.shape[0] or column + 2 > nearest.shape[1]:
         return 4
@@ -313,7 +313,7 @@ def shade_square(
         if (left >> point) & 1 == 1:
             covered, _count, x, y = points_of(faces, faces[point])
             left = left - covered
-            # Thin tubes turn from pixel to pixel, and so may colours that show values.
+            # On thin tubes normals change from pixel to pixel, and so may colours that show values.
             if covered != ALL and body.textured == 0:
                 return 4
             if faces[point] < 0:
@@ -362,9 +362,9 @@ def shade(
     nearest: Keys,  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
     pixels: Pixels,  # shape [height, width]
 ):
-    """Lay triangles and their shadow on the ground over a picture of the lit ground.
+    """Draw triangles and their shadow on the ground over a picture of the lit ground.
 
-    Each thread takes two rows, from the first column on: to start one costs as much as a pixel of the ground.
+    Each thread shades two rows of a column: starting a thread costs as much as a pixel of the ground.
     """
     row = first_row + 2 * wp.tid()
     for pair in range((columns + 1) / 2):

@@ -1,4 +1,4 @@
-"""A ray caster: one ray for each pixel, then four where that is not enough."""
+"""A ray caster: one ray per pixel, then four per pixel where one is not enough."""
 
 import functools
 
@@ -11,7 +11,7 @@ from .shading import FIRST_SAMPLES, Body, Surroundings, colour_of, in_bytes, sha
 CONTRAST = wp.constant(0.08)
 """Pixels whose neighbours differ by more are refined."""
 TILE = wp.constant(8)
-"""Consecutive threads draw squares of this edge in pixels: their rays are coherent."""
+"""Edge in pixels of the squares that consecutive threads draw, so that their rays are coherent."""
 Six = wp.types.vector(6, wp.float32)
 
 
@@ -29,11 +29,11 @@ def cast(
     body: Body,
     view: Surroundings,
     # Out:
-    image: wp.array2d(dtype=wp.vec4),  # red, green, blue, and the share of the light seen, shape [height, width]
+    image: wp.array2d(dtype=wp.vec4),  # red, green, blue, share of the light, shape [height, width]
 ):
-    """Draw the picture with one ray through the middle of each pixel, and one from there towards the light.
+    """Draw the picture with one ray through each pixel's centre, and one from the hit towards the light.
 
-    Each pixel of 2 x 2 samples another point of the light.
+    Each of 2 x 2 pixels samples another point of the light.
     """
     row, column = place(wp.tid(), image.shape[1])
     if row < image.shape[0] and column < image.shape[1]:
@@ -48,10 +48,10 @@ def choose(
     image: wp.array2d(dtype=wp.vec4),  # as `cast` draws it, shape [height, width]
     # Out:
     pixels: wp.array2d(dtype=wp.vec3ub),  # those that need no refinement, shape [height, width]
-    chosen: wp.array2d(dtype=int),  # rows: those where a shadow fades, and others; shape [2, height · width]
-    count: wp.array(dtype=int),  # the number of either; 0 before
+    chosen: wp.array2d(dtype=int),  # pixels in penumbras, and others; shape [2, height · width]
+    count: wp.array(dtype=int),  # number of each; initially 0
 ):
-    """Convert pixels to bytes; list those to refine, whose neighbours differ in colour or in light."""
+    """Convert pixels to bytes, and list those whose neighbours differ in colour or light, for refinement."""
     row, column = place(wp.tid(), image.shape[1])
     if row >= image.shape[0] or column >= image.shape[1]:
         return
@@ -76,8 +76,8 @@ def choose(
 def refine(lanes: int):
     """Compose the kernel that draws chosen pixels with four rays each.
 
-    Those where a shadow fades come first, since they take longest. Neighbouring threads, `lanes` of them (1, 4 or
-    16), share a pixel: each casts one of its rays, or if they are more, samples some of its points of the light.
+    Pixels in penumbras come first, since they take longest. `lanes` (1, 4 or 16) adjacent threads share a pixel.
+    Each casts one of its four rays; with 16, each samples a part of a ray's points of the light.
     """
     together, parts = sum_over_lanes(3, wp.float32, lanes), max(lanes // 4, 1)
 
@@ -85,7 +85,7 @@ def refine(lanes: int):
     def refine_pixels(
         body: Body,
         view: Surroundings,
-        spots: int,  # points of the light that each of four rays samples where a shadow fades
+        spots: int,  # points of the light per ray in a penumbra
         threads: int,
         chosen: wp.array2d(dtype=int),  # shape [2, height · width]
         count: wp.array(dtype=int),  # shape [2]
@@ -112,7 +112,7 @@ def refine(lanes: int):
                     x = float(column) + 0.25 + 0.5 * float(k % 2)
                     y = float(row) + 0.25 + 0.5 * float(k / 2)
                     first = k
-                    if i < count[0]:  # neighbouring pixels sample other points, so that there are no visible steps
+                    if i < count[0]:  # adjacent pixels sample other points, to avoid visible steps
                         first = FIRST_SAMPLES + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
                     colour, _share = shade_ray(body, view, x, y, first, looks)
                     mean += (0.25 / float(shared)) * within_one(colour)

@@ -17,7 +17,7 @@ class Body:
     uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
     # Of triangles, each of shape [triangle_count]:
     triangles: wp.array(dtype=wp.vec3i)  # three vertices each
-    closed: wp.array(dtype=wp.bool)  # whether the back is always hidden
+    closed: wp.array(dtype=wp.bool)  # whether the back is never visible
     gloss: wp.array(dtype=float)  # strength of highlights
     first_shaded: int  # triangles before this one take no shadows
     texture: wp.array2d(dtype=wp.vec3ub)  # shape [height, width]
@@ -28,7 +28,7 @@ class Body:
 class Surroundings:
     """Camera, light and ground."""
 
-    eye: wp.vec3  # where the camera is [m]
+    eye: wp.vec3  # position of the camera [m]
     corner: wp.vec3  # direction through the upper left corner of the picture
     across: wp.vec3  # from the direction of one pixel to that of its right neighbour
     down: wp.vec3  # the same downwards
@@ -36,11 +36,11 @@ class Surroundings:
     light: wp.vec3  # unit vector towards the middle of the key light
     light_u: wp.vec3  # point (a, b) of the light, a disc of radius 1, is towards light + a light_u + b light_v
     light_v: wp.vec3
-    spots: wp.array(dtype=wp.vec2)  # sampling points of the key light: four to find where a shadow fades, and more
+    spots: wp.array(dtype=wp.vec2)  # sampling points of the key light: four to detect penumbras, then the others
     towards_viewer: wp.vec3  # unit vector against the direction of view: towards the headlight
     fill_from: wp.vec3  # unit vector towards the fill light
     background: wp.vec3  # colour in 0 … 1
-    # Strengths of light from everywhere, from below, and of the three lights.
+    # Strengths of ambient light, of light from below, and of the three lights.
     ambient: float
     bounce: float
     key: float
@@ -52,7 +52,7 @@ class Surroundings:
     shaded: float  # share of the key light on bodies in full shadow, 0 … 1
     shadow: float  # share of the ground's colour in full shadow, 0 … 1
     has_ground: int
-    below: float  # points further below the ground are not drawn [m]
+    below: float  # points deeper below the ground are not drawn [m]
     ground: wp.array2d(dtype=wp.vec3ub)  # its texture, shape [height, width]
     ground_centre: wp.vec3  # its middle [m]
     ground_normal: wp.vec3  # unit vector upwards
@@ -61,12 +61,12 @@ class Surroundings:
 
 
 GAP = wp.constant(1.0e-4)
-"""Distance of the start of a ray towards the light from the surface, over that of the camera: well above the
-rounding of float32, and less than a tenth of a pixel."""
+"""Offset of a shadow ray's start from the surface, over the distance of the camera: well above the rounding of
+float32, and less than a tenth of a pixel."""
 FIRST_SAMPLES = wp.constant(4)
-"""Points of the light that neighbouring pixels sample, one each, to find where a shadow fades."""
+"""Points of the light that adjacent pixels sample, one each, to detect penumbras."""
 FACING_AWAY = wp.constant(0.5)
-"""Stands for the visible share of the key light where surfaces face away from it."""
+"""Value for the visible share of the key light on surfaces that face away from it."""
 
 
 @wp.func
@@ -123,7 +123,7 @@ def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
 
 @wp.func
 def visible_light(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
-    """Return the share of `count` points of the key light, from `first` on, that nothing hides."""
+    """Return the visible share of `count` points of the key light, starting at `first`."""
     if view.shadows == 0:
         return 1.0
     hidden = int(0)
@@ -147,7 +147,7 @@ def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
 def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float):
     """Return the brightness of a surface's colour, and its highlights; see `msdwarp/pictures/light.py`.
 
-    `normal` is that of the visible side; the share `arrives` of the key light reaches it.
+    `normal` is that of the visible side; `arrives` is the share of the key light that reaches it.
     """
     diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
     diffuse += view.fill * wp.max(wp.dot(normal, view.fill_from), 0.0)
@@ -191,7 +191,7 @@ def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
         spot = view.eye + hit.t * ray
         start = spot + GAP * hit.t * normal
         for k in range(3):
-            # Up to the tangent plane at each corner.
+            # Move up to the tangent plane at each corner.
             upwards = side * body.normals[corners[k]]
             start += shares[k] * (wp.max(wp.dot(body.points[corners[k]] - spot, upwards), 0.0) * upwards)
         share = visible_light(body.mesh, view, start, first, count)

@@ -5,15 +5,15 @@ import warp as wp
 from ..basis import kernel
 
 BLOCK = 8
-"""Texels of a shadow map along an edge of a block."""
+"""Edge of a block of the shadow map, in texels."""
 
 LEAST, MOST = 1.25, 12.0
-"""Least and largest distances of the texels that are sampled around a spot, in texels: half a shadow's edge at a
-contact, and far from one. The latter lies within the blocks that count for all four neighbours."""
+"""Least and largest sampling radius around a point, in texels: half the width of a shadow's edge at a contact, and
+far from one. The largest stays within the blocks that are checked around a point."""
 STEEPEST = 6.0
-"""Limit to the slopes of surfaces along the light, so that rounding casts no shadows."""
+"""Limit of the slopes of surfaces along the light, so that rounding casts no shadows."""
 FIRST = 8
-"""Points of the light that are sampled first: the others are only if some, and not all, of these are hidden."""
+"""Points of the light that are sampled first; the others follow only if some, but not all, of these are hidden."""
 
 
 @wp.struct
@@ -25,8 +25,8 @@ class DepthMap:
     towards: wp.vec3
     corner: wp.vec3  # its first corner along u and v, and the origin of distances towards the light [m]
     scale: float  # texels per metre
-    depth: wp.array2d(dtype=float)  # how far towards the light the nearest surface is [m], shape [size, size]
-    around: wp.array2d(dtype=wp.vec4)  # the same of blocks and those around them, shape [size / BLOCK] * 2
+    depth: wp.array2d(dtype=float)  # place along the light of the surface nearest to it [m], shape [size, size]
+    around: wp.array2d(dtype=wp.vec4)  # maximum over a block and the blocks around it, shape [size / BLOCK] * 2
     softness: float  # radius of the light over its distance
     spots: wp.array(dtype=wp.vec2)  # points of the light, a disc of radius 1, evenly spread as `light.spread` does
 
@@ -41,7 +41,7 @@ def in_map(shadows: DepthMap, point: wp.vec3) -> wp.vec3:
 
 @wp.func
 def inverse(slope: float) -> float:
-    """Return 1 / slope, or 0 where there is hardly any."""
+    """Return 1 / slope, or 0 for a negligible slope."""
     if wp.abs(slope) < 1.0e-30:
         return 0.0
     return 1.0 / slope
@@ -63,11 +63,11 @@ def narrow(share: float, run: float, reach: wp.vec2) -> wp.vec2:
 def draw_depth(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
-    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is always hidden, shape [triangle_count]
+    closed: wp.array(dtype=wp.bool),  # whether a triangle's back is never visible, shape [triangle_count]
     # In and out:
     shadows: DepthMap,  # its depth
 ):
-    """Draw every triangle into the texels whose middles lie in it, and keep the nearest to the light."""
+    """Draw every triangle into the texels whose centres it covers, and keep the nearest to the light."""
     t = wp.tid()
     size = shadows.depth.shape[0]
     a = in_map(shadows, points[triangles[t][0]])
@@ -78,7 +78,7 @@ def draw_depth(
         return
     lowest = int(wp.ceil(wp.max(a[1] + wp.min(wp.min(ab[1], ac[1]), 0.0), 0.0)))
     highest = int(wp.floor(wp.min(a[1] + wp.max(wp.max(ab[1], ac[1]), 0.0), float(size - 1))))
-    # The shares of b and c at a texel are linear in its column. Inside, neither they nor the rest are below 0.
+    # The weights of b and c are linear in a texel's column. Inside, all three weights are at least 0.
     b_slope = ac[1] / area
     c_slope = -ab[1] / area
     b_run = inverse(b_slope)
@@ -93,7 +93,7 @@ def draw_depth(
         reach = narrow(c, c_run, reach)
         reach = narrow(1.0 - b - c, a_run, reach)
         near = a[2] + b * ab[2] + c * ac[2]
-        # A little more than the triangle, so that rounding leaves no gap between neighbours.
+        # Slightly more than the triangle, so that rounding leaves no gaps between adjacent ones.
         first = int(wp.ceil(wp.min(reach[0], float(size)) - 1.0e-3))
         last = int(wp.floor(wp.max(reach[1], -1.0) + 1.0e-3))
         for column in range(wp.max(first, 0), wp.min(last, size - 1) + 1):
@@ -102,7 +102,7 @@ def draw_depth(
 
 @wp.func
 def nearest_around_spot(shadows: DepthMap, at: wp.vec3) -> float:
-    """Return how far towards the light the nearest surface around a place in the map is, linear between blocks."""
+    """Return the position along the light of the nearest surface around a point, linear between blocks."""
     last = shadows.around.shape[0] - 1
     column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
@@ -117,7 +117,7 @@ def nearest_around_spot(shadows: DepthMap, at: wp.vec3) -> float:
 
 @wp.func
 def hidden(shadows: DepthMap, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> int:
-    """Return 1 if the texel at an offset from a place, in texels, is above a plane through that, else 0."""
+    """Return 1 if the texel at an offset `aside` from a point is above a plane through the point, else 0."""
     if shadows.depth[int(at[1] + aside[1]), int(at[0] + aside[0])] > at[2] + wp.dot(slope, aside):
         return 1
     return 0
@@ -125,9 +125,9 @@ def hidden(shadows: DepthMap, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> in
 
 @wp.func
 def share_of_light(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
-    """Return the share of the key light that reaches a spot [m] of a plane with a normal of any length.
+    """Return the share of the key light that reaches a point [m] of a plane with a normal of any length.
 
-    Samples lie wider apart the higher above the spot something may hide it, and `around` texels further out.
+    The sampling radius grows with the height above the point of possible occluders, plus `around` texels.
     """
     at = in_map(shadows, spot) + wp.vec3(0.5, 0.5, 0.0)
     size = float(shadows.depth.shape[0])
@@ -142,15 +142,15 @@ def share_of_light(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: fl
     facing = wp.dot(normal, shadows.towards)
     if facing == 0.0:
         return 1.0
-    # How the plane rises towards the light from one texel to the next. [m]
+    # Rise of the plane towards the light per texel [m].
     slope = -texel / facing * wp.vec2(wp.dot(normal, shadows.u), wp.dot(normal, shadows.v))
     slope = slope * wp.min(1.0, wp.static(STEEPEST) * texel / wp.max(wp.length(slope), 1.0e-6 * texel))
-    # A texel holds the distance at its middle, half a texel aside.
+    # A texel stores the distance at its centre, up to half a texel away.
     margin = 0.3 * texel + 0.6 * (wp.abs(slope[0]) + wp.abs(slope[1]))
     if above <= margin:
         return 1.0
     radius = wp.clamp(shadows.softness * above / texel, wp.static(LEAST), wp.static(MOST)) + around
-    # The map is empty near its edge, so that hardly anything is missed there.
+    # The map is empty near its edge, so little is missed there.
     radius = wp.min(radius, to_edge - 0.5)
     at[2] = at[2] + margin
     count = int(0)

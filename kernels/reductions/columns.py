@@ -1,16 +1,16 @@
-"""Columns of the measures of a whole state, in float64."""
+"""Columns of the measures of a state, in float64."""
 
 FIRST, STRAIN, KINETIC, POTENTIAL, WORK = 0, 1, 2, 3, 4
-"""Less the first particle that is not finite, or less NONE; largest |l / l0 − 1|, 0 where nobody looks; three [J].
+"""Minus the index of the first non-finite particle, or −NONE; largest |l / l0 − 1|, 0 if not computed; three [J].
 
 The kinetic energy is that of the method's own velocities.
 """
 LOOKED = 5
-"""Number of columns, from the first on, that show divergence."""
+"""Number of leading columns, which show divergence."""
 MEAN_KINETIC, SWING, MOMENTUM, ANGULAR_MOMENTUM, ELASTIC, DISSIPATED = 5, 6, 7, 10, 13, 14
-"""Kinetic energy of velocities at the instant of the positions [J], that of what these differ by from the others
-[J], three [kg m/s], three [kg m²/s], [J] and [W]: `sum_up` finds these too."""
+"""Kinetic energy of velocities at the time of the positions [J], kinetic energy of their difference from the
+method's velocities [J], three [kg m/s], three [kg m²/s], [J] and [W]: also computed by `sum_up`."""
 COLUMNS = 15
 MAXIMA = 2
-"""Number of columns, from the first on, that are maxima over threads; the others are sums."""
+"""Number of leading columns that are maxima over threads; the others are sums."""
 NONE = 2147483647

@@ -13,12 +13,12 @@ RUNNING, NOT_FINITE, ENERGY = 0, 1, 2
 @kernel
 def judge(
     found: wp.array2d(dtype=wp.float64),  # by `sum_up`, shape [worlds, LOOKED or more]
-    before: wp.array(dtype=wp.float64),  # work to be added to the sums [J], shape [worlds]
+    before: wp.array(dtype=wp.float64),  # work to add to the sums [J], shape [worlds]
     most: wp.array(dtype=wp.float64),  # kinetic and gravitational energy that a world may have [J], shape [worlds]
     # In and out:
     frozen: wp.array(dtype=wp.int32),  # status of each world, shape [worlds]
     good_frames: wp.array(dtype=int),  # shape [worlds]
-    particle: wp.array(dtype=int),  # the first one that was no longer finite, or NONE, shape [worlds]
+    particle: wp.array(dtype=int),  # first particle that is not finite, or NONE, shape [worlds]
     most_work: wp.array(dtype=wp.float64),  # largest work so far [J], shape [worlds]
 ):
     """Freeze the worlds that have diverged in the last frame; count the frames of the others."""
@@ -27,7 +27,7 @@ def judge(
         return
     work = before[w] + found[w, wp.static(columns.WORK)]
     energy = found[w, wp.static(columns.KINETIC)] + found[w, wp.static(columns.POTENTIAL)] - work
-    # Work is known to first order in the step only, also where it has been returned.
+    # Work is known only to first order in the step, and errors remain when it has been returned.
     most_work[w] = wp.max(most_work[w], wp.abs(work))
     particle[w] = int(-found[w, wp.static(columns.FIRST)])
     if particle[w] < wp.static(NONE):
@@ -41,12 +41,12 @@ def judge(
 @kernel
 def put_back(
     frozen: wp.array(dtype=wp.int32),  # shape [worlds]
-    threads: int,  # how many each world has
+    threads: int,  # per world
     kept: wp.array2d(dtype=wp.uint32),  # the words of each world, shape [worlds, word_count]
     # Out:
     live: wp.array2d(dtype=wp.uint32),
 ):
-    """Put frozen worlds back to where their frame began."""
+    """Restore frozen worlds to the start of the frame."""
     w, i = wp.tid()
     if frozen[w] == wp.static(RUNNING):
         return

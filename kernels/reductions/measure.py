@@ -13,7 +13,7 @@ from ..springs import Law, damper_force
 from .columns import COLUMNS, LOOKED, MAXIMA, NONE
 
 SUMMING_BLOCKS = (32, 256)
-"""Threads of a block that sums on a GPU: in small worlds, and in others."""
+"""Threads per block for sums on a GPU: in small worlds, and in others."""
 ADD_UP = """
 #if defined(__CUDA_ARCH__)
     constexpr int COLUMNS = {columns}, MAXIMA = {maxima};
@@ -60,18 +60,18 @@ ADD_UP = """
         found.data[static_cast<size_t>(world) * found.shape[1] + c] = own[c];
 #endif
 """
-"""A warp adds up each column; the last block of a world adds up the results of all of them.
+"""One warp sums each column; the last block of a world to finish sums the results of all its blocks.
 
-They are added in their own order, so no race decides. Results of other blocks are read as volatile, past this
-block's cache. On the CPU a world has one thread.
+The order of these additions is fixed, whichever block is last. Results of other blocks are read as volatile,
+bypassing the cache. On the CPU a world has one thread.
 """
 
 
 @functools.cache
 def add_up(column_count: int, block: int):
-    """Compose the last step of a kernel, which adds up the results of each world's threads.
+    """Compose the last step of a kernel, which sums the results of each world's threads.
 
-    The kernel is launched with blocks of `block` threads; each world has blocks.shape[2] of them.
+    The kernel is launched with blocks of `block` threads; each world has blocks.shape[2] blocks.
     """
     Columns = wp.types.vector(column_count, wp.float64)
 
@@ -118,9 +118,9 @@ def sum_up(
 ):
     """Compose the kernel that fills all `columns` for a state.
 
-    With `everything` false it passes only over particles, and fills the LOOKED columns that show divergence. With
-    `compensated` true positions are x − x_lost in lengths. With `tears` true connections without stiffness and
-    damping are broken, and their strain does not count. With `chosen` true only the strain of chosen ones counts.
+    With `everything` false it only visits particles, and fills the LOOKED columns that show divergence. With
+    `compensated` true, lengths use the positions x − x_lost. With `tears` true, connections without stiffness and
+    damping are broken, and their strain does not count. With `chosen` true only chosen connections' strain counts.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
     resistance = damper_force(wp.float64, law)
@@ -136,24 +136,24 @@ def sum_up(
         damping: wp.array2d(dtype=scalar),  # b in the units of the law, shape [rows, connection_count]
         # The same in all worlds:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        counts: wp.array(dtype=wp.uint8),  # whether its strain does, shape [connection_count]
+        counts: wp.array(dtype=wp.uint8),  # whether its strain counts, shape [connection_count]
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         x_lost: wp.array(dtype=V),  # compensation of positions [m]
-        u: wp.array(dtype=V),  # velocities as the method has them [m/s]
-        v: wp.array(dtype=V),  # those at the instant of the positions [m/s]
-        work: wp.array(dtype=wp.float64),  # to be added up [J], as many numbers for each world
+        u: wp.array(dtype=V),  # velocities of the method [m/s]
+        v: wp.array(dtype=V),  # velocities at the time of the positions [m/s]
+        work: wp.array(dtype=wp.float64),  # terms to sum [J], equally many for each world
         stride: int,  # from one world to the next, in particles
         # Between:
-        threads: int,  # how many each world has
+        threads: int,  # per world
         blocks: wp.array3d(dtype=wp.float64),  # partial results, shape [worlds, columns, block_count]
-        done: wp.array(dtype=int),  # how many blocks are; 0 before and after; shape [worlds]
+        done: wp.array(dtype=int),  # number of finished blocks; 0 before and after; shape [worlds]
         # Out:
         found: wp.array2d(dtype=wp.float64),  # shape [worlds, columns or more]
     ):
         w = int(0)
         thread = wp.tid()
-        if wp.static(in_worlds):  # a division takes a single world 1 % of a frame
+        if wp.static(in_worlds):  # for a single world the division would cost 1 % of a frame
             w = wp.tid() / threads
             thread = wp.tid() % threads
         start = w * stride
@@ -180,7 +180,7 @@ def sum_up(
                     speed = wp.float64(u_i[k])
                     square += speed * speed
                     fall += wp.float64(g[k]) * wp.float64(x_i[k])
-                mass = wp.float64(1.0) / inverse  # of divisions in float64 the pass has time for one
+                mass = wp.float64(1.0) / inverse  # the memory traffic hides one float64 division, not more
                 kinetic += wp.float64(0.5) * square * mass
                 potential -= fall * mass
                 if wp.static(everything):
@@ -264,11 +264,11 @@ def sum_up(
 @kernel
 def fold(
     shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
-    largest: int,  # the column that is a maximum and not a sum; -1: none
-    first: int,  # the column of the rows that the first one goes to
-    rows: wp.array3d(dtype=wp.float64),  # of each row a share, in an order that is the same each time
+    largest: int,  # column that is a maximum instead of a sum; -1: none
+    first: int,  # column of `rows` for the first column of `shares`
+    rows: wp.array3d(dtype=wp.float64),  # each a part of the sum, in a fixed order
 ):
-    """Sum the shares of a world's threads to a few rows, by a thread for each entry."""
+    """Reduce the shares of a world's threads to a few rows, with a thread per entry."""
     w, row, column = wp.tid()
     total = wp.float64(0.0)
     share = row
@@ -283,7 +283,7 @@ def fold(
 
 @kernel
 def put_in_order(
-    values: wp.array(dtype=wp.float32),  # in the order of the device, shape [connection_count]
+    values: wp.array(dtype=wp.float32),  # in the device's order, shape [connection_count]
     place: wp.array(dtype=int),  # where that of each goes, shape [connection_count]
     # Out:
     result: wp.array(dtype=wp.float32),  # shape [connection_count]
@@ -297,8 +297,8 @@ def put_in_order(
 def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     """Compose the kernel, over connections, that writes length / rest length − 1.
 
-    With `sorted_anew` true the device has its own order of connections, and the strain of its connection c is
-    written at place[c].
+    With `sorted_anew` true the device has its own order of connections: the strain of connection c goes to
+    place[c].
     """
     V = vector(dim, scalar)
     separation = difference(dim, scalar, compensated)

@@ -1,4 +1,4 @@
-"""Sums over groups, for probes: in float64; each thread sums a share, and the order of additions is fixed."""
+"""Sums over groups for probes, in float64. Each thread sums a share; the order of additions is fixed."""
 
 import functools
 from typing import Any
@@ -48,7 +48,7 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
 def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, width: int):
     """Compose the kernel, over worlds and threads, that sums a function of a group's particles.
 
-    The function is a wp.func (x, v, i) of a particle's position, velocity and number. Its arguments are float64,
+    The function is a wp.func (x, v, i) of a particle's position, velocity and index. Its arguments are float64,
     corrected for rounding in compensated precision. It returns a vector of `width` numbers, or one number for 0.
     """
     V, Wide = vector(dim, scalar), vector(dim, wp.float64)
@@ -103,7 +103,7 @@ def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
         damping: wp.array2d(dtype=scalar),  # in the units of the law, shape [rows, connection_count]
         # The same in all worlds:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        chosen: wp.array(dtype=int),  # which connections
+        chosen: wp.array(dtype=int),  # indices of connections
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         x_lost: wp.array(dtype=V),  # compensation of positions [m]

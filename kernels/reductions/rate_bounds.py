@@ -1,4 +1,4 @@
-"""Bounds of the rates at which particles can move against their neighbours: see msdwarp.integrators.stability."""
+"""Bounds on the oscillation and decay rates of particles: see msdwarp.integrators.stability."""
 
 import functools
 

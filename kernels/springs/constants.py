@@ -1,4 +1,4 @@
-"""The storage of springs' constants: once if all are equal, by spring only if necessary."""
+"""Storage of the constants of springs: a single set if all are equal, per spring only if necessary."""
 
 import functools
 
@@ -10,9 +10,9 @@ from ..records import records
 CONSTANTS = ("rest_length", "stiffness", "damping")
 """The constants of a spring."""
 MOST_KINDS = 256
-"""The most kinds of springs, numbered by one byte."""
+"""Maximal number of kinds of springs, numbered by one byte."""
 KIND_SHIFT = 24
-"""Bits of a particle's number below the kind of a spring, if a slot holds both."""
+"""Bits of the particle's index, below the kind of the spring, if a slot holds both."""
 TAKE = """
 #if defined(__CUDA_ARCH__)
     return __ldcs(values.data + c);  // read once: it need not stay in the cache
@@ -92,7 +92,7 @@ def constants(scalar: type, storage: str):
 
         @wp.struct
         class Listed:
-            connection: wp.array(dtype=int)  # −1 where a slot pads, shape [slot_count]
+            connection: wp.array(dtype=int)  # −1 in padding slots, shape [slot_count]
             # Each of shape [connection_count]:
             rest_length: wp.array(dtype=scalar)  # l0 [m]
             stiffness: wp.array(dtype=scalar)  # k [N/m]
@@ -100,7 +100,7 @@ def constants(scalar: type, storage: str):
 
         @wp.func
         def take_named(constants: Listed, slot: int) -> Three:
-            c = wp.max(constants.connection[slot], 0)  # slots that pad name none, and exert no force
+            c = wp.max(constants.connection[slot], 0)  # padding slots exert no force
             return Three(constants.rest_length[c], constants.stiffness[c], constants.damping[c])
 
         return Listed, take_named

@@ -1,17 +1,17 @@
-"""Laws of damping: forces against the lengthening or shortening of a spring (see `msdwarp.bodies.dampers`)."""
+"""Damping laws: forces against the elongation or shortening of a spring (see `msdwarp.bodies.dampers`)."""
 
 import functools
 
 import warp as wp
 
 Law = tuple[str, float]
-"""Name of a law, and the speed at which it becomes linear [m/s], 0 where it has none."""
+"""Name of a law, and the speed at which it becomes linear [m/s], or 0."""
 LINEAR: Law = ("linear", 0.0)
 
 
 @functools.cache
 def damper_force(scalar: type, law: Law):
-    """Compose the force [N] that shortens a spring which lengthens at `rate` [m/s].
+    """Compose the damping force [N] along a spring, positive in tension, for the elongation rate l' [m/s].
 
     Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The last two have a speed s.
     """

@@ -1,4 +1,4 @@
-"""Extra springs (ties): springs in no direction of a lattice, as rows of a small table beside the stencil."""
+"""Extra springs (ties): springs that do not follow a lattice direction, in a small table beside the stencil."""
 
 import functools
 from typing import Any
@@ -26,9 +26,9 @@ def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> 
 
     @wp.struct
     class ExtraSprings:
-        first: wp.array(dtype=int)  # where the ends at each particle begin, shape [particle_count + 1]
+        first: wp.array(dtype=int)  # row starts of the ends at each particle, shape [particle_count + 1]
         # Of each end, shape [2 tie_count]:
-        other: wp.array(dtype=int)  # the particle at the other one
+        other: wp.array(dtype=int)  # particle at the other end
         rest_length: wp.array(dtype=scalar)  # l0 [m]
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b in the units of the law

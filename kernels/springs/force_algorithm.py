@@ -1,4 +1,4 @@
-"""The interface of force algorithms, and the pieces that they share."""
+"""Interface of force algorithms, and code that they share."""
 
 import functools
 from typing import Any, NamedTuple
@@ -17,13 +17,13 @@ class ForceAlgorithm(NamedTuple):
     force_at: Any
     """wp.func (forces, compensation, x, v, i) -> force on particle i [N]."""
     evaluate: Any = None
-    """wp.func (forces, compensation, x, v, c) that adds the force of spring c beforehand; None if not needed."""
+    """wp.func (forces, compensation, x, v, c): add the force of spring c before `force_at`; None if unneeded."""
     column_forces: Any = None
     """wp.func (forces, compensation, x, v, i) -> forces on the particles i + d stride, as rows d of a matrix."""
     block: int = 256
-    """Threads in a block over particles."""
+    """Threads per block in launches over particles."""
     bounds: tuple[int, int] | None = None
-    """Threads in a block, and blocks that a multiprocessor shall hold; it limits registers (`wp.kernel`)."""
+    """Launch bounds, which limit registers: threads per block, blocks per multiprocessor (`wp.kernel`)."""
     column_bounds: tuple[int, int] | None = None
     """`bounds` for kernels over columns."""
     tears: bool = False
@@ -31,7 +31,7 @@ class ForceAlgorithm(NamedTuple):
     grid_stride: bool | None = None
     """Whether threads may take several particles (`wp.kernel`): False needs fewer registers."""
     lanes: int = 1
-    """Threads that share a particle: `force_at` is called by all of them, and all get the force."""
+    """Threads per particle: all of them call `force_at`, and all get the force."""
 
 
 @functools.cache

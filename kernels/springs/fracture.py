@@ -8,7 +8,7 @@ import warp as wp
 from ..basis import kernel
 
 NO_SUBSTEP = -1
-"""Number of the substep if forces are evaluated for another purpose than to begin one: nothing breaks then."""
+"""Substep number in evaluations of forces that do not begin a substep: nothing breaks then."""
 
 
 class Breaking(NamedTuple):
@@ -19,35 +19,35 @@ class Breaking(NamedTuple):
     is_suspect: Any
     """wp.func (b, rest, square) -> bool: whether a spring of this rest length may be too long now."""
     breaks: Any
-    """wp.func (b, c, rest, square) -> bool: whether spring c breaks, which it does as a substep begins; it is
-    then noted."""
+    """wp.func (b, c, rest, square) -> bool: whether spring c breaks at this substep's start; if so, it is
+    recorded."""
 
 
 @functools.cache
 def breaking(scalar: type) -> Breaking:
     """Compose the tests whether a spring of rest length l0 breaks, for `square` = |Δx|² of its ends.
 
-    It breaks when a substep begins with |Δx| > min(l0 (1 + ε), l0 + F/k), for its break strain ε and break force
-    F, the largest tension k (|Δx| − l0) that it bears. Both ends compute the same |Δx|², to the last bit, since
-    one has Δx and the other −Δx: if each particle sums its own forces, both drop the spring in the same substep. A
-    limit common to all springs is tested first; only springs beyond it read their own limits.
+    It breaks if |Δx| > min(l0 (1 + ε), l0 + F/k) at a substep's start, for its break strain ε and break force F,
+    the largest tension k (|Δx| − l0) that it bears. One end has Δx and the other −Δx, so both compute the same
+    |Δx|², to the last bit: if each particle sums its own forces, both drop the spring in the same substep. A limit
+    common to all springs is tested first; only springs beyond it read their own limits.
     """
 
     @wp.struct
     class Breaks:
-        substep: int  # of the frame; NO_SUBSTEP where none begins
+        substep: int  # substep of the frame; NO_SUBSTEP if none begins
         h: wp.float64  # length of a substep [s]
-        start: wp.array(dtype=wp.float64)  # when the frame begins [s], shape [1]
-        least: scalar  # square of the length over l0 up to which none breaks
-        number: wp.array(dtype=int)  # of the spring in each of the algorithm's places
-        # Of each neighbour in a uniform lattice, in the order of sums; to look one up among its arguments, a
-        # thread would copy all:
-        offset: wp.array(dtype=int)  # how far off it lies, in particles, shape [neighbour_count]
+        start: wp.array(dtype=wp.float64)  # time of the frame's start [s], shape [1]
+        least: scalar  # (length / l0)² up to which no spring breaks
+        number: wp.array(dtype=int)  # index of the spring in each slot of the algorithm
+        # Of each neighbour in a uniform lattice, in the order of sums. In arrays, since indexing kernel arguments
+        # would copy all of them:
+        offset: wp.array(dtype=int)  # index offset, shape [neighbour_count]
         own: wp.array2d(dtype=scalar)  # rest length, stiffness and damping, shape [neighbour_count, 3]
         # By spring, shape [connection_count]:
         strain: wp.array(dtype=scalar)  # break strain ε
         stretch: wp.array(dtype=scalar)  # F/k [m]
-        broken_at: wp.array(dtype=wp.float32)  # when it broke [s], inf where it is whole
+        broken_at: wp.array(dtype=wp.float32)  # time of breaking [s], inf if unbroken
         # The constants that energies and bounds use, 0 for broken springs:
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b in the units of the law
@@ -64,7 +64,7 @@ def breaking(scalar: type) -> Breaking:
         longest = wp.min(rest * (scalar(1.0) + b.strain[c]), rest + b.stretch[c])
         if square <= longest * longest:
             return False
-        # Both ends may write this, and write the same.
+        # Both ends may write here, with equal values.
         b.broken_at[c] = wp.float32(b.start[0] + wp.float64(b.substep) * b.h)
         b.stiffness[c] = scalar(0.0)
         b.damping[c] = scalar(0.0)
@@ -76,12 +76,12 @@ def breaking(scalar: type) -> Breaking:
 
 @functools.cache
 def leave_out_broken(scalar: type):
-    """Compose the kernel, over springs, that makes the strain of broken ones NaN."""
+    """Compose the kernel, over springs, that sets the strain of broken springs to NaN."""
 
     @kernel
     def leave_out(
-        broken_at: wp.array(dtype=wp.float32),  # [s], inf where whole, shape [connection_count]
-        place: wp.array(dtype=int),  # where the strain of each is, shape [connection_count]; none: in this order
+        broken_at: wp.array(dtype=wp.float32),  # [s], inf if unbroken, shape [connection_count]
+        place: wp.array(dtype=int),  # index of each in `strain`, shape [connection_count]; or [0]: the same order
         # In and out:
         strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):

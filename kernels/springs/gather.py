@@ -1,7 +1,7 @@
-"""The force algorithm by particles: each sums the forces of its springs, found in a table of neighbours.
+"""The gathering force algorithm: each particle sums the forces of its springs, from a table of neighbours.
 
-The table is a sparse matrix, a row for each particle and an entry in it for each neighbour, in the format sliced
-ELLPACK (Monakov, Lokhmotov & Avetisyan 2010, "Automatically tuning sparse matrix-vector multiplication for GPU
+The table is a sparse matrix with a row for each particle and an entry for each neighbour, in sliced ELLPACK format
+(Monakov, Lokhmotov & Avetisyan 2010, "Automatically tuning sparse matrix-vector multiplication for GPU
 architectures").
 """
 
@@ -18,9 +18,9 @@ from .fracture import Breaking
 from .law import spring_damper
 
 SLICE = 32
-"""Particles side by side in the table of neighbours: as many as the threads of a GPU's warp."""
+"""Particles per slice of the table: as many as the threads of a GPU's warp."""
 CHUNK = 4
-"""Slots that a thread reads together, so that it waits for memory only once."""
+"""Slots that a thread reads together, so that their latencies overlap."""
 NEIGHBOURS = f"""
     wp::vec_t<{CHUNK}, wp::int32> others;
     for (int n = 0; n < {CHUNK}; ++n) {{
@@ -38,13 +38,13 @@ NEIGHBOURS = f"""
 def gather(
     dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
-    """Compose the algorithm by particles: each sums the forces of its own springs, from a table of neighbours.
+    """Compose the gathering algorithm: each particle sums the forces of its springs, from a table of neighbours.
 
-    The report's Algorithm 2. Every force is computed twice, no thread waits for another, and the order of sums is
-    fixed. Slot s of particle i is at first[i / 32] + 32 s + i mod 32, so that adjacent particles read adjacent
-    numbers. Slots that pad a slice of 32 to equal width name the particle itself, which exerts no force. With
-    "packed" constants a slot has the kind of the spring in the byte above the neighbour's number. When a spring
-    breaks, its slots are set to name their own particles.
+    This is the report's Algorithm 2. Every force is computed twice, no thread waits for another, and the order of
+    sums is fixed. Slot s of particle i is at first[i / 32] + 32 s + i mod 32, so that adjacent particles read
+    adjacent numbers. Padding slots, which make the rows of a slice of 32 equally long, hold the particle's own
+    index and exert no force; so do the slots of a broken spring. With "packed" constants a slot has the kind of
+    the spring in the byte above the neighbour's index.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
@@ -60,8 +60,8 @@ def gather(
 
     @wp.struct
     class Gathered:
-        first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
-        other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count], and a chunk behind
+        first: wp.array(dtype=int)  # starts of slices, and the end, shape [slice_count + 1]
+        other: wp.array(dtype=int)  # neighbour in each slot, shape [slot_count], plus one chunk
         constants: Constants  # of slots
         if tears:
             breaking: Breaks

@@ -1,7 +1,7 @@
-"""The algorithms by particles for small bodies on a GPU: several threads share a particle.
+"""Gathering algorithms for small bodies on a GPU: several threads share a particle.
 
-A single thread for a particle would wait for one neighbour after the other, while the GPU is idle. So a particle
-has several threads, its lanes. Each of n lanes takes every n-th neighbour, and all get the sum.
+A single thread per particle would wait for one neighbour after the other while most of the GPU is idle. So a
+particle has several threads, its lanes. Each of n lanes takes every n-th neighbour, and all get the sum.
 """
 
 import functools
@@ -19,7 +19,7 @@ from .law import spring_damper
 from .stencil import stencil_layout, stencil_rows
 
 MOST_NEIGHBOURS = 32
-"""The most neighbours, one for each bit of a mask."""
+"""Maximal number of neighbours: one for each bit of a mask."""
 LANE = """
 #if defined(__CUDA_ARCH__)
     return threadIdx.x % {lanes};
@@ -36,12 +36,12 @@ SUM = """
 #endif
     return value;
 """
-"""Lanes are neighbours in a warp. Each adds the same numbers in the same pairs, so all get the same sum."""
+"""A particle's lanes are adjacent in a warp. All add the same numbers in the same pairs, so their sums agree."""
 
 
 @functools.cache
 def lane_of(lanes: int):
-    """Compose the number of this thread among the lanes of its particle."""
+    """Compose the index of this thread among the lanes of its particle."""
 
     @wp.func_native(LANE.format(lanes=lanes))
     def lane() -> int: ...
@@ -78,18 +78,18 @@ def stencil_of_lanes(
     each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
     damped, rounds, layout = damper is not None, -(-len(each) // lanes), stencil_layout(lanes, rows, neighbours)
     Shifts, count = wp.types.vector(len(rows), int), len(each)
-    each += [(0, 0)] * (rounds * lanes - count)  # of neighbours that are missing, which nothing reads
+    each += [(0, 0)] * (rounds * lanes - count)  # padding for missing neighbours, never read
 
     @wp.struct
     class SharedLattice:
-        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
-        shift: Shifts  # how far off each row of neighbours lies, in particles
+        mask: wp.array(dtype=wp.uint32)  # bits of the existing neighbours, shape [particle_count]
+        shift: Shifts  # index offset of each row of neighbours
         constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
 
     @wp.func
     def force_at(forces: SharedLattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         lane = lane_here()
-        if wp.static(layout) < 0:  # never: see stencil_layout
+        if wp.static(layout) < 0:  # never true: see stencil_layout
             return V()
         mask = forces.mask[i]
         x_i = load(x, i)
@@ -111,7 +111,7 @@ def stencil_of_lanes(
             if wp.static(damped):
                 dv = v_i - load(v, i + offset)
             q = force_density(dx, dv, own[0], own[1], own[2])
-            # What is read of a missing neighbour may be any other particle's: it does not count.
+            # For a missing neighbour the data of some other particle were read: discard them.
             if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):
                 q = scalar(0.0)
             force -= q * dx
@@ -124,7 +124,7 @@ def stencil_of_lanes(
 def gather_of_lanes(
     dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, lanes: int
 ) -> ForceAlgorithm:
-    """Compose the gathering algorithm for few particles, with `lanes` threads per particle: see `gather`.
+    """Compose the gathering algorithm for small bodies, with `lanes` threads per particle: see `gather`.
 
     Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be only one lane.
     """
@@ -136,7 +136,7 @@ def gather_of_lanes(
 
     @wp.struct
     class GatheredByLanes:
-        first: wp.array(dtype=int)  # where slices begin, and the last one ends, shape [slice_count + 1]
+        first: wp.array(dtype=int)  # starts of slices, and the end, shape [slice_count + 1]
         other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count]
         constants: Constants  # of slots
 
@@ -165,7 +165,7 @@ def gather_of_lanes(
             if wp.static(damped):
                 dv = v_i - load(v, j)
             q = force_density(dx, dv, own[0], own[1], own[2])
-            if s >= slots:  # there are fewer than lanes have rounds for
+            if s >= slots:  # no slot is left for this lane
                 q = scalar(0.0)
             force -= q * dx
             s += wp.static(lanes)

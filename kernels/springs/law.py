@@ -28,7 +28,7 @@ TINY = {wp.float32: 1.2e-38, wp.float64: 1e-300}
 
 @functools.cache
 def inverse_root(scalar: type):
-    """Compose 1/√x, by one instruction in float32 on the GPU (error 2 units in the last place)."""
+    """Compose 1/√x; in float32 on the GPU it is one instruction (error 2 units in the last place)."""
     cuda = RSQRT_FLOAT if scalar is wp.float32 else "return rsqrt(x);"
 
     @wp.func_native(RSQRT.format(cuda=cuda))
@@ -39,10 +39,10 @@ def inverse_root(scalar: type):
 
 @functools.cache
 def product(scalar: type):
-    """Compose a·b, rounded by itself.
+    """Compose a·b with its own rounding, never fused with a sum.
 
-    A compiler may round a product, or fuse it with a sum, depending on the rest of a kernel, for example if it
-    computes the product once outside a loop. But a spring should pull equally in every kernel, to the last bit.
+    Whether a compiler fuses a product with a sum depends on the rest of a kernel, for example if it moves the
+    product out of a loop. But a spring must exert the same force in every kernel, to the last bit.
     """
 
     @wp.func_native(PRODUCT.format(cuda="__fmul_rn" if scalar is wp.float32 else "__dmul_rn"))
@@ -56,7 +56,7 @@ def spring_damper(dim: int, scalar: type, damper: Law | None):
     """Compose the force density q of a spring: its force on its first particle is −q Δx (report eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
-    gets −F. Another law of damping takes the place of b Δv·Δx̂; without a damper that is not compiled.
+    gets −F. Another damping law replaces b Δv·Δx̂; without a damper this part is not compiled.
     """
     V = vector(dim, scalar)
     linear, damped = damper == LINEAR, damper is not None
@@ -67,7 +67,7 @@ def spring_damper(dim: int, scalar: type, damper: Law | None):
     @wp.func
     def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
         inverse_length = rsqrt(wp.dot(dx, dx) + scalar(tiny))
-        tension = rounded(-stiffness, rest_length)  # but for k |Δx|, which is k in the density
+        tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density
         if wp.static(linear):
             tension += damping * (wp.dot(dv, dx) * inverse_length)
         if wp.static(damped and not linear):

@@ -13,8 +13,8 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
     With `everyone` the rows and columns of pinned and driven particles are included.
 
-    For its axis d, a spring adds k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) to K, and b d dᵀ to B: a compressed
-    spring's push across its axis is left out, so that K is never indefinite.
+    A spring of axis d adds k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) to K, and b d dᵀ to B. The negative transverse
+    stiffness of compressed springs is left out, so that K is never indefinite.
     """
     V = vector(dim, scalar)
 
@@ -70,7 +70,7 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 @functools.cache
 def add_blocks(dim: int, scalar: type):
-    """Compose the kernel, over worlds and springs, that adds each to the blocks of its two particles.
+    """Compose the kernel, over worlds and springs, that adds each spring to the blocks of its two particles.
 
     A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i.
     """

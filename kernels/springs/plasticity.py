@@ -20,8 +20,8 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
         l0' = sign(e) (|e| − ε_y L0) / τ,  |l0 − L0| ≤ ε_max L0
 
-    A step takes the solution for a constant length, l0 += (1 − exp(−h/τ)) (|e| − ε_y L0) sign(e), so the flow does
-    not depend on the step. |e| can only fall, and with it the elastic energy.
+    A substep uses the exact solution for constant length, l0 += (1 − exp(−h/τ)) (|e| − ε_y L0) sign(e), so the
+    flow does not depend on the step. |e| can only fall, and with it the elastic energy.
     Reference: Simo & Hughes, Computational Inelasticity (1998), 1.2 and 1.7.
     """
     _, Vectors, Compensation = state_types(dim, scalar, compensated)
@@ -33,7 +33,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
         h: scalar  # length of a substep [s]
         # By spring, shape [connection_count]:
         connections: wp.array(dtype=wp.vec2i)
-        rest_length: wp.array(dtype=scalar)  # [m], which flows
+        rest_length: wp.array(dtype=scalar)  # [m], changed by the flow
         original_length: wp.array(dtype=scalar)  # [m]
         yield_strain: wp.array(dtype=scalar)
         relaxation_time: wp.array(dtype=scalar)  # [s]
@@ -53,7 +53,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
                 share = scalar(1.0) - wp.exp(-f.h / f.relaxation_time[c])
             most = f.largest_plastic_strain[c] * original
             flown = wp.clamp(rest + share * excess * wp.sign(stretch), original - most, original + most)
-            if (flown - rest) * stretch > scalar(0.0):  # beyond its bound already, as after a change, it stays
+            if (flown - rest) * stretch > scalar(0.0):  # beyond the bound already, as after a change: keep it
                 f.rest_length[c] = flown
 
     return Flow, flow

@@ -1,4 +1,4 @@
-"""The force algorithm by springs: each adds its force to its two particles."""
+"""The scattering force algorithm: each spring adds its force to its two particles."""
 
 import functools
 
@@ -17,9 +17,9 @@ from .law import spring_damper
 def scatter(
     dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
-    """Compose the algorithm by springs: each adds its force to one end and subtracts it from the other.
+    """Compose the scattering algorithm: each spring adds its force to one end and subtracts it from the other.
 
-    The report's Algorithm 3. The force of a spring is computed once. Additions are atomic, in any order. Reading a
+    This is the report's Algorithm 3. Each force is computed once. Additions are atomic, in any order. Reading a
     particle's force resets it to zero for the next evaluation. A broken spring is set to connect its first
     particle to itself, so it adds nothing.
     """

@@ -1,4 +1,4 @@
-"""The force algorithm for lattices, whose neighbours need no table: their indices are computed."""
+"""The force algorithm for lattices: the indices of neighbours are computed, without a table."""
 
 import functools
 import zlib
@@ -19,9 +19,9 @@ class Neighbour(NamedTuple):
     """One of the neighbours that a lattice point may have."""
 
     along: int
-    """Its place in its row, relative to the point: −1, 0 or 1, and up to 2 either way to second neighbours."""
+    """Its position in its row, relative to the point: −1, 0 or 1; from −2 to 2 with second neighbours."""
     direction: int
-    """The direction of the lattice that leads there, or back."""
+    """Index of the lattice direction that leads there, or back."""
     bit: int
     """The bit of the point's mask for a connection with this neighbour."""
 
@@ -30,7 +30,7 @@ class Neighbour(NamedTuple):
 def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[int, int], ...], list]:
     """Return the rows (y, z) around a lattice point in which its neighbours lie, and the neighbours in each row.
 
-    `steps` are the lattice's directions. Points along x lie side by side in memory, so a row is found once.
+    `steps` are the lattice's directions. Points along x are adjacent in memory, so one offset finds a whole row.
     """
     found: dict[tuple[int, int], list[Neighbour]] = {}
     for d, (x, y, z) in enumerate(steps):
@@ -41,10 +41,10 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
 
 
 def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
-    """Return a number for all constants that are compiled into a stencil's loops, and for the column's length.
+    """Return a hash of all constants that are compiled into a stencil's loops, and of the column's length.
 
     Warp distinguishes kernels by their sources and by `wp.static` values, except values that depend on a loop.
-    Without this number in their sources two stencils with equally many rows would be the same to Warp.
+    Without this hash in their sources, Warp would confuse two stencils with equally many rows.
     """
     return zlib.crc32(repr((together, rows, neighbours)).encode()) >> 1
 
@@ -62,7 +62,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
     force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
     Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
-    # In the order in which forces are summed elsewhere: the number of the bit, the row, and the place in it.
+    # In the order in which `stencil` sums forces: index of the bit, row, and position in the row.
     each = [(n.bit.bit_length() - 1, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
     directions = len(steps)
 
@@ -165,9 +165,9 @@ def stencil(
 
     @wp.struct
     class Lattice:
-        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
-        shift: Shifts  # how far off each row of neighbours lies, in particles
-        stride: int  # how far off the next layer lies, in particles; 0 where layers do not lie evenly
+        mask: wp.array(dtype=wp.uint32)  # bits of the existing neighbours, shape [particle_count]
+        shift: Shifts  # index offset of each row of neighbours
+        stride: int  # index offset of the next layer; 0 if layers are not evenly spaced
         # Of each direction:
         rest_length: Constants  # [m]
         stiffness: Constants  # [N/m]
@@ -177,9 +177,9 @@ def stencil(
 
     @wp.struct
     class Lattices:
-        mask: wp.array(dtype=wp.uint32)  # bits of the neighbours that there are, shape [particle_count]
-        shift: wp.array2d(dtype=int)  # how far off rows of neighbours lie, shape [row_count, particle_count]
-        kind: wp.array(dtype=int)  # which constants are the particle's, shape [particle_count]
+        mask: wp.array(dtype=wp.uint32)  # bits of the existing neighbours, shape [particle_count]
+        shift: wp.array2d(dtype=int)  # index offsets of rows of neighbours, shape [row_count, particle_count]
+        kind: wp.array(dtype=int)  # kind of each particle, shape [particle_count]
         # Of each kind and direction, shape [kind_count, direction_count]:
         rest_length: wp.array2d(dtype=scalar)  # [m]
         stiffness: wp.array2d(dtype=scalar)  # [N/m]
@@ -246,9 +246,9 @@ def stencil(
         return force
 
     columns = column_forces(kinds, Lattice, breaking) if uniform else None
-    # In float64 more threads would not find registers for columns.
+    # In float64 columns need too many registers for more threads.
     single = scalar is wp.float32
-    # Rare code must not take registers from the code that each thread runs.
+    # The rarely run code for breaking must not take registers from the main loop.
     bounds, column_bounds = ((256, 4), (256, 3)) if tears and single else (None, None)
     return ForceAlgorithm(
         Forces,
@@ -263,16 +263,16 @@ def stencil(
 
 
 COLUMN = 2
-"""Particles in a column whose neighbours are read together."""
+"""Particles per column, whose neighbours are read together."""
 
 
 @functools.cache
 def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
 
-    The neighbours of a column are in the layers −1 … COLUMN. Each is read once for all particles of the column
-    that have it as a neighbour, since reading limits the speed of a stencil. None if the lattice has no layers, or
-    has second neighbours, which are further off. `kinds` are the first five arguments of `stencil`.
+    The neighbours of a column are in the layers −1 … COLUMN. Each is read once for all particles of the column,
+    since memory reads limit the speed of a stencil. Return None if the lattice has no layers, or has second
+    neighbours, which are further away. `kinds` are the first five arguments of `stencil`.
     """
     dim, scalar, damper, compensated, steps = kinds
     if any(abs(s) > 1 for step in steps for s in step):
@@ -281,7 +281,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     load = records(dim, scalar).load
     force_density, damped = spring_damper(dim, scalar, damper), damper is not None
     rows, neighbours = stencil_rows(steps)
-    axis = 1 if any(z for _, z in rows) else 0  # layers are along z, in a sheet along y
+    axis = 1 if any(z for _, z in rows) else 0  # layers follow each other along z; in a sheet along y
     inner = [row for row in rows if row[axis] == 0]
     if any(row[axis] and ((row[0], 0) if axis else (0, 0)) not in inner for row in rows) or len(rows) == 1:
         return None
@@ -293,7 +293,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     remaining_force = after_breaking(kinds, True, Lattice, breaking) if tears else None
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
-        """Return how particle d sees the record at place a of inner row r in layer p − 1."""
+        """Return the record at position a of inner row r in layer p − 1 as a neighbour of particle d, or None."""
         row = (inner[r][0], p - 1 - d) if axis else (p - 1 - d, 0)
         return found.get((row, a - 1))
 
@@ -350,7 +350,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
                                     if is_suspect(forces.breaking, l0, wp.dot(dx, dx)):
                                         suspects[d] = suspects[d] | wp.uint32(wp.static(field(r, p, a, d, "bit")))
                                 q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
-                                # What is read of a missing neighbour may be any other particle's.
+                                # For a missing neighbour the data of some other particle were read: discard them.
                                 if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
                                     q = scalar(0.0)
                                 total[d] = total[d] - q * dx

@@ -1,4 +1,4 @@
-"""Builds the table of neighbours for the gathering algorithm (see `springs.gather`).
+"""Build the table of neighbours for the gathering algorithm (see `springs.gather`).
 
 A spring has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
 """
@@ -19,7 +19,7 @@ def list_ends(
     particle: wp.array(dtype=int),  # shape [end_count], twice as many as springs
     end: wp.array(dtype=int),  # shape [end_count]
 ):
-    """List both ends of each spring c: their particles, and their numbers 2c and 2c + 1."""
+    """List both ends of each spring c: their particles, and their indices 2c and 2c + 1."""
     c = wp.tid()
     for side in range(2):
         particle[2 * c + side] = connections[c][side]
@@ -28,7 +28,7 @@ def list_ends(
 
 @kernel
 def name_itself(
-    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    first: wp.array(dtype=int),  # starts of slices, and the end, shape [slice_count + 1]
     particle_count: int,
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
@@ -43,10 +43,10 @@ def name_itself(
 def fill_slots(
     # The ends, sorted by particle:
     particle: wp.array(dtype=int),  # shape [end_count]
-    end: wp.array(dtype=int),  # their numbers, shape [end_count]
-    start: wp.array(dtype=int),  # the first end of each particle, shape [particle_count]
-    # The table as it is laid out:
-    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
+    end: wp.array(dtype=int),  # indices of ends, shape [end_count]
+    start: wp.array(dtype=int),  # first end of each particle, shape [particle_count]
+    # Layout of the table:
+    first: wp.array(dtype=int),  # starts of slices, and the end, shape [slice_count + 1]
     # Model:
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     # Out:
@@ -64,12 +64,12 @@ def fill_slots(
 
 @kernel
 def pack_kinds(
-    connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+    connection: wp.array(dtype=int),  # of each slot, −1 for padding, shape [slot_count]
     kind: wp.array(dtype=wp.uint8),  # of each spring, shape [connection_count]
     # In and out:
     other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
 ):
-    """Write each spring's kind above the number of the neighbour."""
+    """Write each spring's kind into the bits above the neighbour's index."""
     slot = wp.tid()
     if connection[slot] >= 0:
         other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
@@ -77,9 +77,9 @@ def pack_kinds(
 
 @kernel
 def name_itself_where_broken(
-    first: wp.array(dtype=int),  # where slices begin, and the last one ends, shape [slice_count + 1]
-    connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
-    broken_at: wp.array(dtype=wp.float32),  # of each spring [s], inf where whole, shape [connection_count]
+    first: wp.array(dtype=int),  # starts of slices, and the end, shape [slice_count + 1]
+    connection: wp.array(dtype=int),  # of each slot, −1 for padding, shape [slot_count]
+    broken_at: wp.array(dtype=wp.float32),  # of each spring [s], inf if unbroken, shape [connection_count]
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
@@ -95,11 +95,11 @@ def name_itself_where_broken(
 
 @functools.cache
 def take(dtype: type):
-    """Compose the kernel, over slots, that takes each spring's value into its slots."""
+    """Compose the kernel, over slots, that copies each spring's value into its slots."""
 
     @kernel
     def take_values(
-        connection: wp.array(dtype=int),  # of each slot, −1 where it pads, shape [slot_count]
+        connection: wp.array(dtype=int),  # of each slot, −1 for padding, shape [slot_count]
         values: wp.array(dtype=dtype),  # shape [connection_count]
         # Out:
         slots: wp.array(dtype=dtype),  # shape [slot_count]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK = 1 << 20  # connections in a step: most later ones join particles that are in one piece already
+_BLOCK = 1 << 20  # connections per step: most later ones join particles that are already in one piece
 
 
 def pieces(particle_count: int, connections: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -18,7 +18,7 @@ def pieces(particle_count: int, connections: NDArray[np.int32]) -> NDArray[np.in
         while (apart := first != second).any():
             first, second = first[apart], second[apart]
             low, high = np.minimum(first, second), np.maximum(first, second)
-            lowest[high] = low  # of several any will do: pointers only go down, so they form no loops
+            lowest[high] = low  # if several write, any may win: pointers only go down, so they form no loops
             while not np.array_equal(further := lowest[lowest], lowest):
                 lowest = further
             first, second = lowest[low], lowest[high]

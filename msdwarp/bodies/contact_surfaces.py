@@ -11,9 +11,9 @@ from .selection import mask_of
 from .system import System
 
 FINE = 2.0
-"""A surface with more vertices than this per particle that carries it has no points on its edges."""
+"""A surface with more vertices per particle than this has no points on its edges."""
 ROPE = 2.5
-"""A body without surface and with fewer springs than this per particle is a rope; else it is a heap of spheres."""
+"""A body without surface is a rope if it has fewer springs per particle than this; else a heap of spheres."""
 SPACING = 0.75
 """Spacing of a lattice over the mean length of its springs, many of which are diagonals."""
 SHEET_RADIUS, ROPE_RADIUS = 0.125, 0.25
@@ -24,15 +24,15 @@ class TouchingSurfaces(NamedTuple):
     """The surfaces of all bodies of a system. A body is a set of particles joined by springs."""
 
     particle: NDArray[np.int64]
-    """The particles of each vertex's mixture, shape [vertex_count, k]."""
+    """The particles whose weighted mean is each vertex, shape [vertex_count, k]."""
     weight: NDArray[np.float64]
     """Their weights."""
     ends: NDArray[np.int32]
-    """The two vertices between which each point lies, shape [point_count, 2]; equal if it is a vertex."""
+    """The two vertices between which each point lies, shape [point_count, 2]; equal if the point is a vertex."""
     share: NDArray[np.float64]
-    """The second vertex's share in each point."""
+    """Weight of the second vertex in each point."""
     corner: NDArray[np.int32]
-    """The vertices of each facet, shape [facet_count, 3]; of segments and points some are equal. Body by body."""
+    """The vertices of each facet, shape [facet_count, 3], some equal for segments and points; grouped by body."""
     body: NDArray[np.int32]
     """The body of each vertex, shape [vertex_count]."""
     body_of_particle: NDArray[np.int32]
@@ -40,11 +40,11 @@ class TouchingSurfaces(NamedTuple):
     closed: NDArray[np.bool_]
     """Whether the surface of each body has an inside, shape [body_count]."""
     spacing: NDArray[np.float64]
-    """Distance of its particles, from the mean length of its springs [m]; 0 for a single particle."""
+    """Spacing of each body's particles, from the mean length of its springs [m]; 0 for a single particle."""
     radius: NDArray[np.float64]
-    """Half its thickness [m]."""
+    """Half the thickness of each body [m]."""
     stiffness: NDArray[np.float64]
-    """Mean stiffness of its springs [N/m]; 0 without springs."""
+    """Mean stiffness of each body's springs [N/m]; 0 without springs."""
 
 
 def contact_surfaces(system: System) -> TouchingSurfaces:
@@ -59,7 +59,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
         particle, weight, triangles = different_vertices(system.surface)
     body = body_of[particle[:, 0]]
     drawn = mask_of(body, bodies)
-    # Bodies without a surface touch with their particles.
+    # For bodies without a surface the particles are in contact.
     bare = np.flatnonzero(~drawn[body_of])
     first = len(particle)
     vertex_of = np.full(system.particle_count, -1)
@@ -79,7 +79,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     edges = np.concatenate([sides_of(triangles)[0], segments]).astype(np.int32)
     corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
     corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
-    # The other surfaces have a point in the middle of each edge too.
+    # The other surfaces also have a point in the middle of each edge.
     carried = np.bincount(body_of[np.unique(particle[weight != 0])], minlength=bodies)
     fine = np.bincount(body, minlength=bodies) > FINE * carried
     edges = edges[~fine[body[edges[:, 0]]]]
@@ -110,7 +110,7 @@ def spring_means(
     system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return each body's mean of a value given for each spring; 0 for a body without springs."""
-    near = system.between_neighbours  # springs that resist bending are of other lengths and far softer
+    near = system.between_neighbours  # springs that resist bending have other lengths and are far softer
     near = slice(None) if near is None else near
     of, bodies = body_of_particle[system.connections[near, 0]], int(body_of_particle.max()) + 1
     count = np.bincount(of, minlength=bodies)

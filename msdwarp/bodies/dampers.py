@@ -1,8 +1,8 @@
-"""Dampers: laws of the force against the lengthening or shortening of a connection, as frozen dataclasses.
+"""Dampers: laws of the force against the elongation or shortening of a connection, as frozen dataclasses.
 
 `System.damping` is the constant b of each connection, in the unit of the law. Laws without a linear term have a
-speed at which they become linear: a force that jumps, or grows without bound, is stable at no step. So the
-steepest slope of the force is known, which determines the stable step.
+speed at which they become linear, since a force that jumps, or grows without bound, is stable at no step. So the
+steepest slope of the force, which determines the stable step, is known.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Facets: the triangles of a system's surface between different vertices, each a mixture of particles."""
+"""Facets: the triangles of a system's surface between distinct vertices, which are weighted means of particles."""
 
 import functools
 from typing import NamedTuple, Self
@@ -13,16 +13,16 @@ from .system import System
 
 
 class Facets(NamedTuple):
-    """Triangles of a surface; vertices that are doubled for sharp edges or seams in pictures are one here."""
+    """Triangles of a surface; vertices that pictures duplicate for sharp edges or seams are merged."""
 
     particle: NDArray[np.int64]
-    """The particles of each vertex's mixture, shape [vertex_count, k]."""
+    """The particles whose weighted mean is each vertex, shape [vertex_count, k]."""
     weight: NDArray[np.float64]
-    """Their weights, which sum to 1."""
+    """The weights of these particles, which sum to 1."""
     corner: NDArray[np.int32]
     """The vertices of each triangle, shape [triangle_count, 3]."""
     closed: NDArray[np.bool_]
-    """Whether each belongs to a surface that has an inside, shape [triangle_count]."""
+    """Whether each triangle belongs to a surface that has an inside, shape [triangle_count]."""
     mixed: bool
     """Whether any vertex is not a particle; otherwise vertex i is particle i."""
 
@@ -70,14 +70,14 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
         own = particle[np.arange(len(particle)), np.argmax(np.abs(weight), axis=1)]
         corner, particle = own[corner], np.arange(particle_count)[:, None]
         weight = np.ones((particle_count, 1))
-    # A part is closed if each of its edges occurs once in either direction.
+    # A part is closed if each of its edges occurs once in each direction.
     part = pieces(len(particle), directed_edges(corner).astype(np.int32))
     is_open = mask_of(part[open_edges(corner)[:, 0]], len(particle))
     return Facets(particle, weight, corner.astype(np.int32), ~is_open[part[corner[:, 0]]], mixed)
 
 
 def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different vertices of a surface as particles and weights, and its triangles by them."""
+    """Return the distinct vertices of a surface, as particles and weights, and its triangles by these vertices."""
     particle = surface.particle.astype(np.int64)
     if surface.weights is None:
         different, number = np.unique(particle[:, None], axis=0, return_inverse=True)
@@ -87,7 +87,7 @@ def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.
         _, chosen, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         different, weights = particle[chosen], surface.weights[chosen]
     triangles = number.reshape(-1)[surface.triangles]
-    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)  # at a pole some are lines
+    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)  # at a pole some triangles are degenerate
     return different, weights, triangles[whole]
 
 
@@ -97,7 +97,7 @@ def directed_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the directed edges of triangles that do not occur once in either direction, shape [any, 2]."""
+    """Return the directed edges of triangles that do not occur once in each direction, shape [any, 2]."""
     runs = directed_edges(corner)
     _, edge, forwards = (one.T.ravel() for one in sides_of(corner))
     times, ahead = np.bincount(edge), np.bincount(edge, weights=forwards)
@@ -105,7 +105,7 @@ def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def sides_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the edges of triangles, shape [any, 2], the edge of each side, and whether the side runs forwards.
+    """Return the edges of triangles, shape [any, 2], the edge of each side, and whether the side runs along it.
 
     The sides of a triangle run from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
     """

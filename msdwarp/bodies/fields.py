@@ -33,7 +33,7 @@ _OF_CONNECTIONS: dict[str, tuple[float | None, tuple[checks.Limit, ...]]] = {
 CONNECTION_FIELDS = tuple(_OF_CONNECTIONS)
 DEFAULTS = {name: default for name, (default, _) in _OF_CONNECTIONS.items() if default is not None}
 TEARING_FIELDS = ("break_strain", "break_force", "broken_at")
-"""Fields of tearing, which early files lack; they then have their defaults."""
+"""Fields for tearing, which early files lack; the defaults are then used."""
 PARTICLE_FIELDS = ("position", "velocity", "mass")
 """Arrays of a system with an entry for each particle."""
 _MASS: checks.Limit = (lambda mass: mass > 0, "above 0 (inf pins the particle)")
@@ -42,7 +42,7 @@ LIMITS = {
     "velocity": (checks.FINITE,),
     "mass": (_MASS, checks.NOT_TINY, checks.FINITE_OR_INF),
 } | {name: limits for name, (_, limits) in _OF_CONNECTIONS.items()}
-_BLOCK = 1 << 16  # connections whose lengths are computed at a time: their coordinates fit into the cache
+_BLOCK = 1 << 16  # connections per block of computed lengths: their coordinates fit into the cache
 
 
 def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         fields["position"] = positions(fields["position"])
     particle_count = len(fields["position"])
     if known and particle_count != len(known["position"]):
-        new |= {"connections", "surface", "groups"}  # which hold indices of particles
+        new |= {"connections", "surface", "groups"}  # these hold indices of particles
 
     for name in PARTICLE_FIELDS[1:]:
         shape = fields["position"].shape if name == "velocity" else (particle_count,)
@@ -101,7 +101,7 @@ def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArr
         del values["original_length"]
     shape = fields["connections"].shape[:1]
     result = {name: numbers(name, value, shape, valid=name not in new) for name, value in values.items()}
-    return {"original_length": result["rest_length"]} | result  # one array, if the two are alike
+    return {"original_length": result["rest_length"]} | result  # one array, if the two are equal
 
 
 def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool = False) -> NDArray[np.float64]:
@@ -127,7 +127,7 @@ def check_bears_start(fields: Mapping[str, Any]) -> None:
     length, rest = lengths(fields["position"], fields["connections"]), fields["rest_length"]
     stiffness = fields["stiffness"]
     longest = np.minimum(rest * (1 + strain), rest + break_stretch(force, stiffness))
-    # Unstrained connections have their rest length but for rounding.
+    # Unstrained connections have their rest length up to rounding.
     bears = np.isfinite(fields["broken_at"]) | (length <= longest * (1 + 8 * np.finfo(np.float64).eps))
     if not bears.all():
         c = int(np.argmin(bears))

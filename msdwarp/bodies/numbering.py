@@ -1,4 +1,4 @@
-"""Numbering: systems with other numbers of their particles, and two systems as one."""
+"""Numbering: reorder the particles of a system, and concatenate two systems."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from .uniform import is_uniform, joined
 _SECOND = "second neighbours"
 """The direction of connections to second neighbours in a system that has been renumbered."""
 _BITS = 62
-"""Bits of a place along the curve, shared by the coordinates."""
+"""Bits of an index along the curve, divided among the coordinates."""
 
 
 def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
@@ -44,7 +44,7 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
 
 
 def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.int64]:
-    """Return the places along the curve of points of shape [count, d], with 2^bits cells per axis, shape [count].
+    """Return the indices along the curve of points [count, d], for 2^bits cells per axis, shape [count].
 
     Reference: Morton, A computer oriented geodetic data base (1966).
     """
@@ -81,7 +81,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
     second = np.zeros(len(ends), dtype=bool) if near is None else ~near
     of_connections = np.lexsort((ends[:, 1], ends[:, 0], second))
     result: dict[str, Any] = {"connections": connections[of_connections], "damper": fields["damper"]}
-    if near is not None:  # they are of other lengths, and far softer
+    if near is not None:  # springs to second neighbours have other lengths, and are far softer
         result["directions"] = ({_SECOND: slice(int(near.sum()), len(ends))},)
     for names, where in ((PARTICLE_FIELDS, chosen), (CONNECTION_FIELDS, of_connections)):
         for name in names:

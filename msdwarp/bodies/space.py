@@ -44,11 +44,11 @@ def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
     if dim == 2:
         cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
         return np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
-    angle = np.array([math.hypot(*turn) for turn in turns])  # squares nothing too large or too small for it
+    angle = np.array([math.hypot(*turn) for turn in turns])  # avoids squares that overflow or underflow
     u = np.ldexp(turns, -np.frexp(np.abs(turns).max(axis=1, keepdims=True))[1])
     x, y, z = u.T
     length = np.sqrt(x * x + y * y + z * z)
-    x, y, z = u.T / np.where(length > 0, length, 1.0)  # of no turn there is no axis, and its sine is 0
+    x, y, z = u.T / np.where(length > 0, length, 1.0)  # without a turn there is no axis, and the sine is 0
     return _about(np.stack([x, y, z], axis=-1), np.cos(angle), np.sin(angle))
 
 

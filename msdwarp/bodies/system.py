@@ -17,7 +17,7 @@ from .surface import Surface
 from .uniform import stored, uniform
 
 _NAMED = 4
-"""The most groups that a system's text names; of more it gives the number."""
+"""Maximal number of groups that a system's text names; of more it gives only the count."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -62,8 +62,8 @@ class System:
         Tension of the spring, stiffness · (length − rest_length), beyond which it breaks [N], shape
         [connection_count].
     broken_at
-        When each connection broke [s], shape [connection_count]; inf if it is whole. Broken connections exert no
-        force and store no energy: broken_at=0 cuts them.
+        Time at which each connection broke [s], shape [connection_count]; inf if unbroken. Broken connections
+        exert no force and store no energy: broken_at=0 cuts them.
     surface
         The triangles that are drawn, if any.
     directions
@@ -342,7 +342,7 @@ class System:
         return self.trusted(**renumbered(vars(self), order))
 
     def __add__(self, other: "System") -> Self:
-        """Return one system that holds both, with the particles and connections of `other` behind."""
+        """Return one system that holds both; the particles and connections of `other` come second."""
         if not isinstance(other, System):
             return NotImplemented
         return self.trusted(**concatenated(vars(self), vars(other)))
@@ -354,7 +354,7 @@ def counted(count: int, what: str) -> str:
 
 
 def span(values: NDArray[np.float64]) -> str:
-    """Return the least and the greatest of some numbers as text, or the number if all are equal."""
+    """Return the minimum and maximum of some numbers as text, or the number if all are equal."""
     least, most = (float(of(stored(values))) for of in (np.min, np.max))
     return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
 

@@ -10,7 +10,7 @@ from .selection import mask_of
 from .system import System
 
 _CORNERS = list(itertools.product((0, 1), repeat=3))
-"""Steps along z, y and x from a cell's first corner: corner 1 is next along x, 2 along y, 4 along z."""
+"""Steps along z, y and x from a cell's first corner: corner 1 is the next along x, 2 along y, 4 along z."""
 _FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)])
 """Corners of a cell's six faces, counter-clockwise seen from outside."""
 
@@ -18,7 +18,7 @@ _FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2
 class Edges:
     """The connections along the edges of a system's surface triangles.
 
-    A surface whose vertices are mixtures of particles has none, so its triangles never part.
+    A surface whose vertices are weighted means of particles has none, so its triangles never part.
     """
 
     def __init__(self, system: System) -> None:
@@ -43,9 +43,9 @@ class Edges:
 
 
 def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
-    """Return which connection joins each pair of particles, -1 where none does.
+    """Return the connection that joins each pair of particles, -1 if none does.
 
-    The system has one connection at least. The shape of `pairs` is [..., 2], that of the result [...].
+    The system has at least one connection. The shape of `pairs` is [..., 2], that of the result [...].
     """
     n = system.particle_count
     joined = np.sort(system.connections.astype(np.int64), axis=1) @ (n, 1)
@@ -56,7 +56,7 @@ def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
 
 
 def broken_before(broken_at: NDArray, time: float) -> NDArray[np.bool_]:
-    """Return which connections are broken in a frame at `time` [s]: those that broke before, or at the start.
+    """Return the mask of connections that are broken in a frame at `time` [s]: before it, or at the start.
 
     One that breaks at the frame's time does so in the following substep. Times are compared as float32, as devices
     and files have them.
@@ -69,13 +69,13 @@ class Bare(NamedTuple):
     """The visible parts of a torn solid, and when they are visible."""
 
     parted_at: NDArray[np.float64]
-    """When each surface triangle disappears with its cell [s], nan if no cell is near, shape [triangle_count]."""
+    """Time when each surface triangle disappears with its cell [s], nan without a cell, shape [triangle_count]."""
     triangles: NDArray[np.int32]
-    """Particles of the triangles that are laid bare inside, shape [any, 3]."""
+    """Particles of the triangles that become visible inside, shape [any, 3]."""
     since: NDArray[np.float64]
-    """When each of them is laid bare [s], shape [any]."""
+    """Time when each of these becomes visible [s], shape [any]."""
     until: NDArray[np.float64]
-    """When its own cell disappears [s], inf where it stays, shape [any]."""
+    """Time when its own cell disappears [s], inf if it stays, shape [any]."""
 
 
 def cells_of(system: System) -> NDArray[np.int64]:
@@ -87,7 +87,7 @@ def cells_of(system: System) -> NDArray[np.int64]:
     for body in system.directions:
         if not {"x", "y", "z"} <= body.keys():
             continue
-        following = np.full((3, n + 1), n)  # the particle behind each along an axis, n where there is none
+        following = np.full((3, n + 1), n)  # the next particle along each axis, n if there is none
         for axis, name in enumerate("xyz"):
             first, second = system.connections[body[name]].T
             following[axis, first] = second
@@ -101,10 +101,10 @@ def cells_of(system: System) -> NDArray[np.int64]:
 
 
 def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return when whole connections no longer join the eight corners of each cell [s], inf where they do.
+    """Return the time when unbroken connections no longer join the eight corners of each cell [s], or inf.
 
-    Connections count that lie within the cell. Two corners are joined until the path between them that lasts
-    longest breaks: Floyd and Warshall's scheme for widest paths.
+    Only connections within the cell count. Two corners are joined until the longest-lasting path between them
+    breaks: widest paths by the scheme of Floyd and Warshall.
     """
     parted_at = np.full(len(cells), np.inf)
     touched = _at_broken(system)[cells].any(axis=1)
@@ -123,19 +123,19 @@ def laid_bare(system: System) -> Bare:
     """Return the visible parts of lattice solids that tear at the times `broken_at` of a system.
 
     When a cell parts (see `cells_parted_at`), its triangles of the surface disappear, and the faces that it shares
-    with other cells are laid bare.
+    with other cells become visible.
     """
     assert system.surface is not None
     corners = system.surface.particle[system.surface.triangles].astype(np.int64)
     cells = cells_of(system)
     parted_at = cells_parted_at(system, cells)
-    beside = _at_broken(system)  # where triangles have lost edges, or faces are laid bare
+    beside = _at_broken(system)  # where triangles have lost edges, or faces become visible
     beside[cells[np.isfinite(parted_at)]] = True
     near = np.flatnonzero(beside[cells].any(axis=1))
     faces = cells[near][:, _FACES].reshape(-1, 4)
     own = parted_at[near].repeat(6)
 
-    # Two cells have a face in common, or the surface has it.
+    # A face belongs to two cells, or to a cell and the surface.
     order, same = _alike(np.sort(faces, axis=1))
     other = np.full(len(faces), -np.inf)
     other[order[:-1][same]], other[order[1:][same]] = own[order[1:][same]], own[order[:-1][same]]
@@ -143,7 +143,7 @@ def laid_bare(system: System) -> Bare:
     bare = ~outside & (other < own)
     triangles = faces[bare][:, [(0, 1, 2), (0, 2, 3)]].reshape(-1, 3)
 
-    # A triangle of the surface has three corners of a face.
+    # A triangle of the surface uses three corners of a face.
     threes = faces[outside][:, list(itertools.combinations(range(4), 3))].reshape(-1, 3)
     order, same = _alike(np.sort(np.concatenate([threes, corners]), axis=1))
     same &= order[:-1] < len(threes)
@@ -154,11 +154,11 @@ def laid_bare(system: System) -> Bare:
 
 
 def _at_broken(system: System) -> NDArray[np.bool_]:
-    """Return which particles have a connection that has broken, shape [particle_count]."""
+    """Return the mask of particles with a broken connection, shape [particle_count]."""
     return mask_of(system.connections[system.broken], system.particle_count)
 
 
 def _alike(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return an order that puts equal rows side by side, the earlier first, and where the next is equal."""
+    """Return a stable order in which equal rows are adjacent, and a mask of rows that equal the next one."""
     order = np.lexsort(rows.T)
     return order, (rows[order[:-1]] == rows[order[1:]]).all(axis=1)

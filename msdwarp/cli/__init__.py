@@ -1,6 +1,6 @@
 """The `msdwarp` command, and the command of a scene script.
 
-The only importer of cyclopts and rich; they are imported after signals are handled.
+Only this room imports cyclopts and rich, after the handling of signals is set up.
 """
 
 from .process import main as main, scene_main as scene_main

@@ -1,6 +1,6 @@
 """The `msdwarp` command, and the command of a scene script.
 
-Modules are imported once a command is certain to run: Warp takes longer to import than help takes.
+Modules are imported only when a command is certain to run, since importing Warp takes longer than showing help.
 """
 
 import ast
@@ -124,7 +124,7 @@ def view(scene: Shown, /, *flags: Words) -> None:
 
 
 def run_script(build: Build, flags: Sequence[str]) -> None:
-    """Run the scene that the `build` of a script makes."""
+    """Run the scene that a script's `build` returns."""
     origin = origin_of(build)
     _act("run", flags_app(origin, f"{origin.name}.py", Options)(flags))
 
@@ -138,7 +138,7 @@ def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: 
 
 
 def _act(command: str, chosen: tuple[Origin, Any] | None, *given: Any) -> None:
-    """Call `run_scene` of `run.py`, or the like, with a scene and options; do nothing if help was shown."""
+    """Call `run_scene` of `run.py`, or its counterpart, with a scene and options; do nothing if help was shown."""
     if chosen is None:
         return
     origin, options = chosen

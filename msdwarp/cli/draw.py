@@ -1,4 +1,4 @@
-"""Drawing a trajectory: single frames, a film, and several poses in one picture."""
+"""Draw a trajectory: single frames, a film, and several poses in one picture."""
 
 import math
 import time
@@ -36,7 +36,7 @@ def draw(
     fps: float | None = None,
     device: str | None = None,
 ) -> str:
-    """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line that says so.
+    """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line about the result.
 
     `name` is the film's name, `fps` its pictures per second (by default the trajectory's), and `device` is for the
     ray caster. Raise Interrupted if a signal asks to stop: between two pictures, and never while VTK is imported,
@@ -131,8 +131,8 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
 def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
     """Return the contact forces in the frames, and the force of the longest arrow [N].
 
-    It is the median over the frames of the 90th percentile: relative to the force of a short impact, all other
-    arrows would be invisibly short.
+    It is the median over frames of the 90th percentile. Relative to the force of a short impact, all other arrows
+    would be invisibly short.
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:

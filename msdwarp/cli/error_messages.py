@@ -1,4 +1,4 @@
-"""Errors in words: of the command line, of the user's own code, of files and paths."""
+"""Messages of errors: of the command line, of the user's own code, of files and paths."""
 
 import os
 import traceback
@@ -33,7 +33,7 @@ def message_of(error: Exception) -> str | None:
 
 
 def printable(text: str) -> str:
-    """Return a text with control characters, which a terminal would obey, escaped."""
+    """Return a text with control characters, which a terminal would interpret, escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -73,14 +73,14 @@ def _allowed(kind: Any) -> str:
 
 
 def remember_script(script: Path) -> None:
-    """Remember that a script, and the files beside it, are the user's."""
+    """Record that a script, and the files beside it, are the user's."""
     _folders.add(script.resolve().parent)
 
 
 def user_message(error: Exception) -> str | None:
-    """Return an error of the user's code with its file and line.
+    """Return the message of an error of the user's code, with file and line.
 
-    None if it was raised elsewhere, or by msdwarp for a value that this code passed: then its message suffices.
+    None if it was raised elsewhere, or by msdwarp for a value of this code: its own message then suffices.
     """
     root: BaseException = error
     while isinstance(root.__cause__, Exception):

@@ -1,6 +1,6 @@
-"""The commands that take a file of a run: describe, draw, plot, convert, continue and repeat it.
+"""Commands that take the file of a run: describe, draw, plot, convert, continue and repeat the run.
 
-Each imports its modules when it is called, so that help and errors of the command line need not wait for them.
+Each imports its modules when called, so that help and command-line errors need not wait for them.
 """
 
 import math
@@ -125,7 +125,7 @@ def render(
         if there and not force:
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
         writable_folder("out", folder, folder)
-        for picture in there:  # an earlier, longer film may have more pictures
+        for picture in there:  # an earlier, longer film may have left more pictures
             picture.unlink()
         with progress_on(talk) as progress:
             line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps)
@@ -274,7 +274,7 @@ def opened(file: Path) -> Iterator["Trajectory"]:
 
 
 def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, speed: float) -> tuple[range, float]:
-    """Return the numbers of the frames to draw, and the film's frames per second."""
+    """Return the indices of the frames to draw, and the film's frames per second."""
     from .. import checks
 
     count = len(trajectory)

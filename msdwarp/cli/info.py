@@ -32,7 +32,7 @@ def description(trajectory: Trajectory) -> str:
         try:
             shown = "".join(f"  {printable(name)}: {printable(value)}\n" for name, value in lines)
         except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
-            raise ValueError(f"{path} says of itself what no run writes: {error}") from error
+            raise ValueError(f"{path} has attributes that no run writes: {error}") from error
         text += f"\n{title}\n{shown}" if shown else ""
     if path.with_name(RESTART).exists():
         command = f"msdwarp resume {shlex.quote(str(path.parent))}"

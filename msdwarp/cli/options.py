@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from .results import overlay_path
 
-# Flags of several commands, with their texts in help.
+# Flags that several commands share, with their help.
 Flag = Annotated[bool, Parameter(negative=())]
 Device = Annotated[
     str | None,
@@ -171,7 +171,7 @@ class Options(SimulationOptions):
     verbose: Verbose = False
 
     def check(self, last: int) -> None:
-        """Raise ValueError unless a run up to frame `last` can be kept and drawn with these options."""
+        """Raise ValueError unless a run up to frame `last` can be stored and drawn with these options."""
         from .. import checks
 
         checks.non_negative("restart", self.restart)
@@ -194,7 +194,7 @@ class Options(SimulationOptions):
         return folder / self.log if self.logs_in_folder and folder is not None else Path(self.log)
 
     def as_stored(self) -> dict[str, Any]:
-        """Return them as JSON data."""
+        """Return the options as JSON data."""
         log = self.log
         if log is not None and not self.logs_in_folder:
             log = str(Path(log).absolute())  # the run may be resumed from another folder

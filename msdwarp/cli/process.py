@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LEAST_COLUMNS = 40
-"""Below this Rich shows no help, and at 1 it never ends."""
+"""With fewer columns Rich shows no help, and with 1 column it never ends."""
 
 
 def main() -> NoReturn:
@@ -36,7 +36,7 @@ def main() -> NoReturn:
 
 
 def scene_main(build: Callable[..., Any]) -> NoReturn:
-    """Run the scene that `build` makes, with flags for its parameters; scene scripts call this."""
+    """Run the scene that `build` returns, with flags for its parameters; scene scripts call this."""
     with at_once():
         _set_up()
         from .app import run_script
@@ -44,7 +44,7 @@ def scene_main(build: Callable[..., Any]) -> NoReturn:
 
 
 def _run(command: Callable[[], Any]) -> NoReturn:
-    """Run a command to the end of the process; a signal during its last line ends it at once."""
+    """Run a command and exit; a signal during the last line ends the process at once."""
     sys.unraisablehook = signals.lost
     try:
         finish(command)
@@ -57,7 +57,7 @@ def _run(command: Callable[[], Any]) -> NoReturn:
 def finish(command: Callable[[], Any]) -> NoReturn:
     """Run a command and exit: with 0, or with 1 and the message of the error.
 
-    Unknown flags exit with 1 as all errors do.
+    Unknown flags exit with 1, like all errors.
     """
     from .error_messages import message_of, printable, printable_lines
 
@@ -87,15 +87,15 @@ def finish(command: Callable[[], Any]) -> NoReturn:
 
 def _set_up() -> None:
     """Prepare the standard streams."""
-    # Open closed ones on the null device. Otherwise the next file would get such a number, and messages of C
-    # libraries to standard error would go into a trajectory.
+    # Open closed streams on the null device. Otherwise the next opened file would get such a number, and messages
+    # of C libraries to standard error would go into a trajectory.
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
+            os.open(os.devnull, os.O_RDWR)  # uses the lowest free number: this one
     for stream in (sys.stdout, sys.stderr):
-        # A character that the terminal's encoding lacks must not end a run that went well.
+        # A character that the terminal's encoding lacks must not make a successful run fail.
         if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="backslashreplace")
     columns = os.environ.get("COLUMNS", "")
@@ -124,7 +124,7 @@ def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":
 
 @contextmanager
 def status_on(console: "Console", what: str) -> Iterator[Callable[[str], None]]:
-    """Yield a function that shows a line of progress: the last one on a terminal, else each."""
+    """Yield a function that shows a line of progress: on a terminal only the last one stays, else all do."""
     with console.status(what) as status:
 
         def show(line: str) -> None:
@@ -142,5 +142,5 @@ def start_warp(verbose: bool) -> None:
         import warp  # noqa: F401
     if verbose:
         runtime.verbose()
-    with noted(lambda: None):  # not at once: standard error is redirected here, and the message would be lost
+    with noted(lambda: None):  # not at once: standard error is redirected here, so the message would be lost
         runtime.start_warp()

@@ -136,7 +136,7 @@ def _fits(value: Any, kind: Any) -> bool:
 def digest(scene: Scene) -> str:
     """Return a short text, equal for scenes with the same bodies and surroundings.
 
-    Functions count by some of their values: a collider's pose at some times, a change applied to the start.
+    Functions count as some of their values: a collider's poses at some times, a change applied to the start.
     """
     found = hashlib.sha256()
     for part in _parts(scene):
@@ -191,11 +191,11 @@ def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[b
 
 
 _FIRST_NAMES = {"Contact": "Touch", "EnclosedGas": "Gas", "surface_colliders": "obstacles"}
-"""The names of version 0.1: digests keep them, so that its files still match."""
+"""Names in version 0.1: digests use them, so that files of that version still match."""
 
 
 def _of_load(load: Load, scene: Scene, times: NDArray) -> Iterator[bytes]:
-    """Yield a load by value: functions of time by some of their values, functions of place by their source."""
+    """Yield a load by value: functions of time as some of their values, functions of position as their source."""
     kind = type(load).__name__
     yield _FIRST_NAMES.get(kind, kind).encode()
     yield load.particles(scene.system).tobytes()
@@ -238,7 +238,7 @@ def commit() -> str | None:
         return done.stdout.strip()
 
     try:
-        if not git("ls-files", "--", Path(__file__).name):  # a copy within another project
+        if not git("ls-files", "--", Path(__file__).name):  # a copy inside another project
             return None
         return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.SubprocessError):

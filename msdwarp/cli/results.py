@@ -56,7 +56,7 @@ def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
                 taken.add(folder)
                 continue
             if out is None and not force and _holds_something(folder):
-                continue  # another run began and ended meanwhile
+                continue  # meanwhile another run has begun and ended
             if force:
                 unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
                 written = [folder / one for one in (TRAJECTORY, RESTART, PROBES, PROBES_BY_SUBSTEP)]
@@ -87,5 +87,5 @@ def pictures_in(folder: Path, name: str) -> list[Path]:
 
 
 def overlay_path(folder: Path, name: str) -> Path:
-    """Return the file of the picture of several poses."""
+    """Return the path of the picture of several poses."""
     return folder / f"{name}_overlay.png"

@@ -1,4 +1,4 @@
-"""Running a scene: simulate it, keep every frame, then draw them."""
+"""Run a scene: simulate it, store every frame, then draw the frames."""
 
 import shlex
 import time
@@ -28,13 +28,13 @@ from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
 _POSES, _MOST_POSES = 61, 1 << 14
-"""Numbers of times at which poses of moving obstacles are stored: over the scene's duration; at most in frames."""
+"""Number of times at which poses of moving obstacles are stored over the scene's duration; maximum in frames."""
 MOST_CHANGES_SHOWN = 6
-"""More changes of the number of substeps are summarised."""
+"""If the number of substeps changes more often than this, the changes are summarised."""
 
 
 def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
-    """Simulate a scene, keep its frames, draw them, and print a summary; return the simulation at its end.
+    """Simulate a scene, store its frames, draw them, and print a summary; return the simulation at its end.
 
     Raise ValueError or OSError for an option that is out of range, before anything is written. If
     SimulationDiverged or Interrupted ends it early, the frames until then are kept.
@@ -50,7 +50,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     with at_once():  # compiles kernels, which takes a while
         simulation = simulation_by(scene, options)
     wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder or bool(scene.probes)
-    # A wrong log or folder is reported before anything is made.
+    # Report an invalid log or folder before anything is created.
     tentative = wanted_folder(origin.name, options.out, options.force) if wanted else None
     log = _log(options, tentative, origin.name)
     made_by = {}
@@ -61,7 +61,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
         folder = None
         if wanted:
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
-            if folder != tentative:  # another run has taken that one meanwhile
+            if folder != tentative:  # meanwhile another run has taken that folder
                 log = _log(options, folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
     return simulation
@@ -76,9 +76,9 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
         raise ValueError(f"log is {path}; its plot would have the name of the overlay")
     if not options.logs_in_folder and not path.parent.exists():
         raise FileNotFoundError(
-            f"log is {path}, whose folder is not there; it must be, or log a bare name, which goes into the run's"
+            f"log is {path}, whose folder does not exist; create it, or give a bare name, for the run's folder"
         )
-    return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is empty, or forced
+    return EnergyLog(path, force=options.force or options.logs_in_folder)  # its folder is empty, or forced
 
 
 def method_of(options: Options) -> dict[str, Any]:
@@ -124,13 +124,13 @@ def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
 
 @dataclass
 class Run:
-    """A simulation, and where its results go."""
+    """A simulation, and the destination of its results."""
 
     scene: Scene
     options: Options
     simulation: Simulation
     folder: Path | None
-    """Folder of the results; None if frames are neither kept nor drawn."""
+    """Folder of the results; None if frames are neither stored nor drawn."""
     name: str
     """Name of the film."""
     made_by: dict[str, Any]
@@ -151,20 +151,20 @@ class Run:
                 self._tables[every] = GrowingTable(path, head, until=until, word="the file of probes")
 
     def to(self, last: int, *, behind: int = 0) -> None:
-        """Simulate up to frame `last`, keep the frames after the first `behind`, draw all, and print a summary.
+        """Simulate up to frame `last`, store the frames after the first `behind`, draw all, and print a summary.
 
-        An error that ends it early leaves the frames until then; after SimulationDiverged they are drawn, too.
+        After an error the frames until then are kept; after SimulationDiverged they are also drawn.
         """
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:
             progress = stack.enter_context(progress_on(self.talk))
-            # Frames that are only drawn are also stored until all are known, so that one camera can see them all.
+            # Frames that are only drawn are also stored until the end, so that one camera can show them all.
             kept_in = self.folder if self._keeps else None
             path = (kept_in or Path(stack.enter_context(TemporaryDirectory()))) / TRAJECTORY
             began, start = time.perf_counter(), self.simulation.time
             try:
-                # Signals are only noted, from before the files are opened until they are closed and the log is
-                # plotted: an exception could break modules that are imported for that.
+                # From before the files are opened until they are closed and the log is plotted, signals are only
+                # noted: an exception could break modules that are being imported.
                 with stop_requests(self.talk) as requests:
                     with ExitStack() as files:
                         log = files.enter_context(self.log) if self.log is not None else None
@@ -258,9 +258,9 @@ class Run:
         self._save(writer)
 
     def _save(self, writer: TrajectoryWriter | None) -> None:
-        """Write the restart file, once the frames up to the present one are on the disk.
+        """Write the restart file, after the frames up to the current one are on disk.
 
-        While a continued run replaces frames by others, it waits until there are as many as before.
+        While a continued run replaces frames, it waits until there are as many as before.
         """
         if writer is None or self.folder is None or not self._keeps or not self.options.restart:
             return

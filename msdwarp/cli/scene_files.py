@@ -21,21 +21,21 @@ Build = Callable[..., "Scene"]
 
 
 class Origin(NamedTuple):
-    """Where a scene comes from."""
+    """The origin of a scene: its name or script, and parameters."""
 
     name: str
-    """The name of its results."""
+    """Name for the results."""
     place: str
     """A name that `msdwarp list` shows, or the absolute path of a script."""
     build: Build
     parameters: Mapping[str, Any]
-    """Arguments of `build`; others have its defaults."""
+    """Arguments of `build`; all others have their defaults."""
     script: str | None = None
-    """The SHA-256 of its script as it was run; None for a scene that comes with msdwarp."""
+    """SHA-256 of the script that was run; None for a scene that comes with msdwarp."""
 
     def scene(self) -> "Scene":
         """Return the scene; raise ValueError if `build` returns something else."""
-        with at_once():  # an exception may break modules that it imports, such as PyVista
+        with at_once():  # an exception may break modules during their import, such as PyVista
             from ..world import Scene
 
             scene = self.build(**self.parameters)
@@ -60,16 +60,16 @@ def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin
         with at_once():
             name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
     elif path.suffix == ".py" and path.is_file():
-        source = path.read_bytes()  # once: exactly these bytes are checked and run, and no compiled file
+        source = path.read_bytes()  # read once: these bytes are checked and run, not a compiled file
         digest = hashlib.sha256(source).hexdigest()
         if check is not None:
             check(digest)
         remember_script(path)
-        # Not by its own name: a scene called numpy.py or msdwarp.py would replace that module.
+        # The script's own name could replace a module such as numpy.
         spec = importlib.util.spec_from_file_location(f"msdwarp_scene_{path.stem}", path)
         assert spec is not None
         name, module = path.stem, importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # dataclasses look their module up there
+        sys.modules[spec.name] = module  # dataclasses look up their module there
         folder = str(path.parent.resolve())
         if folder not in sys.path:  # for the modules beside it, after all others
             sys.path.append(folder)
@@ -80,7 +80,7 @@ def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin
             guard = 'scene_main(build) must stand below `if __name__ == "__main__":`'
             raise ValueError(f"scene is {scene!r}, whose script ended by itself; {guard}") from error
     elif path.suffix == ".py":
-        raise ValueError(f"scene is {scene!r}, a script that is not there")
+        raise ValueError(f"scene is {scene!r}, a script that does not exist")
     else:
         like = difflib.get_close_matches(scene, scene_names(), 1)
         meant = f". Did you mean {like[0]}?" if like else ""

@@ -1,7 +1,7 @@
 """Trust: permission to run the scripts that files name.
 
-A file may come from anyone. So a script that it names runs without permission only if the file has a seal. The
-seal is made with a key that only this user has. It shows that this user ran the script, unchanged, at this path.
+A file may come from anyone. So a script that it names runs without permission only if the file has a valid seal,
+made with a key that only this user has. The seal proves that this user ran the script, unchanged, at this path.
 """
 
 import hashlib
@@ -64,7 +64,7 @@ def reason_for_distrust(place: str, digest: str, stored: Any) -> str | None:
     if not Path(place).is_absolute():
         return "the file does not say in which folder"
     if stored["sha256"] != digest:
-        return "it is no longer what it was when the run began"
+        return "it has changed since the run began"
     seal = _seal(place, digest)
     given = str(stored.get("seal"))
     if seal is None or not hmac.compare_digest(seal.encode(), given.encode()):
@@ -89,7 +89,7 @@ def _key() -> bytes | None:
             beside.touch(mode=0o600)
             try:
                 beside.write_bytes(secrets.token_bytes(32))
-                os.link(beside, path)  # complete, and by one process only
+                os.link(beside, path)  # atomic, and successful in one process only
             except FileExistsError:
                 pass
             finally:

@@ -1,8 +1,8 @@
 """Signals: Ctrl-C, SIGTERM and a lost terminal end the command with a short message, at any moment.
 
-While modules are imported, before anything has begun, they end the process at once: in a half imported C module an
-exception may turn into another one, vanish, or crash. During a run they are noted, and end it between two frames.
-Everywhere else they raise an exception, except within late imports and h5py, which are completed first.
+While modules are imported at the start, they end the process at once: in a partly imported C module an exception
+may be replaced, lost, or cause a crash. During a run they are noted, and end it between two frames. Everywhere
+else they raise an exception; late imports and h5py calls are completed first.
 """
 
 import _thread
@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 _A_LITTLE = 0.02
-"""Seconds after which a signal that came at a bad moment is sent again."""
+"""Seconds after which a signal that cannot be handled yet is sent again."""
 _IN_H5PY = os.path.join("h5py", "_hl", "")
 
 
@@ -34,7 +34,7 @@ class Interrupted(RuntimeError):
 
 
 def number_of(stop: BaseException) -> int:
-    """Return the number of the signal that has raised KeyboardInterrupt or Terminated."""
+    """Return the number of the signal that raised KeyboardInterrupt or Terminated."""
     return stop.args[0] if isinstance(stop, Terminated) else signal.SIGINT
 
 
@@ -74,7 +74,7 @@ def lost(found: "sys.UnraisableHookArgs") -> None:
 
 def _hear_again(number: int) -> None:
     """Send a signal to this thread again, a little later."""
-    if hasattr(signal, "pthread_kill"):  # it also wakes a waiting thread
+    if hasattr(signal, "pthread_kill"):  # this also wakes a waiting thread
         later = threading.Timer(_A_LITTLE, signal.pthread_kill, (threading.get_ident(), number))
     else:
         later = threading.Timer(_A_LITTLE, _thread.interrupt_main, (number,))
@@ -118,7 +118,7 @@ def at_once() -> Iterator[None]:
 def noted(announce: Callable[[], Any]) -> Iterator[list[int]]:
     """Yield a list to which the first signal is added, after which `announce` is called.
 
-    A second signal acts as usual. So does the first, at the end, unless the list was emptied meanwhile.
+    A second signal acts as usual. At the end, so does the first one, unless the list was emptied meanwhile.
     """
     requested: list[int] = []
     before = {number: signal.getsignal(number) for number in heard(*ALL)}

@@ -1,4 +1,4 @@
-"""Runs on disk, continued or repeated from their files."""
+"""Continue or repeat runs from their files."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
@@ -48,7 +48,7 @@ def resume_run(
         made_by, checkpoint = _parts(folder / RESTART, attributes)
         origin, scene = rebuild_scene(made_by, script)
         if digest(scene) != made_by["digest"]:
-            raise ValueError(f"scene {origin.place!r} is no longer what it was when the run began")
+            raise ValueError(f"scene {origin.place!r} has changed since the run began")
         if duration is not None:
             made_by["options"] = {**checks.mapping("the run's options", made_by["options"]), "duration": duration}
         device = device or made_by["device"]

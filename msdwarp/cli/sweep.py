@@ -1,4 +1,4 @@
-"""Sweeping a scene from the command line: a run for each point of the lists and ranges among its flags."""
+"""Sweep a scene from the command line: a run for each point of the lists and ranges among its flags."""
 
 import os
 import re
@@ -61,7 +61,7 @@ class CommandTask(NamedTuple):
             scene = origin.scene()
             return studies.final_numbers(run_scene(origin, scene, options.run_options(folder, keeps_files)), scene)
         except Interrupted as error:
-            if parent_process() is not None:  # a worker that was ended: the sweep handles it
+            if parent_process() is not None:  # an ended worker, which the sweep handles
                 os._exit(error.code)
             if error.number == signal.SIGINT:
                 raise KeyboardInterrupt from None
@@ -89,7 +89,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"
         )
     values: dict[str, list[Any]] = {}
-    for name, texts in grid.items():  # each by itself, so that errors name the flag
+    for name, texts in grid.items():  # one by one, so that errors name the flag
         several = [_value(name, *app([*fixed, f"--{name}={text}"])) for text in texts]
         if len(set(several)) < len(several):
             raise ValueError(f"{name} has a value twice; its values must differ")
@@ -125,7 +125,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             )
     except (KeyboardInterrupt, Terminated) as stop:
         number = number_of(stop)
-        raise Interrupted(f"{word(number)}: what is done is kept, and the same command goes on", number) from None
+        raise Interrupted(f"{word(number)}: done points are kept; the same command continues", number) from None
     if not options.quiet:
         count = Counter(results["status"].values.ravel().tolist())
         print(f"{results['status'].size} points: {', '.join(f'{n} {status}' for status, n in count.items())}")
@@ -175,5 +175,5 @@ def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
 
 
 def _whole(value: Any) -> Any:
-    """Return a number without a fraction as a whole one: 2 and 2.0 are the same point."""
+    """Return a number without a fraction as an integer: 2 and 2.0 are the same point."""
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -1,4 +1,4 @@
-"""Tuning a scene from the command line: every method's error against its cost, and the choice."""
+"""Tune a scene from the command line: every method's error against its cost, and the choice."""
 
 import math
 

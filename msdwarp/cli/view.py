@@ -1,4 +1,4 @@
-"""Viewing a scene during its simulation, or a trajectory, in a window or a browser."""
+"""View a scene during its simulation, or a trajectory, in a window or a browser."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ from .run import about, simulation_by
 from .scene_files import Origin, find_scene
 
 _SIMULATED = 64
-"""Bytes of a simulation for each spring and its particles, besides those of the system."""
+"""Bytes of a simulation per spring, with its particles, in addition to those of the system."""
 SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
 """Scenes on the keys 1 to 9; the first five were in the 2014 program."""
 
@@ -82,7 +82,7 @@ def running_scene(origin: Origin, scene: Scene, options: ViewOptions) -> Running
 
 
 def rounded_like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with whole numbers where they were whole."""
+    """Return parameters, rounded to integers where `before` has integers."""
     return {
         name: round(value) if isinstance(before.get(name), int) and isinstance(value, float) else value
         for name, value in parameters.items()

@@ -1,7 +1,7 @@
 """Substeps on a device: a constant `Model`, a moving `State`, effects, launches by `Dynamics`, and diagnostics.
 
-The only room that composes the kernels that move particles, and all but the only one that launches them: linearly
-implicit Euler launches its own solver.
+Only this room composes the kernels that move particles. It also launches them, except that linearly implicit Euler
+launches its own solver.
 """
 
 from .collision.body_contact import BodyContact as BodyContact

@@ -17,10 +17,10 @@ _MARK = "msdwarp_restart_format"
 
 
 def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: Mapping[str, Any]) -> None:
-    """Write arrays of numbers or truth values, and attributes as in JSON, to a file, and replace an earlier one.
+    """Write arrays of numbers or booleans, and JSON attributes, to a file, and replace an earlier one.
 
-    After a crash or a power cut there is the whole old file or the whole new one. Raise ValueError for data that
-    the file cannot hold, and OSError if it cannot be written; the old file stays.
+    After a crash or a power cut either the whole old file or the whole new one exists. Raise ValueError for data
+    that the file cannot hold, and OSError if it cannot be written; the old file stays.
     """
     import h5py
 
@@ -34,13 +34,13 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
         text = json.dumps({"attributes": attributes, "shapes": shapes})
     except (TypeError, ValueError) as error:
         raise ValueError(f"attributes is {attributes!r}; it must be what JSON can hold: {error}") from error
-    # HDF5 writes to memory, since it does not recover from a full disk. In its format of 2016 its own records have
-    # checksums too.
+    # HDF5 writes to memory, since it does not recover from a full disk. In its format of 2016 its own records also
+    # have checksums.
     image = io.BytesIO()
     with h5py.File(image, "w", libver=("v110", "v110")) as file:
         file.attrs[_MARK] = FORMAT
         store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
-        for k, values in enumerate(given.values()):  # whose names may have a slash
+        for k, values in enumerate(given.values()):  # names may contain a slash
             store(file, f"arrays/{k}", values.ravel())
     with failure_named(path), replacing(path, durable=True) as unfinished:
         unfinished.write_bytes(image.getbuffer())

@@ -63,7 +63,7 @@ def export(
 
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
-    """Return the frames' numbers, counted from the start."""
+    """Return the frames' indices, counted from the start."""
     if not count:
         raise ValueError("the trajectory has no frames to export")
     try:
@@ -115,7 +115,7 @@ def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> No
         "asset": {"version": "2.0", "generator": "msdwarp"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],  # a quarter turn: y is up there
+        "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],  # a quarter turn: in glTF y is up
         "meshes": [{"primitives": [shape]}],
         "buffers": [{"uri": uri, "byteLength": len(vertices + corners)}],
         "bufferViews": [
@@ -149,7 +149,7 @@ def _usd(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
                 shape.CreateFaceVertexCountsAttr(counts)
                 shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(cells.ravel())))
                 shape.CreateSubdivisionSchemeAttr("none")
-            else:  # curves of two points, which have no indices
+            else:  # curves of two points each, without indices
                 shape = UsdGeom.BasisCurves.Define(stage, "/body")
                 shape.CreateTypeAttr("linear")
                 shape.CreateCurveVertexCountsAttr(counts)

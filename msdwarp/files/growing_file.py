@@ -16,23 +16,23 @@ from .vtkhdf import Layout, Record, Scene
 About = tuple[float, dict, Scene | None]
 """Frames per second, the run's attributes, and the data of its scene."""
 _SLACK = 1 << 18
-"""Bytes that HDF5's own records of one frame can take."""
+"""Maximal size of HDF5's own records for one frame [bytes]."""
 
 
 class GrowingFile:
     """The file of a trajectory, to which one thread appends records.
 
-    HDF5 keeps no journal, so the order of writes matters: a frame's data, the number of frames, then the frame's
-    time. Data that readers of earlier frames need are not moved. HDF5 does not recover from a full disk either, so
-    room is reserved before a frame is passed to it.
-    If an existing file is continued, its frames stay as long as equal ones are written again. The first different
-    frame replaces all later ones, once there is room for as many.
+    HDF5 has no journal, so the order of writes matters: a frame's data, the number of frames, then its time. Data
+    that readers of earlier frames need are not moved. HDF5 does not recover from a full disk: space is reserved.
+
+    If an existing file is continued, its frames are kept while equal ones are written again. The first different
+    frame replaces all later ones, once there is space for as many.
     """
 
     def __init__(self, path: Path, force: bool, layout: Callable[[np.dtype], Layout], about: About):
         self.path, self.force, self._layout_for, self._about = path, force, layout, about
         self.written = 0
-        """Number of frames written, or found to be in the file."""
+        """Number of frames written, or found to be equal in the file."""
         self.frame_count = self.found = 0
         """Numbers of frames in the file: now, and when it was reopened."""
         self._file: Any = None
@@ -55,7 +55,7 @@ class GrowingFile:
             self._layout = Layout.of(self._file, system)
             self._layout.open(self._file)
             self._layout.continue_after(kept, until)
-            self._layout.truncate(found)  # a killed writer may have begun another
+            self._layout.truncate(found)  # a killed writer may have begun another frame
         except BaseException:
             self.close()
             raise
@@ -81,7 +81,7 @@ class GrowingFile:
             os.close(self._room)
 
     def _create(self, first: Record) -> None:
-        """Write a file of one frame, and only then give it its name."""
+        """Write a file with one frame under a temporary name, then rename it."""
         import h5py
 
         if first.frame is None:
@@ -109,7 +109,7 @@ class GrowingFile:
     def _open(self, path: Path) -> None:
         import h5py
 
-        # Unlocked, so that others can read meanwhile. Without a chunk cache a frame goes to its place at once.
+        # Unlocked, so that others can read meanwhile. Without a chunk cache a frame is written immediately.
         # Datasets created from here on have HDF5's format of 2016, whose chunk indices only grow, where older ones
         # move. The file itself was created in the oldest format: newer ones are marked while they are being
         # written, and do not open after a crash.
@@ -123,7 +123,7 @@ class GrowingFile:
         if (not kept or self.written < self.frame_count) and self._layout.holds(self.written, record):
             self._layout.append_rows(record.rows)
             return
-        if self.written < self.frame_count:  # end the file here, once there is room for as many frames as it has
+        if self.written < self.frame_count:  # truncate here, once there is space for all frames of the old file
             later = range(self.written, self.frame_count)
             self._reserve(sum(self._layout.growth(k, record.rows) for k in later))
             self._layout.truncate(self.written)
@@ -144,7 +144,7 @@ class GrowingFile:
             raise OSError("it was cut short meanwhile")
 
     def _reserve(self, size: int) -> None:
-        """Reserve room on disk for more bytes, and for HDF5's own records."""
+        """Reserve space on disk for `size` more bytes, and for HDF5's own records."""
         reserve(self._room, self._file.id.get_filesize(), size + _SLACK, self._at.parent)
 
 

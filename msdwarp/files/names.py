@@ -17,8 +17,8 @@ POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
 CONTACT = "PointData/contact_force"
 """Contact force on each particle [N], the mean over the frame; optional."""
 BROKEN_AT = "CellData/broken_at"
-"""The time each connection broke, or triangle parted (`Edges`) [s]; inf if it is whole. One array serves all
-frames: later fracture does not change earlier ones."""
+"""Time at which each connection broke, or triangle parted (`Edges`) [s]; inf if it has not. One array is enough
+for all frames, since later fracture does not change earlier frames."""
 SUBSTEPS = "substeps"
 """Number of substeps of each frame, in the group `msdwarp`; 0 if unknown."""
 READINGS = "readings"
@@ -33,7 +33,7 @@ GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 def store(group: Any, name: str, values: NDArray, compress: bool = False) -> None:
     """Store an array with a checksum, compressed if `compress` and it is large."""
-    # HDF5's own checksums need chunks, which a text or a single number cannot have.
+    # HDF5's own checksums need chunks, which texts and single numbers cannot have.
     item = group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
     item.attrs[_SUM] = np.uint32(_sum(values))
 
@@ -51,13 +51,13 @@ class Growing(NamedTuple):
     """Further options of HDF5."""
 
     def create(self, group: Any) -> Any:
-        """Create it without rows."""
+        """Create the array without rows."""
         shape = {"shape": (0, *self.width), "maxshape": (None, *self.width), "chunks": (self.chunk, *self.width)}
         options = {"fill_time": "never", **shape, **self.options}
         return group.create_dataset(self.name, dtype=self.dtype, **options)
 
     def open(self, group: Any) -> Any:
-        """Return it; raise ValueError if it is missing, or rows of this shape cannot be added."""
+        """Return the array; raise ValueError if it is missing, or rows of this shape cannot be added."""
         item = group.get(self.name)
         shape, kind = getattr(item, "maxshape", None), np.dtype(self.dtype).kind
         if shape is None or (shape[:1], shape[1:]) != ((None,), self.width) or item.dtype.kind != kind:
@@ -67,7 +67,7 @@ class Growing(NamedTuple):
         return item
 
     def growth(self, before: int, after: int) -> int:
-        """Return the number of bytes that more rows add to it."""
+        """Return the number of bytes that more rows add to the array."""
         chunks = -(-after // self.chunk) - -(-before // self.chunk)
         return chunks * self.chunk * math.prod(self.width) * np.dtype(self.dtype).itemsize
 
@@ -91,13 +91,13 @@ def same(there: NDArray, values: Any) -> bool:
 
 
 def store_text(group: Any, name: str, text: str) -> None:
-    """Store a text as one of fixed length."""
-    # HDF5 puts texts of any length into a heap without checksum, and reading a damaged heap may never end.
+    """Store a text as a string of fixed length."""
+    # HDF5 stores strings of variable length in a heap without checksum, and reading a damaged heap may never end.
     store(group, name, np.array(np.bytes_(text.encode())))
 
 
 def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes as JSON will give them back; raise ValueError for one that JSON cannot hold."""
+    """Return attributes as they would be read back from JSON; raise ValueError for one that JSON cannot hold."""
     result = {}
     for name, value in attributes.items():
         try:

@@ -18,7 +18,7 @@ from .validation import too_large
 Columns = Mapping[str, tuple[str, Sequence[str]]]
 """For each probe, how often it is read ("frame" or "substep") and the names of its columns."""
 Rows = Mapping[str, NDArray]
-"""New rows of the tables "frame" and "substep": time [s], then the numbers of all such probes."""
+"""New rows of the tables "frame" and "substep": time [s], then the values of all probes of that kind."""
 EVERY = ("frame", "substep")
 _CHUNK = 1 << 14
 """Bytes of a chunk of a table."""
@@ -66,8 +66,8 @@ class ReadingTables:
         """Create the tables in the group `msdwarp` of a file."""
         store_text(group, f"{READINGS}/description", json.dumps(self.columns))
         for one in (*self._arrays.values(), self._of_ends):
-            # HDF5 makes the chunk index with the first row, and the file does not open while it is being made.
-            # So it is made here, before the file has its name.
+            # HDF5 creates the chunk index with the first row, and the file cannot be opened meanwhile. So it is
+            # created here, before the file has its name.
             table = one.create(group)
             table.resize(1, axis=0)
             table[0] = 0
@@ -81,13 +81,13 @@ class ReadingTables:
         return size
 
     def holds(self, rows: Rows, k: int | None = None) -> bool:
-        """Return whether the next rows of the tables are these, and frame k, if given, ends with them."""
+        """Return whether the next rows of the tables equal these, and frame k, if given, ends with them."""
         ends = {every: at + len(rows.get(every, ())) for every, at in self._at.items()}
         there = all(same(self._tables[every][self._at[every] : ends[every]], rows[every]) for every in rows)
         return there and (k is None or self._ends[k].tolist() == [ends.get(every, 0) for every in EVERY])
 
     def add(self, rows: Rows) -> None:
-        """Write rows after those in use, unless they are there already."""
+        """Write rows after those in use, unless equal rows are already there."""
         there = self.holds(rows)
         for every, values in rows.items():
             table, at = self._tables[every], self._at[every]
@@ -108,7 +108,7 @@ class ReadingTables:
         for every, table in self._tables.items():
             end = self._end(k, every)
             rounded = 1e-9 * until
-            if until > kept_until + rounded:  # the frames after it are not kept, but have readings
+            if until > kept_until + rounded:  # later frames are not kept, but have readings
                 while end < len(table) and (time := float(table[end, 0])) <= until + rounded:
                     end += 1
                     if time >= until - rounded:

@@ -1,4 +1,4 @@
-"""A system in a file, beside the frames: its arrays and names."""
+"""The system in a trajectory's file: its arrays and names."""
 
 import json
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
-    """Return a system's arrays by name, except those that VTK has; uniform arrays have no first axis."""
+    """Return a system's arrays by name, except those in VTK's part; uniform arrays have no first axis."""
     found = {field.name: getattr(system, field.name) for field in fields(system)}
     del found["connections"]  # these are VTK's lines
     if system.original_length is system.rest_length:

@@ -41,7 +41,7 @@ class FrameArray:
         return np.asarray(self[:], dtype=dtype)
 
     def __getitem__(self, key: Any) -> NDArray:
-        """Return a part of it, as an array of its own."""
+        """Return a part of it, as a new array."""
         keys = key if isinstance(key, tuple) else (key,)
         dots = [k for k, one in enumerate(keys) if one is Ellipsis]
         if len(keys) - len(dots) > self.ndim or len(dots) > 1:
@@ -125,7 +125,7 @@ class Trajectory:
 
     @contextmanager
     def _damage_named(self, part: str) -> Iterator[None]:
-        """Turn errors of reading into a ValueError that names the file and its damaged part."""
+        """Turn errors of reading into a ValueError that names the file and the damaged part."""
         try:
             yield
         except _ERRORS as error:
@@ -221,18 +221,18 @@ class Trajectory:
 
     @property
     def broken_at(self) -> NDArray[np.float32]:
-        """When each connection broke [s], shape [connection_count]: 0 from the start, inf if it is whole.
+        """Time at which each connection broke [s], shape [connection_count]: 0 from the start, inf if unbroken.
 
         `msdwarp.bodies.broken_before` gives those that are broken in a frame.
         """
         kept = self._file[ROOT].get(BROKEN_AT)
-        if kept is None:  # nothing can break, or could when the file was written
+        if kept is None:  # no connection can break, or fracture did not exist when the file was written
             return np.full(self._lines, np.inf, dtype=np.float32)
         with self._damage_named("its broken_at: "):
             times = np.asarray(kept[: self._lines], dtype=np.float32)
         if times.shape != (self._lines,) or not (times >= 0).all():
             raise ValueError(f"{self.path} is a damaged trajectory: its broken_at are no times")
-        # A frame counts once its time is written: connections that broke after the last one are whole.
+        # A frame counts once its time is written: connections that broke after the last one count as unbroken.
         seen = broken_before(times, float(self.times[-1]) if len(self) else 0.0)
         return np.where(seen, times, np.float32(np.inf))
 
@@ -297,7 +297,7 @@ def _opened(path: Path) -> Any:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
             raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
     try:
-        with ExitStack() as opened:  # HDF5 caches the metadata of a file that is not closed
+        with ExitStack() as opened:  # close on errors: HDF5 caches the metadata of open files
             file = opened.enter_context(h5py.File(path, "r", locking=False))
             if wrong := fault(file):
                 raise ValueError(f"{path} is no trajectory: {wrong}")
@@ -315,6 +315,6 @@ def _times(root: Any) -> NDArray[np.float64]:
     values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
     try:
         times = values[:count]
-    except OSError:  # the array is longer already, but its last part not on disk
+    except OSError:  # the array is already longer, but its last part is not on disk
         times = values[: len(values) - 1]
     return times[: np.append(np.isnan(times), True).argmax()]

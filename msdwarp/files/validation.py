@@ -1,8 +1,8 @@
 """Checks of an HDF5 file before its contents are used.
 
-`structure_fault` reads structures and texts, but no arrays. `probe` runs it in a process of its own, which needs
-only this file and h5py, and can be ended: on a damaged or malicious file HDF5 may never return, ignore signals,
-and take all memory.
+`structure_fault` reads structures and texts, but no arrays. `probe` runs it in a separate process, which needs
+only this file and h5py, and can be killed: on a damaged or malicious file HDF5 may never return, ignore signals,
+and use all memory.
 """
 
 import math
@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Any
 
 _SECONDS = 2.0
-"""Seconds of computing that the process may take; a sound file takes some hundredths."""
+"""CPU time that the process may use [s]; an undamaged file takes some hundredths."""
 _MOST_SECONDS = 120.0
-"""Seconds that it may take in all, however slow the disk is."""
+"""Total time that the process may take [s], even with a slow disk."""
 _MOST_OBJECTS = 10_000
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 _MOST_SQUEEZED = 1100
-"""The most bytes that gzip can make of one."""
+"""Maximal ratio of uncompressed to compressed size with gzip."""
 _GROWING = ("VTKHDF/Points", "VTKHDF/PointData/", "VTKHDF/CellData/", "VTKHDF/Steps/", "msdwarp/substeps")
 _GROWING += ("msdwarp/readings/by_", "msdwarp/readings/ends")
-"""Arrays whose last rows may not be on the disk yet, if the file is being written."""
+"""Arrays whose last rows may not be on disk yet, if the file is being written."""
 
 
 def probe(path: str | Path) -> None:
@@ -87,13 +87,13 @@ def _wrong(item: Any, path: str) -> str | None:
     found = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
     if foreign := [code for code in found if code not in _FILTERS]:
         return f"needs filter {foreign[0]}; it may need {', '.join(_FILTERS.values())}"
-    if item.dtype.hasobject:  # texts of any length, in a heap that may be damaged
+    if item.dtype.hasobject:  # strings of variable length, in a heap that may be damaged
         if item.shape != ():
             return "is an array of texts or of what has any length, which no run writes"
         _ = item[()]
         return None
     if path.startswith(_GROWING):
-        return None  # their reader compares the part that it reads
+        return None  # their reader checks the part that it reads
     return too_large(item, math.prod(item.shape or ()), item.id.get_storage_size())
 
 
@@ -105,7 +105,7 @@ def too_large(item: Any, count: int, stored: int) -> str | None:
 
 
 def _limit() -> None:
-    """Limit this process: the system ends it after some seconds of computing, or if it asks for much memory."""
+    """Limit this process: the system kills it after some seconds of CPU time, and refuses large memory."""
     try:
         import resource
     except ImportError:

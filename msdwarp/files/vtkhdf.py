@@ -42,13 +42,13 @@ _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
 FORESEEN = 1024
 """Frames whose offsets are written at once, if the number of frames is unknown."""
 _MOST_FORESEEN = 1 << 16
-"""The most if it is known: their offsets take space even if the run ends early."""
+"""The limit of this number if it is known: offsets take space even if the run ends early."""
 _BLOCK = 1 << 15
-"""Connections whose strain is computed at a time: their coordinates fit into the cache."""
+"""Connections per block of computed strains: their coordinates fit into the cache."""
 
 
 class Record(NamedTuple):
-    """A frame and the arrays stored beside it; without a frame, the readings of a frame that is not kept."""
+    """A frame and the arrays stored with it; without a frame, only the readings of a frame that is not kept."""
 
     frame: Frame | None
     strain: NDArray | None = None
@@ -88,7 +88,7 @@ class Layout:
         if contact_forces:
             self._per_frame[CONTACT] = self._points
         if strain and system.connection_count:
-            cells = sum(map(len, self._cells.values()))  # with no vertices before the connections
+            cells = sum(map(len, self._cells.values()))  # no vertices precede the connections
             self._per_frame[STRAIN] = cells
             self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
         self._edges = Edges(system) if (system.tears if tears is None else tears) else None
@@ -167,10 +167,10 @@ class Layout:
 
     def truncate(self, k: int) -> None:
         """Cut the file to its first k frames; the next ones overwrite the others."""
-        # VTK's reader writes past its memory if there are more times than frames.
+        # VTK's reader would write past its memory if there were more times than frames.
         last = float(self._times[k - 1])
         self._times.resize(k, axis=0)
-        if self._broken_at is not None:  # connections that broke later are whole again
+        if self._broken_at is not None:  # connections that broke later are unbroken again
             self._known = self._known_until(last)
             self._broken_at[:] = self._broken_cells(self._known)
         self._file.flush()
@@ -223,7 +223,7 @@ class Layout:
             _at_least(dataset, (k + 1) * self._per_frame[name])
         for dataset, start, values in self._pieces(k, frame, record):
             dataset[start : start + len(values)] = values
-        # VTK's reader writes past its memory where there are more times than frames.
+        # VTK's reader would write past its memory if there were more times than frames.
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k + 1))
         self._times.resize(k + 1, axis=0)
@@ -251,7 +251,7 @@ class Layout:
             yield Growing(f"{ROOT}/{name}", width, self._dtype, chunk, GZIP if self._compress else {}), rows
 
     def _offsets(self) -> dict[str, NDArray[np.int64]]:
-        """Return the step from frame to frame in each array of offsets in Steps."""
+        """Return the increment per frame in each array of offsets in Steps."""
         strides = {"PartOffsets": 0, "NumberOfParts": 0, "CellOffsets": [0] * 4, "ConnectivityIdOffsets": [0] * 4}
         strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
         if CONTACT in self._per_frame:
@@ -263,17 +263,17 @@ class Layout:
         return {name: np.array(stride, dtype=np.int64) for name, stride in strides.items()}
 
     def _broken_cells(self, broken_at: NDArray) -> NDArray[np.float32]:
-        """Return when each cell broke [s]: connections first, then triangles."""
+        """Return the time at which each cell broke [s]: connections first, then triangles."""
         assert self._edges is not None
         before = np.full(len(self._cells["Vertices"]), np.inf)
         return np.concatenate([before, broken_at, self._edges.parted_at(broken_at)]).astype(np.float32)
 
     def _known_until(self, time: float) -> NDArray[np.float32]:
-        """Return when each connection broke [s], inf for those that broke after a time [s]."""
+        """Return the time at which each connection broke [s], inf if after `time` [s]."""
         return np.where(broken_before(self._known, time), self._known, np.float32(np.inf))
 
     def _known_by(self, broken_at: NDArray) -> NDArray[np.float32]:
-        """Return when each connection broke [s], 0 for those broken from the start."""
+        """Return the time at which each connection broke [s], 0 for those broken from the start."""
         return np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
 
     def _in_space(self, values: NDArray) -> NDArray:
@@ -300,7 +300,7 @@ class Layout:
                 yield dataset, start, self._in_space(values)
                 continue
             strain = self._strain(frame.position) if record.strain is None else record.strain
-            if self._compress:  # in one piece: the second would compress the chunk again
+            if self._compress:  # in one piece: a second one would compress the chunk again
                 yield dataset, start, np.concatenate([strain, self._no_connections])
             else:
                 yield dataset, start, strain
@@ -315,9 +315,9 @@ class Layout:
             part = slice(start, start + _BLOCK)
             i, j = self._system.connections[part].T.astype(np.intp)
             squared = np.zeros(len(i), dtype=self._dtype)
-            with np.errstate(over="ignore"):  # in a run about to diverge
+            with np.errstate(over="ignore"):  # in a run that is about to diverge
                 for x in axes:
-                    apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # no index is out of range; faster
+                    apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # indices are valid; "clip" is faster
                     squared += apart * apart
             result[part] = np.sqrt(squared) / rest[part].astype(self._dtype) - 1
         return result
@@ -331,7 +331,7 @@ def _cells(system: System) -> dict[str, NDArray]:
         own = surface.particle if surface.weights is None else n + np.arange(len(surface.particle))
         triangles = own[surface.triangles]
     elif not system.connection_count:
-        vertices = np.arange(n)[:, None]  # so that something is visible
+        vertices = np.arange(n)[:, None]  # draw particles, so that something is visible
     cells = dict(zip(KINDS, (vertices, system.connections, triangles, np.empty((0, 3))), strict=True))
     wide = any(kind.size >= 2**31 for kind in cells.values())
     return {name: kind.astype(np.int64 if wide else np.int32, copy=False) for name, kind in cells.items()}

@@ -25,7 +25,7 @@ from .vtkhdf import Layout, Record, Scene
 
 SUFFIX = ".vtkhdf"
 _QUEUED = 4
-"""Most frames that wait for the thread."""
+"""Maximal number of frames that wait for the thread."""
 
 
 class _Pending(Protocol):
@@ -36,7 +36,7 @@ class _Pending(Protocol):
     def arrived(self) -> tuple[Frame, NDArray | None]: ...  # with the strains, if they are included
     def broken_at(self) -> NDArray | None: ...
     def contact_force(self) -> NDArray | None: ...
-    def release(self) -> None: ...  # of its memory, once the frame is on disk
+    def release(self) -> None: ...  # release the memory, once the frame is on disk
 
 
 class TrajectoryWriter:
@@ -71,8 +71,8 @@ class TrajectoryWriter:
         Data of the surroundings for pictures: JSON data, and arrays by name.
     behind
         Continue the existing file, its layout and attributes, after this many frames that were passed to `write`.
-        Later frames in it stay as long as the same ones are written again. The first that differs replaces them,
-        once there is room on disk for as many.
+        Later frames in it are kept while equal ones are written again. The first that differs replaces them, once
+        there is space on disk for as many.
 
     Raises
     ------
@@ -213,7 +213,7 @@ class TrajectoryWriter:
         """Wait until all frames are written, and close the file; raise OSError unless `write` has raised it."""
         if not self._ended:
             self._queue.put(None)
-            self._ended = True  # not before: an interrupt may come while the queue is full
+            self._ended = True  # not earlier: an interrupt may come while the queue is full
         self._thread.join()
         atexit.unregister(self.close)
         self._raise_error(again=False)
@@ -248,7 +248,7 @@ class TrajectoryWriter:
 
     @contextmanager
     def _error_kept(self) -> Iterator[None]:
-        """Keep the first error, for `write` or `close` to raise."""
+        """Store the first error, for `write` or `close` to raise."""
         try:
             yield
         except Exception as error:
@@ -268,7 +268,7 @@ class TrajectoryWriter:
 
 
 def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> int:
-    """Return a file's number of frames; raise ValueError for less than `kept`, or another system or probes."""
+    """Return a file's number of frames; raise ValueError for fewer than `kept`, another system or other probes."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(

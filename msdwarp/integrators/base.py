@@ -11,20 +11,20 @@ from ..engine import Rates, Solve, Stage, State
 class Integrator(ABC):
     """A time-stepping method: the stages of a substep, as data. `msdwarp.engine` runs them.
 
-    All that a stage launches must be capturable in a CUDA graph: a frame is recorded once and replayed.
+    All launches of a stage must be capturable in a CUDA graph: a frame is recorded once and replayed.
     """
 
     order: ClassVar[int]
     """Order of convergence. Damping and contact may lower it (see the method)."""
     solves: ClassVar[bool] = False
-    """Whether a substep has solves between its stages. Then each stage is a launch."""
+    """Whether a substep has solves between its stages. Each stage is then a separate launch."""
 
     lag: ClassVar[float] = 0.0
     """Substeps by which velocities lag behind positions, for the energy (see
     `msdwarp.engine.diagnostics.energy_balance`)."""
     staggered: ClassVar[bool] = False
-    """Whether given velocities are taken back by `lag` substeps at the start, and forward again where they are
-    read. A method that lags and is not staggered takes and reports them as if they did not lag."""
+    """Whether given velocities are shifted back by `lag` substeps at the start, and forward again when they are
+    read. A method that lags but is not staggered uses and reports velocities without shifts."""
 
     supports_contact: ClassVar[bool] = True
     """Whether the method supports contact between bodies."""
@@ -53,7 +53,7 @@ class Integrator(ABC):
 
     @property
     def method_state(self) -> int:
-        """Arrays of vectors, besides positions and velocities, that are passed from one substep to the next."""
+        """Number of arrays of vectors that substeps pass on, besides positions and velocities."""
         return 0
 
     def workspace(self, state: State) -> Any:
@@ -64,7 +64,7 @@ class Integrator(ABC):
     def substep(self, state: State, work: Any, h: float) -> Sequence[Stage | Solve]:
         """Return the stages of one substep of h seconds, from `state.state_in` to `state.state_out`.
 
-        `work` is what `workspace` returned; its contents are not kept between substeps.
+        `work` is the result of `workspace`; its contents are not kept between substeps.
         """
 
     @abstractmethod
@@ -84,5 +84,5 @@ def kick_drift_limit(stiffness_rate: float, damping_rate: float) -> float:
     """
     if stiffness_rate == 0.0:
         return 2.0 / damping_rate if damping_rate else math.inf
-    # The root of λ_k h² + 2λ_b h − 4, in the form that does not cancel.
+    # The root of λ_k h² + 2λ_b h − 4, in a form without cancellation.
     return 4.0 / (damping_rate + math.sqrt(damping_rate**2 + 4.0 * stiffness_rate))

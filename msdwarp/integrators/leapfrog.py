@@ -48,7 +48,7 @@ class Leapfrog(Integrator):
 
     @property
     def method_state(self) -> int:
-        """Arrays passed on: the velocities that dampers use, if they differ from those that it steps with."""
+        """Number of arrays passed on: 1 if dampers use other velocities than the steps, else 0."""
         return 1 if self.damper_extrapolation else 0
 
     def substep(self, state: State, work: None, h: float) -> list[Stage]:

@@ -18,11 +18,11 @@ class Work(NamedTuple):
     r: wp.array
     """Right-hand side, later the residual; for driven particles the impulse of their forces [kg m/s]."""
     dv: wp.array
-    """The solution, changes of velocity [m/s]."""
+    """The solution: changes of velocity [m/s]."""
     p: wp.array
-    """Direction of search."""
+    """Search direction."""
     q: wp.array
-    """Its product with the system."""
+    """Product of the system's matrix with `p`."""
     z: wp.array
     """The preconditioned residual; before the solve, the velocity changes of driven particles [m/s]."""
     springs: wp.array
@@ -40,8 +40,8 @@ class LinearlyImplicitEuler(Integrator):
     """(M + hB + h²K) Δv = h (f − hKv), v += Δv, then x += h v, with K and B linearised at the current positions.
 
     Order 1, and strongly damping. Springs and dampers are stable at any step if the equations are solved
-    accurately; effects such as loads act explicitly. For driven particles Δv is given by their path. Use it if a
-    few springs are much stiffer, or particles much lighter, than all others. The equations are solved by
+    accurately; effects such as loads act explicitly. For driven particles Δv is prescribed by their motion. Use it
+    if a few springs are much stiffer, or particles much lighter, than all others. The equations are solved by
     matrix-free conjugate gradients, preconditioned by the inverses of the diagonal blocks. Contact is handled
     after the solve: a stiff spring that hits a floor is strained by up to v h in a substep, so long steps bounce
     hard there. For nonlinear dampers B uses the steepest slope, so long steps weaken their force. Reference:
@@ -103,10 +103,10 @@ class LinearlyImplicitEuler(Integrator):
         drives = dynamics.drives
         add = functools.partial(add_linearised, dynamics.model, x, everyone=drives)
         add(v, work.r, spring=1.0, damper=0.0, scale=-h * h)
-        if drives:  # their known Δv goes to the right-hand side
+        if drives:  # move their known Δv to the right-hand side
             add(work.z, work.r, spring=h * h, damper=h, scale=-1.0)
         self._conjugate_gradients(dynamics, x, work, h)
-        if drives:  # forces on them from the others' Δv
+        if drives:  # forces on driven particles due to the others' Δv
             add(work.dv, work.r, spring=h * h, damper=h, scale=-1.0)
 
     def _conjugate_gradients(self, dynamics: Dynamics, x: wp.array, work: Work, h: float) -> None:

@@ -41,12 +41,12 @@ class RK4(Integrator):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """Times at which its four stages evaluate forces."""
+        """Times at which the four stages evaluate forces."""
         return (0.0, 0.5, 0.5, 1.0)
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Their weights in an integral over the substep: Simpson's rule."""
+        """Weights of the stages in an integral over the substep: Simpson's rule."""
         return (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
     def workspace(self, state: State) -> Work:

@@ -17,7 +17,7 @@ from .base import Integrator
 
 MOST_STAGES = 40
 MOST_AUTOMATIC_STAGES = 5
-"""With more stages, substeps are so long that a body thrown on a floor leaves the linear regime within one."""
+"""With more stages a substep is so long that a body thrown on a floor leaves the linear regime within it."""
 
 
 class Coefficients(NamedTuple):
@@ -62,8 +62,8 @@ def real_reach(stages: int) -> float:
 def disc_reach(stages: int) -> float:
     """Return the radius of the largest stable disc that touches the imaginary axis at 0.
 
-    Proportionally damped modes, b = r k, have eigenvalues on the circle |μ + 1/r| = 1/r as long as they
-    oscillate, so springs with damping over stiffness of at least r ask for h/r within this radius.
+    Proportionally damped modes, b = r k, have eigenvalues on the circle |μ + 1/r| = 1/r as long as they oscillate,
+    so springs with damping over stiffness of at least r require h/r to be at most this radius.
     """
     s, c = stages, coefficients(stages)
     angle = np.linspace(0, np.pi, 721)
@@ -122,7 +122,7 @@ class RKC2(Integrator):
 
     order: ClassVar[int] = 2
     long_steps: ClassVar[bool] = True
-    supports_contact: ClassVar[bool] = False  # a collision in so long a step would gain or lose energy
+    supports_contact: ClassVar[bool] = False  # a collision in such long steps would gain or lose energy
 
     def __post_init__(self) -> None:
         """Check the argument."""

@@ -22,7 +22,7 @@ from .base import Integrator
 SAFETY = 0.8
 """Share of the limit at rest that was stable in every measured scene, including strongly stretched bodies."""
 MOST_SUBSTEPS = 100_000
-"""The most automatic substeps a frame: recording more would take too long."""
+"""Maximal number of automatic substeps per frame: recording more would take too long."""
 
 
 class UnstableStep(ValueError):
@@ -57,10 +57,10 @@ class StepChoice:
 
     @property
     def energy_swing(self) -> float:
-        """Largest over smallest energy of the fastest mode under kick-drift, (1 + r)/(1 − r) at r of the limit.
+        """Ratio of largest to smallest energy of the fastest mode under kick-drift: (1 + r)/(1 − r) at r × limit.
 
         Kick-drift methods conserve v² + ω²x² − h ω² x v; its extremes over an oscillation are at 1 ± hω/2. Above
-        the limit nothing is conserved, and this is 1.
+        the limit nothing is conserved, and the ratio is 1.
         """
         share = self.step / self.limit if self.limit > 0 else 1.0
         return (1 + share) / (1 - share) if share < 1 else 1.0

@@ -1,4 +1,4 @@
-"""Live: a simulation that people look at and handle as it runs, in a window or a browser."""
+"""Live: interactive views of a running simulation, in a window or a browser."""
 
 from .browser import Browser as Browser
 from .handling import Handling as Handling, within_reach as within_reach

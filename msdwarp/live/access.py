@@ -39,10 +39,10 @@ class Access:
         address = _address(host)
         is_local = host == "localhost" or (address is not None and address.is_loopback)
         self.token = None if is_local else secrets.token_urlsafe(32)
-        self._cookie = f"msdwarp-{secrets.token_hex(4)}"  # a browser keeps cookies by host, whatever the port
+        self._cookie = f"msdwarp-{secrets.token_hex(4)}"  # browsers store cookies by host, regardless of the port
 
     def refusal(self, path: str, headers: Any) -> str | None:
-        """Return why a request with this path and these headers is refused; None if it is not."""
+        """Return why a request with this path and these headers is refused; None if it is allowed."""
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         host = hosts[0].lower() if len(hosts) == 1 else ""
         if not self._is_own(host):
@@ -90,6 +90,6 @@ def _origin(given: Any) -> str:
 
 
 def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    """Return a name as an IP address; None if it is none."""
+    """Return a name as an IP address; None if it is not one."""
     with suppress(ValueError):
         return ipaddress.ip_address(name)

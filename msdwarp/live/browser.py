@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from .view import View
 
 HOST, PORT = "127.0.0.1", 8080
-"""Where the page is by default: only this machine can open it."""
+"""Default address of the page: only this machine can open it."""
 SIZE = (1280, 720)
 """Width and height for which the camera is placed."""
 WORTH = 10_000
-"""The fewest vertices that take more bytes than an image of them."""
+"""Number of vertices from which triangles take more bytes than an image."""
 MOST_WAITING = 20
-"""With more commands waiting for the view, messages wait at their senders."""
+"""While more commands than this wait for the view, messages wait at their senders."""
 LATE, OFTEN = 1.0, 3
-"""A link is too slow for triangles if it is this late [s] this often in a row."""
+"""A link is too slow for triangles if it has this delay [s] this many times in a row."""
 MISSING = "the page needs viser: pip install 'msdwarp[view]'"
 
 
@@ -48,12 +48,12 @@ class Browser:
         try:
             import viser
 
-            from .guard import allow_any_thread, guarded  # which need packages that viser brings
+            from .guard import allow_any_thread, guarded  # these need packages that come with viser
         except ImportError as error:
             raise ValueError(MISSING) from error
         if port is not None and not 1 <= checks.count("port", port, 1) <= 65535:
             raise ValueError(f"port is {port}; it must be from 1 to 65535")
-        if port is not None and _is_taken(host, port):  # viser would take the next one
+        if port is not None and _is_taken(host, port):  # viser would use the next free one
             raise ValueError(f"port is {port}, which another program listens on; choose another or leave it out")
         self._access = Access(host, allow_origin)
         self._waiting: Callable[[], int] = lambda: 0
@@ -68,7 +68,7 @@ class Browser:
                 return None
 
         try:
-            # It prints addresses, verbose or not.
+            # It prints addresses even if not verbose.
             with guarded(self._access, lambda: self._waiting() >= MOST_WAITING), redirect_stdout(io.StringIO()):
                 self._server = Server(host, PORT if port is None else port, label="msdwarp", verbose=False)
         except ValueError:
@@ -97,7 +97,7 @@ class Browser:
         return bool(self._server.get_clients())
 
     def open(self, view: "View") -> None:
-        """Begin."""
+        """Start to serve a view."""
         self._view, self._waiting = view, lambda: view.waiting
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(217, 96, 59))
         self._server.scene.set_up_direction("+z")
@@ -122,7 +122,7 @@ class Browser:
                     client.scene.set_background_image(None)
             if view.images:
                 self._images = Images(view.shown.drawing, self._stage)
-                # With images the mouse drags an invisible box around the body.
+                # If images are sent, the mouse drags an invisible box around the body.
                 box = self._server.scene.add_box("/box", opacity=0.0, side="double", cast_shadow=False)
                 self._box = self._let_drag(box)
             else:
@@ -139,7 +139,7 @@ class Browser:
         self._panel.stage()
 
     def _place_camera(self) -> None:
-        """Place the camera as in pictures, but further away: bodies move, and the panel covers a part."""
+        """Place the camera as in pictures, but further away: bodies move, and the panel hides part of the page."""
         camera, opening = self._stage.camera, math.radians(VIEW_ANGLE)
         eye = camera.target + 1.8 * (camera.eye - camera.target)
         first = self._server.initial_camera
@@ -180,11 +180,11 @@ class Browser:
         return self._let_drag(self._server.scene.add_mesh_simple(name, points, faces, color=colour, side="double"))
 
     def _let_drag(self, node: Any) -> Any:
-        """Let the mouse pull the body by a node: at a point of triangles, or along a ray through an image."""
+        """Let the mouse pull the body through a node: at a point of triangles, or along a ray through an image."""
         self._nodes.append(node)
         view, by_ray = self._view, self._images is not None
 
-        async def drag(event: Any) -> None:  # asynchronous: these keep their order
+        async def drag(event: Any) -> None:  # asynchronous callbacks keep their order
             holder = event.client_id
             if event.phase == "end":
                 view.post("let_go", holder=holder)
@@ -204,7 +204,7 @@ class Browser:
         return node
 
     def show(self) -> None:
-        """Show the frame that the drawing follows now."""
+        """Show the current frame of the drawing."""
         view, frame = self._view, self._view.shown.frame
         assert frame is not None
         with self._server.atomic():
@@ -224,7 +224,7 @@ class Browser:
             self._look_for_slow()
 
     def _show_triangles(self) -> None:
-        """Move the patches; if colours change, show the triangles of each colour as a mesh of their own."""
+        """Move the patches; if colours change, show the triangles of each colour as a separate mesh."""
         drawing = self._view.shown.drawing
         points: Any = drawing.points.numpy()
         for node, patch in self._patches:
@@ -253,18 +253,18 @@ class Browser:
         return True
 
     def _clients(self) -> list[tuple[int, Any, Link]]:
-        """Return number, client and link of all present clients."""
+        """Return number, client and link of all connected clients."""
         clients = self._server.get_clients()
         self._links = {k: self._links.get(k) or Link(self._server, one) for k, one in clients.items()}
         return [(k, one, self._links[k]) for k, one in clients.items()]
 
     def _look_for_slow(self) -> None:
-        """Make the view send images if triangles are late again and again."""
+        """Make the view send images if triangles are late repeatedly."""
         vertices = sum(len(patch.corners) for _, patch in self._patches)
         if vertices + len(self._view.shown.drawing.points) < WORTH:
             return
         for _, _, link in self._clients():
-            if link.busy:  # a client that never answers, such as a sleeping laptop, must not decide for others
+            if link.busy:  # ignore a client that never answers, such as a sleeping laptop
                 continue
             link.late = link.late + 1 if link.delay >= LATE else 0
             if link.late == OFTEN:

@@ -1,4 +1,4 @@
-"""Commands of a view."""
+"""Commands of a view: what keys, buttons and clients can request."""
 
 import inspect
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from .sources import Running
 from .state import ViewState
 
 SLOWEST, FASTEST = 1 / 64, 64.0
-"""Bounds of the speed of playing, over real time."""
+"""Bounds of the playback speed, relative to real time."""
 SENDS = ("auto", "triangles", "images")
 """Kinds of data that a page can be sent."""
 
@@ -101,14 +101,14 @@ class Commands(ViewState):
         self._notify(f"colours: {after}")
 
     def _send(self, value: str) -> None:
-        """Send pages triangles, or images, or the faster of them."""
+        """Set what pages are sent: triangles, images, or the faster of both."""
         checks.one_of("value", value, SENDS)
         self.sends = value
         self._redraw()
         self._notify("sending " + ("images" if self.images else "triangles") + " to pages")
 
     def _slow(self) -> None:
-        """Send images: a link is too slow for triangles."""
+        """Switch to images, because a link is too slow for triangles."""
         if self.sends == "auto" and not self.images:
             self._is_slow = True
             self._redraw()
@@ -129,7 +129,7 @@ class Commands(ViewState):
     # The hand.
 
     def _grab(self, holder: Any, point: ArrayLike) -> None:
-        """Hold the body at a point of its surface [m]; the last of several holders holds it."""
+        """Hold the body at a point of its surface [m]; of several holders the last one holds it."""
         simulation, at = self._handling.simulation, checks.vector("point", point, 3)
         gravity = float(np.linalg.norm(simulation.model.gravity))
         grip = Picking.of(simulation.system, self.source.frame().position, at, gravity)
@@ -148,7 +148,7 @@ class Commands(ViewState):
         """Pull the held point to a point [m], or to a ray: (origin, direction, normal of the screen)."""
         if self.hand.grip is None or self.hand.holder != holder:
             return
-        if ray is not None:  # in the plane through the present target, parallel to the screen
+        if ray is not None:  # in the plane through the current target, parallel to the screen
             origin, direction, normal = (checks.vector("ray", one, 3) for one in ray)
             way = float(direction @ normal)
             if way <= 0:
@@ -180,7 +180,7 @@ class Commands(ViewState):
         self._notify(f"recording to {self.recording.path}")
 
     def _film(self) -> None:
-        """Draw a film of the last recording, in a process of its own."""
+        """Draw a film of the last recording, in a separate process."""
         if self.recording is not None:
             self._record()
         if self._last_recording is None:
@@ -191,7 +191,7 @@ class Commands(ViewState):
         self._notify(f"drawing a film in {self._last_recording}")
 
     def _screenshot(self, path: Any = None) -> None:
-        """Draw the present frame as pictures are drawn, into a PNG file."""
+        """Draw the current frame into a PNG file, with the renderer of pictures."""
         self._notify(f"wrote {save_picture(self.source, self.shown.scene, path, self.renderer)}")
 
 

@@ -13,17 +13,17 @@ from .access import Access
 from .messages import MOST_BYTES, Filter
 
 MOST_CLIENTS = 64
-"""The most web sockets that are open at a time."""
+"""Maximal number of open web sockets."""
 _STARTING = threading.Lock()
 
 
 @contextmanager
 def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
-    """Let a server that viser starts in this context refuse all that `Access` and `Filter` do not allow.
+    """Make a server that viser starts in this context refuse everything that `Access` and `Filter` do not allow.
 
-    viser has no setting for this. It uses the package websockets, whose `serve` gets other settings here: a check
-    of each request, the class of connections, and the longest message. While `busy()`, messages wait at their
-    senders. ValueError is raised if viser starts a server in another way.
+    viser has no setting for this. It uses the package websockets, whose `serve` is given further settings here: a
+    check of each request, the class of connections, and the longest message. While `busy()`, messages wait at
+    their senders. ValueError is raised if viser starts a server in another way.
     """
     import viser
     from viser import _messages
@@ -53,7 +53,7 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
     before, started = server.serve, list[bool]()
 
     def serve(handler: Any, *words: Any, **options: Any) -> Any:
-        if not handler.__module__.startswith("viser"):  # from another thread, not viser's
+        if not handler.__module__.startswith("viser"):  # called by another thread, not by viser
             return before(handler, *words, **options)
         inner = options.get("process_request")
 
@@ -88,8 +88,8 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
 def allow_any_thread(page: Any) -> None:
     """Let any thread send messages through a viser server, also to a client that is just leaving.
 
-    viser 1.1.1 sets its buffers' `message_event` in the thread that adds a message, though asyncio's events are
-    for the loop's thread only: that fails now and then, or wakes nobody. It also warns of a client that is gone.
+    viser 1.1.1 sets its buffers' `message_event` in the thread that adds a message, although asyncio's events are
+    only for the loop's thread: sometimes that fails, or wakes no task. It also warns about a client that is gone.
     """
     inner, loop = page._websock_server, page.get_event_loop()
 
@@ -97,7 +97,7 @@ def allow_any_thread(page: Any) -> None:
         set_in_loop = buffer.message_event.set
 
         def set_from_any_thread() -> None:
-            with suppress(RuntimeError):  # the loop is closed: nothing waits any more
+            with suppress(RuntimeError):  # the loop is closed: no task waits any more
                 loop.call_soon_threadsafe(set_in_loop)
 
         buffer.message_event.set = set_from_any_thread

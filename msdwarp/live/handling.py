@@ -59,7 +59,7 @@ class Handling:
         self.deeds.append({"frame": self.simulation.frame_index, "deed": deed, **values})
 
     def do_due(self, deeds: list[Deed]) -> None:
-        """Replay the changes before the next frame, and remove them; raise ValueError if one is no deed."""
+        """Replay the changes before the next frame, and remove them; raise ValueError for an unknown deed."""
         while deeds and deeds[0].get("frame", 0) <= self.simulation.frame_index:
             deed = deeds.pop(0)
             try:
@@ -75,14 +75,14 @@ class Handling:
         values = uniform_like(before * factor, before)
         uniform = len(values) > 0 and not values.strides[0]
         pinned = np.isinf(self.simulation.system.mass)
-        if name == "mass" and pinned.any():  # particles pinned by hand stay so
+        if name == "mass" and pinned.any():  # particles pinned interactively stay pinned
             values, uniform = np.where(pinned, np.inf, values), False
         value: Any = float(values[0]) if uniform else values
         self.simulation.change(**{name: value})
         self.factors[name] = factor
 
     def _freeze(self) -> None:
-        """Make the present shape the rest shape."""
+        """Make the current shape the rest shape."""
         self.simulation.change(set_rest_shape=True)
 
     def _gravity(self, *, value: Sequence[float]) -> None:

@@ -1,4 +1,4 @@
-"""Images, drawn here for each client of a page, for links that are too slow for triangles."""
+"""Images, drawn for each client of a page, for links that are too slow for triangles."""
 
 import asyncio
 import time
@@ -10,17 +10,17 @@ import numpy as np
 from ..pictures import Camera, Drawing, RayCaster, Stage
 
 QUALITY = 80
-"""Of the JPEG images, of 100."""
+"""Quality of JPEG images, of 100."""
 ROWS, LEAST_ROWS = 1080, 144
-"""The most and the fewest rows of an image."""
+"""Largest and smallest number of rows of an image."""
 STEPS = (144, 216, 288, 432, 576, 720, 900)
-"""Rows of smaller images, if ROWS take too long: a few sizes, so that they do not change with every image."""
+"""Rows of smaller images, if ROWS take too long: few sizes, so that the size does not change with every image."""
 IN_MOTION = 1 / 15
-"""The longest time to draw an image while something moves [s]; else it is made coarser."""
+"""Longest time to draw an image while something moves [s]; otherwise it gets fewer rows."""
 AT_REST, PATIENCE = 1.5, 0.3
-"""The longest time to draw an image of a scene at rest, and how long it must have been at rest [s]."""
+"""Longest time to draw an image of a scene at rest [s], and the time after which it counts as at rest [s]."""
 SHARE = 1 / 3
-"""The largest share of time for drawing on the CPU, which the simulation needs too."""
+"""Largest share of time for drawing on the CPU, which the simulation also needs."""
 
 
 class Link:
@@ -32,11 +32,11 @@ class Link:
     def __init__(self, server: Any, client: Any) -> None:
         self._server, self._client = server, client
         self._answer: Future[float] | None = None
-        self.late = 0  # how often in a row messages were late
+        self.late = 0  # number of late messages in a row
 
     @property
     def busy(self) -> bool:
-        """Whether messages before the last `ask` are still on their way."""
+        """Whether messages before the last `ask` are still in transit."""
         return self._answer is not None and not self._answer.done()
 
     @property
@@ -63,23 +63,23 @@ class Link:
 
 
 class Images:
-    """Draws for each client of a page, with its camera; only one image is in transit to each at a time."""
+    """Draws for each client of a page, with the client's camera; each has only one image in transit at a time."""
 
     def __init__(self, drawing: Drawing, stage: Stage) -> None:
         self._caster = RayCaster(drawing, stage)
         self._on_cpu = drawing.device == "cpu"
         self._frame, self._moved, self._fits = 0, 0.0, False
         self._sent: dict[int, tuple[int, tuple[float, ...], int, float]] = {}
-        """Frame, camera and rows of each client's last image, and since when nothing moves; the last one last."""
+        """Frame, camera and rows of each client's last image, and the start of rest; the most recent one last."""
         self._seconds_a_row = 0.0
         self._free_at = 0.0
 
     def follow(self) -> None:
-        """Note that the drawing has changed: the next images show it."""
+        """Record that the drawing has changed, so that the next images show it."""
         self._frame, self._moved, self._fits = self._frame + 1, time.perf_counter(), False
 
     def send(self, links: list[tuple[int, Any, Link]]) -> None:
-        """Draw for each client that has its last image and needs another; the longest wait comes first."""
+        """Draw for each client that has received its last image and needs another; the longest wait goes first."""
         present = {k for k, _, _ in links}
         self._sent = {k: sent for k, sent in self._sent.items() if k in present}
         turn = {k: place for place, k in enumerate(self._sent)}
@@ -107,10 +107,10 @@ class Images:
         image = self._caster.shoot(shadows=not (self._on_cpu and moves))
         client.scene.set_background_image(image, format="jpeg", jpeg_quality=QUALITY)
         client.flush()
-        self._sent.pop(k, None)  # to have it last
+        self._sent.pop(k, None)  # so that it is reinserted last
         self._sent[k] = self._frame, pose, wanted, now if moves else since
         took = time.perf_counter() - now
-        if moves:  # the time goes with the pixels
+        if moves:  # the time is proportional to the pixels
             self._seconds_a_row = took / wanted**2
         if self._on_cpu:
             self._free_at = time.perf_counter() + took * (1 / SHARE - 1)

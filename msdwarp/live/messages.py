@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 MOST_BYTES = 1 << 16
-"""The longest message that is taken; the longest that a page sends is a text field's."""
+"""Longest accepted message [bytes]; the longest that a page sends is that of a text field."""
 LONGEST, LARGEST, WIDEST = 1000, 1e30, 1 << 14
-"""The longest text, the largest number, and the most pixels that a camera has along an edge."""
+"""Longest text, largest number, and maximal number of pixels along an edge of a camera's picture."""
 Rule = Callable[[Any], bool]
 
 
 def _number(value: Any) -> bool:
-    return type(value) in (int, float) and abs(value) <= LARGEST  # NaN is not
+    return type(value) in (int, float) and abs(value) <= LARGEST  # False for NaN
 
 
 def _text(value: Any) -> bool:
@@ -77,7 +77,7 @@ class Filter:
     """Recognizes messages that a page may send.
 
     `declared` are viser's message classes, by name; ValueError is raised if they lack a message or a field of the
-    rules. Other fields of theirs may be numbers or short texts.
+    rules. Their other fields may be numbers or short texts.
     """
 
     def __init__(self, declared: Mapping[str, Any]) -> None:

@@ -94,7 +94,7 @@ def show(
     else:
         positions, times, fps = [], [], shown.fps
         count = max(1, round((seconds or 0.0) * fps))
-        # Frames begin with the present one.
+        # Frames begin with the current one.
         for k, frame in zip(range(count), shown.frames(count / fps), strict=False):
             progress("simulating", k, count)
             positions.append(frame.position)

@@ -17,9 +17,9 @@ VEIL, INK, FAINT = (255, 255, 255, 205), (44, 50, 56, 255), (110, 118, 126, 255)
 """Colours of the background, of text, and of less important text."""
 CURVES = ("kinetic", "elastic", "potential")
 RECENT = 60
-"""The most readings that the plot of energies shows."""
+"""Maximal number of readings that the plot of energies shows."""
 FINE = 3
-"""Curves are drawn this many times finer: smooth edges."""
+"""Curves are drawn at this multiple of the resolution, for smooth edges."""
 
 
 @functools.lru_cache(maxsize=16)
@@ -36,7 +36,7 @@ def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFon
 def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, ImageDraw.ImageDraw]:
     """Return an empty panel with round corners, and a pen to write on it."""
     size = (round(width), round(height))
-    # The corners are cut out of a finer mask; colours stay white there, so that no dark edge shines through.
+    # The corners are cut by a finer mask; colours stay white there, so that no dark edge appears.
     mask = Image.new("L", (size[0] * FINE, size[1] * FINE), 0)
     ends = (0, 0, mask.width - 1, mask.height - 1)
     ImageDraw.Draw(mask).rounded_rectangle(ends, radius=8 * unit * FINE, fill=VEIL[3])
@@ -90,7 +90,7 @@ def keys(listed: str, unit: float) -> Image.Image:
 
 
 def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
-    """Return a plot of the energies of the last readings, potential energy above its lowest; None if too few."""
+    """Return a plot of the last energy readings, potential energy relative to its minimum; None if too few."""
     recent = list(readings)[-RECENT:]
     if len(recent) < 3 or recent[-1].time <= recent[0].time:
         return None
@@ -110,7 +110,7 @@ def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
         fine_pen.line([*zip(FINE * x, FINE * y, strict=True)], ENERGIES[name], round(2 * unit * FINE))
         pen.text((left, 0.8 * pad + size / 2), name, ENERGIES[name], font, anchor="lm")
         left += font.getlength(name) + size
-    # Averaged by opacity, so that colours do not fade to white at the edges.
+    # Average weighted by opacity, so that colours do not fade to white at the edges.
     image.alpha_composite(strokes.resize(image.size, Image.Resampling.LANCZOS))
     pen.line([(pad, top + high), (pad + wide, top + high)], FAINT, max(1, round(unit)))
     pen.text((pad + wide, 0.8 * pad + size / 2), f"{most:.3g} J", FAINT, font, anchor="rm")

@@ -25,7 +25,7 @@ MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
 SPEEDS = {"1/16": 1 / 16, "1/8": 1 / 8, "1/4": 1 / 4, "1/2": 1 / 2, "1": 1.0, "2": 2.0, "4": 4.0}
 """Playback speeds, over real time."""
 PATIENCE = 1.0
-"""How long an entry stays that the simulation has not adopted [s]."""
+"""Time for which an entry stays that the simulation has not adopted [s]."""
 CURVES = ("kinetic", "elastic", "sum")
 PLAY = {"pause / continue": "pause", "one frame": "step", "restart": "reset"}
 BUTTONS = {
@@ -45,7 +45,7 @@ class Control:
         self._value, self._since = None, 0.0
 
     def update(self) -> None:
-        """Show the present value. A new entry stays: the simulation adopts it at its next frame."""
+        """Show the current value. A new entry stays until the simulation adopts it at its next frame."""
         value, now = self._read(), time.monotonic()
         if value is None:
             return
@@ -102,7 +102,7 @@ class Panel:
         command: str,
         values: Callable[[Any], dict[str, Any]] = lambda entered: {"value": entered},
     ) -> Any:
-        """Have a widget show the value of `read`, and post a command with the values of entries."""
+        """Let a widget show the value of `read`, and post a command with the values that are entered."""
 
         async def entered(event: Any) -> None:
             if event.client_id is not None and _can_show(widget):
@@ -123,7 +123,7 @@ class Panel:
         return self._parts[-1]
 
     def stage(self) -> None:
-        """Build the controls of the scene, if it is another one."""
+        """Build the controls of the scene, if the scene has changed."""
         view, gui, source = self._view, self._gui, self._view.source
         if self._scene is source:
             return
@@ -222,7 +222,7 @@ class Panel:
 
 
 def _called(call: Callable[[], Any]) -> Any:
-    """Return a viser callback that calls; it is asynchronous, so that requests keep their order."""
+    """Return a viser callback that makes a call; it is asynchronous, so that requests keep their order."""
 
     async def called(event: Any) -> None:
         call()

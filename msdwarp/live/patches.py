@@ -12,9 +12,9 @@ LEVELS = 24
 MOST_COLOURS = 12
 """Colours of a texture in a browser."""
 FINE = 40_000
-"""The fewest triangles into which a textured drawing is divided, to show its pattern."""
+"""Minimal number of triangles into which a textured drawing is divided, to show its pattern."""
 MOST_DIVISIONS = 16
-"""The most pieces of the side of a triangle."""
+"""Maximal number of pieces of the side of a triangle."""
 
 
 class Patch(NamedTuple):
@@ -57,7 +57,7 @@ def patches(drawing: Drawing) -> list[Patch]:
 
 
 def levels(drawing: Drawing) -> list[NDArray[np.int32]]:
-    """Return the triangles of the body in each of the LEVELS colours of its present values."""
+    """Return the triangles of the body in each of the LEVELS colours of its current values."""
     triangles = np.concatenate([one.triangles for one in drawing.body])
     away = drawing.colours.numpy()[:, None] - ramp(drawing.stops, LEVELS)
     of_vertex = np.argmin((away**2).sum(axis=2), axis=1)
@@ -74,7 +74,7 @@ def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]
 def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Return a part with a texture in pieces: corners, weights and faces, see `Patch`, and each face's colour.
 
-    That is the texture's colour at its centre.
+    The colour is the texture's at the face's centre.
     """
     assert drawing.texture is not None
     triangles = one.triangles

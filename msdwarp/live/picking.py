@@ -10,13 +10,13 @@ from .. import checks
 from ..bodies import AXES, System, in_space, pieces
 
 FREQUENCY = 25.0
-"""√(k / m) of a hand's springs [rad/s], m the mass of the whole piece: the piece follows within 0.1 s."""
+"""√(k / m) of a hand's springs [rad/s], with the mass m of the whole piece: it follows within 0.1 s."""
 MOST_OF_SPRINGS = 0.5
 """Largest spring constant of a hand on a particle, over the sum of the particle's spring constants."""
 MOST_WEIGHTS = 50.0
 """Largest pull, over the weight of the piece."""
 SPREAD, MOST_HELD = 2.0, 32
-"""Radius around the point that a hand holds, in mean lengths of springs; and the most particles."""
+"""Radius around the point that a hand holds, in mean lengths of springs; maximal number of particles."""
 
 
 class Picking(NamedTuple):
@@ -57,7 +57,7 @@ class Picking(NamedTuple):
             stiffness, np.maximum(MOST_OF_SPRINGS * springs[near], system.mass[near] * FREQUENCY**2)
         )
         damping = 2.0 * np.sqrt(mass * stiffness.sum()) * shares
-        most = 2.0 * stiffness / FREQUENCY  # no stiffer than springs of this frequency would be at the same step
+        most = 2.0 * stiffness / FREQUENCY  # at most the damping of springs of this frequency, for the same step
         offset = position[near].astype(np.float64) - _in_plane(point, system.dim)
         reach = MOST_WEIGHTS * mass * max(gravity, 1.0) / float(stiffness.sum())
         return cls(near, offset, stiffness, np.minimum(damping, most), reach)
@@ -70,7 +70,7 @@ class Picking(NamedTuple):
         return here + way * min(1.0, self.reach / max(length, 1e-30)) + self.offset
 
     def point(self, position: NDArray) -> NDArray[np.float64]:
-        """Return the picked point's present position [m], shape [d]."""
+        """Return the picked point's current position [m], shape [d]."""
         return (position[self.particles].astype(np.float64) - self.offset).mean(axis=0)
 
 
@@ -104,7 +104,7 @@ def hit(
     a, b, c = (points[triangles[:, k]].astype(np.float64) for k in range(3))
     # The point is at origin + distance direction = a + u (b - a) + v (c - a).
     sides = np.stack([np.broadcast_to(-direction, a.shape), b - a, c - a], axis=2)
-    crossed = np.linalg.det(sides) != 0  # others are seen edge on
+    crossed = np.linalg.det(sides) != 0  # others are seen edge-on
     distance, u, v = np.linalg.solve(sides[crossed], (origin - a[crossed])[..., None])[..., 0].T
     distances = distance[(u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)]
     return origin + distances.min() * direction if len(distances) else None

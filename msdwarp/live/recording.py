@@ -18,7 +18,7 @@ from .sources import Running, Source
 DEEDS = "deeds.json"
 """The file of a recording with the interactive changes since the start, if any."""
 FIRST_FRAME = "first_frame"
-"""The attribute of a recording's file with the number of its first frame in the simulation."""
+"""The attribute of a recording's file with the index of its first frame in the simulation."""
 
 
 class Recording:
@@ -71,7 +71,7 @@ def read_deeds(folder: Path) -> list[dict[str, Any]]:
 
 
 class Filming:
-    """The drawing of a recording's film in a process of its own, while the view continues."""
+    """The drawing of a recording's film in a separate process, while the view continues."""
 
     def __init__(self, folder: Path, renderer: str = "auto") -> None:
         self.folder = folder
@@ -82,11 +82,11 @@ class Filming:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            start_new_session=True,  # Ctrl-C, which ends the view, does not end it
+            start_new_session=True,  # Ctrl-C ends the view, but not the film
         )
 
     def ended(self) -> str | None:
-        """Return a message once it has ended; None before."""
+        """Return a message once the drawing has ended; None before."""
         if self._process.poll() is None:
             return None
         _, error = self._process.communicate()
@@ -96,7 +96,7 @@ class Filming:
 
 
 def save_picture(source: Source, scene: Scene, path: str | Path | None = None, renderer: str = "auto") -> Path:
-    """Draw the present frame into a PNG file, by default the next free out/NAME.png; return its path."""
+    """Draw the current frame into a PNG file, by default the next free out/NAME.png; return its path."""
     if path is None:
         Path("out").mkdir(exist_ok=True)
         path = _free_path(source.title or "view", ".png")

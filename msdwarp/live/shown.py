@@ -19,7 +19,7 @@ LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connect
 
 
 class Shown:
-    """The `drawing` of a scene in one of COLOURS; with `wires`, of springs by strain instead of the surface."""
+    """The `drawing` of a scene in one of COLOURS; with `wires` the springs by strain instead of the surface."""
 
     def __init__(
         self, scene: Scene, colour: str = COLOURS[0], *, wires: bool = False, device: str = "cpu"
@@ -34,7 +34,7 @@ class Shown:
         self._largest = 0.0
 
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
-        """Return a drawing without the springs broken at a time [s]: this drawing, if no more have broken."""
+        """Return a drawing without the springs broken at a time [s]; this drawing, if no more have broken."""
         count = int((broken_at <= time).sum())
         if count == self._broken:
             return self

@@ -16,7 +16,7 @@ from ..world import Scene
 from .handling import Handling
 
 MOST_SEEN = 200
-"""The most frames of a trajectory that are read to place the camera."""
+"""Maximal number of frames of a trajectory that are read to place the camera."""
 ASPECT = 16 / 9
 """Width over height of the picture for which the camera is placed; other pictures show nearly as much."""
 
@@ -70,11 +70,11 @@ class Running:
 
     @property
     def index(self) -> int:
-        """The number of the present frame."""
+        """The index of the current frame."""
         return self._simulation.frame_index
 
     def seen(self) -> None:
-        """Return None: the positions to come are unknown."""
+        """Return None: future positions are unknown."""
 
     def advance(self) -> bool:
         """Simulate one frame; raise SimulationDiverged if it diverges."""
@@ -90,7 +90,7 @@ class Running:
         return self._simulation.stepping.changed_fields().get("broken_at")
 
     def seek(self, k: int) -> None:
-        """Do nothing: a simulation has only the present frame."""
+        """Do nothing: a simulation has only the current frame."""
 
     def reading(self) -> Reading:
         """Return the energies and the largest strain."""
@@ -126,11 +126,11 @@ class Played:
 
     @property
     def index(self) -> int:
-        """The number of the present frame."""
+        """The index of the current frame."""
         return self._k
 
     def seen(self) -> NDArray:
-        """Return the outermost particles of all frames, or of some of many [m], shape [any, d]."""
+        """Return the outermost particles of all frames, or of a sample of frames [m], shape [any, d]."""
         last, count = self.frame_count - 1, min(self.frame_count, MOST_SEEN)
         positions, look = self._trajectory.positions, self.scene.look
         chosen = np.unique(np.linspace(0, last, count).round().astype(int))
@@ -143,7 +143,7 @@ class Played:
         return self._k > before
 
     def frame(self) -> Frame:
-        """Return the present frame."""
+        """Return the current frame."""
         return self._trajectory.frame(self._k)
 
     def broken_at(self) -> NDArray | None:
@@ -162,7 +162,7 @@ class Played:
         """Return None: a trajectory has no energies."""
 
     def summary(self) -> str:
-        """Return which frame it is."""
+        """Return a text with the index of the frame."""
         return f"frame {self._k} of {self.frame_count - 1}"
 
 

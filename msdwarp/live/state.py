@@ -16,10 +16,10 @@ from .shown import COLOURS, Shown
 from .sources import Reading, Source
 
 NOTICE_TIME = 1.5
-"""How long a short notice is shown [s]."""
+"""Time for which a short notice is shown [s]."""
 MOST_TRIANGLES = 100_000
-"""The most triangles for a page if a GPU can draw images: a million are 6 MB a frame, an image less than 0.1 MB.
-A CPU takes longer to draw them than most links to carry them."""
+"""Maximal number of triangles for a page if a GPU can draw images: a million take 6 MB a frame, an image less than
+0.1 MB. A CPU takes longer to draw images than most links take for triangles."""
 
 
 class Screen(Protocol):
@@ -29,17 +29,17 @@ class Screen(Protocol):
 
     @property
     def watched(self) -> bool:
-        """Whether anybody looks."""
+        """Whether anybody is watching."""
         ...
 
     def open(self, view: Any) -> None:
-        """Begin to show a `View`."""
+        """Start to show a `View`."""
 
     def stage(self) -> None:
         """Show another scene or drawing: `view.shown` is new."""
 
     def show(self) -> None:
-        """Show the present frame of `view.shown`."""
+        """Show the current frame of `view.shown`."""
 
     def tell(self) -> None:
         """Show `view.notice`, `view.lines` and `view.readings`, and update sliders."""
@@ -93,7 +93,7 @@ class ViewState:
         self._clock, self._frames_taken = time.perf_counter(), 0
 
     def _draw(self, colour: str, *, wires: bool) -> None:
-        """Make the drawing of the source, in colours or of its springs."""
+        """Create the drawing of the source, in colours or of its springs."""
         scene, device = self.source.scene, self.source.device
         self.shown = Shown(scene, colour, wires=wires)
         large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
@@ -109,7 +109,7 @@ class ViewState:
             screen.stage()
 
     def _redraw(self, colour: str | None = None, *, wires: bool | None = None) -> None:
-        """Make another drawing of the source, by default as before."""
+        """Create another drawing of the source, by default with the same settings."""
         before = self.shown
         self._draw(before.colour if colour is None else colour, wires=before.wires if wires is None else wires)
         self._stage()
@@ -135,7 +135,7 @@ class ViewState:
         return self.source.handling
 
     def _end_recording(self) -> str:
-        """End a recording, if there is one; return its message, to be appended to another one."""
+        """End the recording, if there is one; return its message, to be appended to another message."""
         if self.recording is None:
             return ""
         ended, self.recording = self.recording, None

@@ -1,4 +1,4 @@
-"""View: a simulation, or a trajectory, that people look at and handle while it runs."""
+"""View: an interactive view of a running simulation or a trajectory."""
 
 import threading
 import time
@@ -13,13 +13,13 @@ from .keys import KEYS, SCENES
 from .state import Screen
 
 BUDGET = 1 / 20
-"""The longest time that frames are simulated between commands [s]."""
+"""Longest time for simulating frames between commands [s]."""
 READ_EVERY = 0.2
 """Time between readings of energies [s]."""
 AVERAGED = 10
 """Number of pictures that speeds are averaged over."""
 BEHIND = 0.25
-"""If simulated time is later than this, the view does not catch up [s]."""
+"""If simulated time lags behind by more than this [s], the view does not catch up."""
 
 
 def _message(error: BaseException) -> str:
@@ -75,7 +75,7 @@ class View(Commands):
             self._stage()
             self._start_clock()
             while not self._ends.is_set() and not until():
-                open_yet = [screen.poll() for screen in opened]  # each is asked
+                open_yet = [screen.poll() for screen in opened]  # poll every screen
                 if not all(open_yet):
                     break
                 began = time.perf_counter()
@@ -111,7 +111,7 @@ class View(Commands):
 
     @property
     def waiting(self) -> int:
-        """The number of commands that were requested, and are not done yet."""
+        """The number of requested commands that are not done yet."""
         return self._requests.qsize()
 
     def press(self, key: str, *, shift: bool = False) -> bool:
@@ -133,7 +133,7 @@ class View(Commands):
                 COMMANDS[command](self, **values)
             except SimulationDiverged as error:
                 self._failed(error)
-            except (Exception, SystemExit) as error:  # also of a scene's script: no request ends the view
+            except (Exception, SystemExit) as error:  # also from a scene's script: no request may end the view
                 self._notify(_message(error))
 
     def _advance(self) -> bool:
@@ -149,7 +149,7 @@ class View(Commands):
                     self._pause(True)
                     break
                 taken += 1
-        except Exception as error:  # such as of a full disk
+        except Exception as error:  # for example a full disk
             self._failed(error)
         self._frames_taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
@@ -157,7 +157,7 @@ class View(Commands):
         return taken > 0
 
     def _failed(self, error: BaseException) -> None:
-        """Pause: a frame could not be simulated."""
+        """Pause, because a frame could not be simulated."""
         if not isinstance(error, SimulationDiverged):
             with suppress(Exception):  # the recording may have failed
                 self._end_recording()

@@ -28,7 +28,7 @@ PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
 ROOM = 0.8
 """Zoom of the first camera: bodies move."""
 BELOW = 0.35
-"""Height that the first camera shows below a body without ground, which may fall, over the body's length."""
+"""Height shown by the first camera below a body without ground, which may fall, over the body's length."""
 PULLS, HELPS = "drag the body to pull it; ", "h lists the keys"
 """The last line of the text; its first part only if there is a body to pull."""
 MOUSE = """beside  drag: turn the camera
@@ -37,13 +37,13 @@ right  drag: shift the camera
 q  close"""
 """The mouse in the list of keys."""
 GAP = 14
-"""From text to the edge of a window of 720 rows, in pixels."""
+"""Distance of text from the edge of a window of 720 rows, in pixels."""
 
 
 class Window:
     """A view in a window, initially of this size in pixels: a `Screen`.
 
-    The left mouse button pulls the body; beside the body it turns the camera. The middle and the right one shift
+    The left mouse button pulls the body, and outside the body turns the camera. The middle and right buttons shift
     the camera, and the wheel zooms. For keys see `KEYS`; escape and q close.
     """
 
@@ -84,7 +84,7 @@ class Window:
         self._is_stale = True
 
     def show(self) -> None:
-        """Show the present frame."""
+        """Show the current frame."""
         self._draw_pull()
         self._screen.draw()
         self._is_stale = False
@@ -92,9 +92,9 @@ class Window:
     def poll(self) -> bool:
         """Handle keys and the mouse; return whether the window is still open."""
         screen, view = self._screen, self._view
-        if self._drag_mode == "ask":  # the view has handled the request by now
+        if self._drag_mode == "ask":  # by now the view has handled the request
             self._drag_mode = "pull" if view.hand.grip is not None and view.hand.holder is self else "turn"
-        if self._is_stale:  # since the view's last frame
+        if self._is_stale:  # the view has a new frame
             self._draw_pull()
             screen.redraw()
             self._is_stale = False
@@ -169,7 +169,7 @@ class Window:
         self._paint("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
         scale, stops = view.shown.drawing.scale, view.shown.drawing.stops
         if scale is not None:
-            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # an adapting scale ends at no round number
+            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # adapting scales end at uneven numbers
         self._paint("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
         row = max(20, int(0.8 * width / (15 * unit)))
         at = (None, gap + 0.16 * height)

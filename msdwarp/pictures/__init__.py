@@ -1,4 +1,4 @@
-"""Pictures of a scene: frames drawn by `Renderer`, with triangles, rays or OpenGL; films; several poses in one."""
+"""Pictures of a scene: frames by `Renderer`, with a rasteriser, rays or OpenGL; films; time-lapse pictures."""
 
 from .drawing import ColourScale as ColourScale, Drawing as Drawing
 from .film import FILM_FORMATS as FILM_FORMATS, check_formats as check_formats, write_film as write_film

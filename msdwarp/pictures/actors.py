@@ -12,7 +12,7 @@ from .shadow_map import ShadowMap
 from .stage import UNSEEN, Camera, Ground
 
 AROUND = 24
-"""Corners of the piece of ground on which shadows are drawn."""
+"""Corners of the polygon of ground on which shadows are drawn."""
 
 
 def add_lights(pv: Any, plotter: Any, camera: Camera) -> None:
@@ -93,14 +93,14 @@ class Actors:
         self._piece, actor = mesh_actor(self._pv, fan, np.zeros((AROUND, 3), np.float32), normals)
         self._piece.active_texture_coordinates = np.zeros((AROUND, 2), np.float32)
         actor.texture, actor.prop.color = texture, "white"
-        actor.prop.culling = "back"  # from below it hides nothing
+        actor.prop.culling = "back"  # invisible from below
         self._shading.light(actor, ground=True)
         return actor
 
     def _clip_at_ground(self, points: NDArray, ground: Ground) -> None:
-        """Clip triangles below the ground, which is drawn before all else and hides nothing.
+        """Clip triangles below the ground, which is drawn first and so would not hide them.
 
-        Without such triangles nothing is clipped: on a CPU clipping takes a sixth of a picture's time.
+        Without such triangles clipping is off: on a CPU it takes a sixth of a picture's time.
         """
         height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
         deep = self._drawing.below + UNSEEN * ground.reach
@@ -113,7 +113,7 @@ class Actors:
         self._cut = cut
 
     def follow(self, *, shadows: bool = True) -> NDArray:
-        """Update to the drawing; return the visible points, and those around their shadows [m]."""
+        """Update from the drawing; return the visible points, and points around their shadows [m]."""
         drawing, ground = self._drawing, self._ground
         for body in self._bodies:
             body.GetPoints().Modified()
@@ -121,7 +121,7 @@ class Actors:
             if drawing.colours_move:
                 body.point_data["colours"][:] = 255 * drawing.colours.numpy()
         points = drawing.points.numpy()[drawing.visible]
-        shadows = shadows and len(points) > 0  # a stage may be bare
+        shadows = shadows and len(points) > 0  # a stage may be empty
         if len(points) and ground is not None:
             self._clip_at_ground(points, ground)
         if shadows:
@@ -147,7 +147,7 @@ class Actors:
 
 
 def mesh_actor(pv: Any, triangles: NDArray, points: NDArray, normals: NDArray) -> tuple[Any, Any]:
-    """Return a mesh that shares the memory of these arrays, and an actor that rounds no coordinates."""
+    """Return a mesh that shares the memory of these arrays, and an actor that does not round coordinates."""
     from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
 
     mesh = pv.PolyData.from_regular_faces(np.zeros(points.shape, np.float32), triangles)

@@ -1,4 +1,4 @@
-"""Arrows in pictures: forces on particles, drawn over all else."""
+"""Arrows in pictures: forces on particles, drawn on top of everything else."""
 
 import math
 
@@ -12,17 +12,17 @@ from ..kernels.pictures import drawing
 from .stage import VIEW_ANGLE, Stage
 
 MOST_ARROWS = 1500
-"""The most arrows in a picture; of more forces the largest are drawn."""
+"""Maximal number of arrows in a picture; of more forces only the largest are drawn."""
 LONGEST = 0.16
 """Length of the longest arrow over the height of the picture, at the camera's target."""
 FAINTEST = 0.02
-"""Forces below this share of the full one are not drawn."""
+"""Forces below this share of the full force are not drawn."""
 COLOUR = (0.0, 0.62, 0.66)
-"""Colour of arrows, which is on neither colour scale."""
+"""Colour of arrows, which occurs on neither colour scale."""
 
 
 class Arrows:
-    """Arrows at particles along the forces on them, in proportion to these up to the `full` force [N]."""
+    """Arrows at particles along the forces on them, proportional to the force up to the `full` one [N]."""
 
     def __init__(self, full: float, particle_count: int, stage: Stage, device: str = "cpu") -> None:
         self.full = checks.positive("arrows", full)
@@ -56,7 +56,7 @@ class Arrows:
 
 
 def _triangles(count: int) -> NDArray[np.int32]:
-    """Return the triangles of `count` arrows, shape [any, 3]: of shaft, head and the head's base."""
+    """Return the triangles of `count` arrows, shape [any, 3]: shaft, head and the head's base."""
     n = drawing.SIDES
     k = np.arange(n)
     ahead = (k + 1) % n

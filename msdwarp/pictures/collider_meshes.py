@@ -15,7 +15,7 @@ from ..shapes import box
 from ..world import Box, Capsule, Collider, Cone, Plane, Scene, Sphere
 
 AROUND = 72
-"""Segments of a circle: an outline of 500 pixels is off by a quarter of a pixel."""
+"""Segments of a circle: the error is a quarter of a pixel for an outline of 500 pixels."""
 WALL = 0.75
 """Half the edge of the square drawn for a plane, over the diagonal of the scene."""
 SAMPLES = 61
@@ -23,7 +23,7 @@ SAMPLES = 61
 
 
 class Mesh(NamedTuple):
-    """The closed surface of a solid before it moves, with vertices doubled along edges and seams.
+    """The closed surface of a solid before it moves, with duplicate vertices along edges and seams.
 
     `points` [m] and unit `normals` are of shape [vertex_count, 3], `uv` of [vertex_count, 2], and `triangles`,
     counter-clockwise seen from outside, of [triangle_count, 3].
@@ -42,9 +42,9 @@ def meshes(scene: Scene) -> list[tuple[Collider, Mesh]]:
 
 
 def walls(scene: Scene, towards: Sequence[NDArray]) -> list[tuple[Collider, Mesh]]:
-    """Return the planes of a scene, except its ground, that face all given directions, and squares of them.
+    """Return the planes of a scene, except its ground, that face all given directions, each with a square of it.
 
-    The squares lie beside the solids and the bodies at the start, and are larger. A plane that faces away from the
+    The squares are near the initial solids and bodies, and larger than these. A plane that faces away from the
     camera would hide the scene, and one that faces away from the light would put it in shadow.
     """
     dim = scene.system.dim
@@ -123,7 +123,7 @@ def _cone(geometry: dict[str, Any]) -> Mesh:
     apex, base, radius = _place(geometry["a"]), _place(geometry["b"]), geometry["radius"]
     height = float(np.linalg.norm(apex - base))
     rim, tip = np.array([radius, 0.0]), np.array([0.0, height])
-    # Rings close enough that a texture is not bent where their four-sided patches are split in two.
+    # Rings so close that textures are not distorted where quadrilateral patches are split in two.
     up = np.linspace(0, 1, 25)[:, None]
     outwards = np.array([height, radius]) / np.hypot(height, radius)
     slope = _lathe(rim + up * (tip - rim), np.tile(outwards, (25, 1)), base, apex - base)
@@ -138,7 +138,7 @@ def _cone(geometry: dict[str, Any]) -> Mesh:
 def _block(geometry: dict[str, Any]) -> Mesh:
     half = np.asarray(geometry["b"], dtype=float)
     dim = len(half)
-    cube = box((2, 2, 2))  # edges of 1 m; its surface says how a box is textured
+    cube = box((2, 2, 2))  # edges of 1 m; its surface has the texture coordinates of a box
     surface = cube.surface
     assert surface is not None
     axes, size = np.eye(3), np.full(3, 2 * half.min())
@@ -147,7 +147,7 @@ def _block(geometry: dict[str, Any]) -> Mesh:
     points = (surface.points(cube.position) * size) @ axes.T
     a, b, c = (points[surface.triangles[:, k]] for k in range(3))
     normals = np.zeros_like(points)
-    normals[surface.triangles] = np.cross(b - a, c - a)[:, None]  # a face has its own vertices, and is flat
+    normals[surface.triangles] = np.cross(b - a, c - a)[:, None]  # each face has its own vertices, and is flat
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return Mesh(points + _place(geometry["a"]), normals, np.array(surface.uv), surface.triangles)
 
@@ -167,14 +167,14 @@ def _frame(axis: NDArray) -> NDArray[np.float64]:
 def _lathe(profile: NDArray, normals: NDArray, origin: NDArray, axis: NDArray) -> Mesh:
     """Return the surface of revolution of a profile about an axis through `origin`.
 
-    `profile` holds (distance from the axis, place along it) [m] of points from below upwards, shape [any, 2], and
-    `normals` its outward unit normals in the same coordinates.
+    `profile` holds (distance from the axis, position along it) [m] of points from bottom to top, shape [any, 2],
+    and `normals` its outward unit normals in the same coordinates.
     """
-    rows, columns = len(profile), AROUND + 1  # the last column lies on the first, with u = 1
+    rows, columns = len(profile), AROUND + 1  # the last column coincides with the first, with u = 1
     radius = np.where(profile[:, 0] < 1e-9 * np.abs(profile).max(), 0.0, profile[:, 0])
     pole = radius == 0
     u = np.tile(np.arange(columns) / AROUND, (rows, 1))
-    u[pole] += 0.5 / AROUND  # a triangle at a pole has the pole's vertex over the middle of its base
+    u[pole] += 0.5 / AROUND  # centre the pole's vertex over the base of each triangle at the pole
     angle = 2 * np.pi * (u % 1.0)
     frame = _frame(axis)
     spoke = np.cos(angle)[..., None] * frame[:, 0] + np.sin(angle)[..., None] * frame[:, 1]
@@ -185,7 +185,7 @@ def _lathe(profile: NDArray, normals: NDArray, origin: NDArray, axis: NDArray) -
     vertex = np.arange(rows * columns).reshape(rows, columns)
     here, right = vertex[:-1, :-1], vertex[:-1, 1:]
     above, across = vertex[1:, :-1], vertex[1:, 1:]
-    # Of the two triangles of a patch, the one with two vertices at a pole is none.
+    # Of the two triangles of a patch at a pole, drop the one with two vertices at the pole.
     lower = np.stack([here, right, np.where(pole[1:, None], above, across)], axis=-1)[~pole[:-1]]
     upper = np.stack([here, across, above], axis=-1)[~pole[1:]]
     return Mesh(

@@ -1,4 +1,4 @@
-"""The moving part of pictures: triangles that follow particles and colliders, and their colours."""
+"""The moving part of pictures: triangles that follow particles and colliders, with colours."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -34,13 +34,13 @@ TUBE, BALL = 0.045, 0.11
 INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
 """Colours of free and of pinned particles."""
 MOST_BALLS, LARGE_BALLS = 200, 50
-"""The most particles drawn as balls unless the look says otherwise; the most drawn with 162 vertices, not 42."""
+"""Maximal number of particles drawn as balls by default, and of those with 162 vertices instead of 42."""
 MOST_TUBES = 6000
-"""Of more springs, drawn by strain, only those on the outside of a body are drawn; they hide the rest."""
+"""If more springs are coloured by strain, only those on the outside of a body are drawn; they hide the others."""
 FULL_STRAIN = 0.2
 """The strain at the ends of its scale unless a look or a run says otherwise."""
 ROUND, MOST_JOINTS = 8, 2000
-"""Sides of the tubes of ropes, and the most particles where balls of 42 vertices join these, else of 12."""
+"""Sides of the tubes of ropes; maximal number of joints with balls of 42 vertices, else of 12."""
 
 
 class ColourScale(NamedTuple):
@@ -63,7 +63,7 @@ class Drawing:
     once they are broken by the system's `broken_at`. `points`, `normals` and `colours` are float32 of shape
     [vertex_count, 3], `gloss`, `closed` and `takes_shadows` of [triangle_count]. `body` are the parts that follow
     the particles, `obstacles` those of the colliders. `scale` is the scale of the colours, `stops` the colours
-    along it: of values of the particles or of the strain of springs; None if colours show nothing.
+    along it: of values of the particles or of the strain of springs; None if colours show no quantity.
     """
 
     @in_turn
@@ -130,7 +130,7 @@ class Drawing:
         surface = None if self.shows_strain else system.surface
         of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
-        if (between := system.between_neighbours) is not None:  # the others lie along two of these
+        if (between := system.between_neighbours) is not None:  # springs to second neighbours lie along two others
             drawn = drawn & between
         if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
             drawn = drawn & outermost_connections(system)
@@ -166,7 +166,7 @@ class Drawing:
             dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
             halvings = 2 if system.particle_count <= LARGE_BALLS else 1
             return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings)]
-        # At particles with two springs, in the colour of one of them; between more springs no gap is visible.
+        # At particles with two springs, in the colour of one of them; with more springs no gap is visible.
         particle, first, count = np.unique(ends, return_index=True, return_counts=True)
         bends, along = particle[count == 2], first[count == 2] // 2
         if not len(bends):
@@ -193,7 +193,7 @@ class Drawing:
         return Tubes(system.connections[shown], TUBE * unit, finish, self.device, sides, broken_at), unit
 
     def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
-        """Return a look without highlights where colours show something."""
+        """Return a finish, without highlights if colours show a quantity."""
         return Finish(np.array(colour), texture, 0.0 if self.colours_move else gloss)
 
     def _textured(self, parts: Sequence[Part]) -> tuple[NDArray | None, list[NDArray]]:
@@ -255,9 +255,9 @@ def _coordinate(vectors: Any, k: int) -> wp.array:
 
 
 def atlas(images: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], list[tuple[NDArray, NDArray]]]:
-    """Return an image of several, on top of each other, and (c, s) for each: its uv becomes c + s uv in the whole.
+    """Stack several images into one, and return it with (c, s) for each: its uv becomes c + s uv.
 
-    Each has a frame that repeats its outermost pixels, so that interpolation at edges does not reach neighbours.
+    A frame around each image repeats its outermost pixels, so that interpolation at edges does not mix images.
     """
     framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
     width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)

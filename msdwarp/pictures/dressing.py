@@ -1,6 +1,6 @@
-"""Dressing: the look of each part of a body, and the springs that are drawn in spite of a surface.
+"""Dressing: the look of each part of a body, and the springs that are drawn although there is a surface.
 
-Looks are numbered: 0 is the scene's, the groups' follow in their order. Of several looks the last one counts.
+Looks are numbered: 0 is the scene's, followed by those of groups in order. If several apply, the last one counts.
 """
 
 import numpy as np
@@ -63,10 +63,10 @@ def inside_of(triangles: NDArray[np.int32]) -> Surface:
 
 
 def uncovered(system: System) -> NDArray[np.bool_]:
-    """Return a mask of springs inside no body with a surface, shape [connection_count]: ropes, and ties of bodies.
+    """Return a mask of springs outside bodies with surfaces, shape [connection_count]: ropes, ties between bodies.
 
     The springs of an entry of `System.directions` form a body. Particles in no entry form bodies by the springs
-    between them. A spring from a rope to a ball, in no entry, belongs to neither body.
+    between them. A spring from a rope to a ball, which is in no entry, belongs to neither body.
     """
     connections, count, surface = system.connections, len(system.directions), system.surface
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))

@@ -22,11 +22,11 @@ from ..disk import replacing
 
 try:
     from isal import isal_zlib as zlib
-except ImportError:  # there is none for this processor: slower, the same pictures
+except ImportError:  # missing for this processor: slower, but the same pictures
     import zlib
 
 MOST_WRITERS, WAITING = 8, 3
-"""The most threads that write frames, and the most pictures that wait for the film: they limit the memory."""
+"""Maximal number of threads that write frames, and of pictures that wait for the film: limits of memory."""
 FRAME_FORMATS = ("png", "none")
 FILM_FORMATS = ("webp", "mp4", "gif", "none")
 Picture = NDArray[np.uint8]
@@ -70,7 +70,7 @@ def _written(images: Iterable[Picture], folder: Path | None) -> Generator[Pictur
     """Pass pictures on, and write them as PNG in threads, as many at a time as there are processors."""
     workers = max(1, min(MOST_WRITERS, processors()))
     pending: deque[Future[int]] = deque()
-    with ThreadPoolExecutor(workers) as pool:  # which writes what was drawn, also if drawing fails
+    with ThreadPoolExecutor(workers) as pool:  # writes all finished pictures, even if drawing fails
         for k, image in enumerate(images):
             if folder is not None:
                 while len(pending) > workers:
@@ -83,7 +83,7 @@ def _written(images: Iterable[Picture], folder: Path | None) -> Generator[Pictur
 
 
 def _in_thread(images: Iterable[Picture], take: Callable[[Iterator[Picture]], None]) -> None:
-    """Pass pictures one by one to a thread while the next are made; at most a few wait.
+    """Pass pictures one by one to a thread while the next ones are drawn; at most a few wait.
 
     An error of the thread is raised at the next picture, or at the end.
     """
@@ -109,7 +109,7 @@ def _in_thread(images: Iterable[Picture], take: Callable[[Iterator[Picture]], No
                 if done.done():
                     break
         finally:
-            hand_over(None)  # the end, also of a film that was interrupted
+            hand_over(None)  # marks the end, also of an interrupted film
         done.result()
 
 
@@ -151,7 +151,7 @@ class _Reel(Image.Image):
         self.seek(0)
 
     def seek(self, frame: int) -> None:
-        """Go forward to a frame; going back shows the present one."""
+        """Go forward to a frame; going back keeps the current one."""
         if frame >= self.n_frames:
             raise EOFError
         while self._at < frame:
@@ -162,7 +162,7 @@ class _Reel(Image.Image):
             self._at += 1
 
     def tell(self) -> int:
-        """Return the number of the present frame."""
+        """Return the index of the current frame."""
         return self._at
 
 
@@ -175,11 +175,11 @@ def _write_film(images: Iterator[Picture], count: int, path: Path, video: str, f
             for image in images:
                 film.append_data(image)
         return
-    # GIF counts whole hundredths of a second, and viewers slow down anything below 2.
+    # GIF stores whole hundredths of a second, and viewers slow down delays below 2.
     every = math.ceil(fps * 0.02) if video == "gif" else 1
     reel = _Reel(itertools.islice(images, 0, None, every), math.ceil(count / every))
     # Method 2: half the time of the default method at 6 % more bytes. Key frames are compressed twice, and Pillow
     # would write them at every fifth picture at least. Without any, specks stay where something has passed.
     options: dict[str, Any] = {"quality": 75, "method": 2, "kmin": 29, "kmax": 30} if video == "webp" else {}
     reel.save(path, save_all=True, duration=1000 * every / fps, loop=0, **options)
-    deque(images, maxlen=0)  # those behind the last one shown
+    deque(images, maxlen=0)  # consume the pictures after the last one shown

@@ -1,14 +1,14 @@
 """Light: its directions, its strength and the softness of its shadows, equal in all pictures.
 
-A surface of colour c, unit normal n and gloss g that is seen from the direction v is as bright as
+A surface of colour c, unit normal n and gloss g, seen from the direction v, has the brightness
 
     c (AMBIENT + BOUNCE (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0))
         + g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e),
 
 where the unit vector z points up, l to the key light, h back along the camera's view, f to the fill light, p and q
-are l and h, mirrored at n, and e is SHININESS. A share s of the key light is seen from there, 0 in full shadow;
-k = SHADED + (1 - SHADED) s of it arrives, since what is around scatters the rest. The ground is painted, and keeps
-SHADOW + (1 - SHADOW) s of its colour.
+are l and h, mirrored at n, and e is SHININESS. The share s of the key light is visible from the surface, 0 in full
+shadow; k = SHADED + (1 - SHADED) s of it arrives, since the surroundings scatter some. The ground is unlit, and
+keeps SHADOW + (1 - SHADOW) s of its colour.
 """
 
 import numpy as np
@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 KEY_FROM, FILL_FROM = (-0.75, -0.35, 1.1), (0.9, -0.4, 0.1)
 """Directions (right, forwards, upwards) of the key light, over the camera's left shoulder, and the fill light."""
 AMBIENT, KEY, HEAD, FILL = 0.42, 0.44, 0.32, 0.15
-"""Light from all around, the key light, a weaker light at the camera, and a light for faces turned away from the
-key light; only the key light casts shadows."""
+"""Ambient light, the key light, a weaker light at the camera, and a fill light for faces turned away from the key
+light; only the key light casts shadows."""
 BOUNCE = 0.18
-"""Light from below, as a bright floor sends it up: without it faces that look down are dark. A face sees the share
+"""Light from below, as from a bright floor: without it faces that look down are dark. A face sees the share
 (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
 """The light from all around, and the share left of the two lights, where colours show values: even light, and none
 from below, so that they look on all sides as they do in the legend."""
 SHADOW = 0.66
-"""Brightness of the ground in full shadow over that in light."""
+"""Brightness of the ground in full shadow, over its brightness in light."""
 SHADED = 0.12
 """The share of the key light that still reaches a body or an obstacle in full shadow."""
 SOFTNESS = 0.05
@@ -51,7 +51,7 @@ def towards(light: tuple[float, float, float], right: NDArray, forward: NDArray)
 def spread(count: int) -> NDArray[np.float64]:
     """Return sampling points of the key light, spread evenly over the unit disc, shape [count, 2].
 
-    Any consecutive ones are spread over the disc too: a spiral by the golden angle (H. Vogel, "A better way to
+    Any consecutive ones are also spread over the disc: a spiral by the golden angle (H. Vogel, "A better way to
     construct the sunflower head", Mathematical Biosciences 44, 1979), with the radii in the order of the van der
     Corput sequence 0, 1/2, 1/4, 3/4, 1/8 ...
     """

@@ -18,11 +18,11 @@ from .opengl_window import import_pyvista, no_display
 from .stage import VIEW_ANGLE, Camera, Stage, view_axes
 
 GROUND, SHADOWS, SCENE, PANELS = 0, 1, 2, 3
-"""Layers, each drawn over the previous ones; PyVista has two of its own at 1 and 2, which are empty."""
+"""Layers, each drawn over the previous ones; PyVista's own layers at 1 and 2 are empty."""
 X11 = "vtkXOpenGLRenderWindow"
 """VTK's window on a display of Linux."""
 BY_PROCESSOR = ("llvmpipe", "softpipe", "swrast", "GDI Generic")
-"""Names of OpenGL without a graphics card."""
+"""Names of OpenGL drivers without a graphics card."""
 SAMPLES = 4
 """Samples per pixel with a graphics card."""
 EVENTS = {
@@ -47,7 +47,7 @@ class OnScreen:
 
     `size` is the initial width and height in pixels. `on_event` is called with each event: one of the values of
     `EVENTS`, x and y in pixels from the lower left, the key's name in X, and whether shift is held. `is_open` is
-    False once somebody has closed the window. RuntimeError is raised if there is no display.
+    False once the user has closed the window. RuntimeError is raised if there is no display.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class OnScreen:
         self._panels: dict[str, Any] = {}
         self._renderers: Any = self._layers()
         self._plotter.show(interactive_update=True, auto_close=False)
-        # Smooth edges take a graphics card little time, a CPU much.
+        # Smooth edges cost a graphics card little time, but a CPU much.
         if not any(name in self._plotter.render_window.ReportCapabilities() for name in BY_PROCESSOR):
             self._plotter.render_window.SetMultiSamples(SAMPLES)
         self._listen()
@@ -86,7 +86,7 @@ class OnScreen:
             renderer.SetInteractive(False)
             window.AddRenderer(renderer)
         if hasattr(panels, "SetUseOIT"):
-            panels.SetUseOIT(False)  # panels lie beside each other: no need to sort them
+            panels.SetUseOIT(False)  # panels do not overlap: no need to sort them
         panels.camera.parallel_projection = True
         return ground, shadows, panels
 
@@ -122,7 +122,7 @@ class OnScreen:
         return self.is_open
 
     def stage(self, drawing: Drawing, stage: Stage, *, keep_camera: bool = False) -> None:
-        """Show another drawing, from the stage's camera or the present one."""
+        """Show another drawing, from the stage's camera or the current one."""
         pv, plotter = self._pv, self._plotter
         if not keep_camera:
             self.orbit = Orbit(stage.camera)
@@ -136,7 +136,7 @@ class OnScreen:
             back.SetBackground(*checks.colour("background", stage.look.background))
             if stage.ground is not None:
                 self._ground = ground_actor(pv, stage.ground)
-                self._ground.prop.culling = "back"  # from below it hides nothing
+                self._ground.prop.culling = "back"  # invisible from below
                 back.AddActor(self._ground)
         now, shadows = self._stage, self._renderers[1]
         self._actors = Actors(pv, plotter, drawing, now.ground, self._ground, now.camera.light)
@@ -145,13 +145,13 @@ class OnScreen:
             shadows.AddActor(self._actors.on_ground)
 
     def draw(self) -> None:
-        """Update to the drawing, and render."""
+        """Update from the drawing, and render."""
         if self._actors is not None and self.is_open:
             self._actors.follow()
             self.redraw()
 
     def redraw(self) -> None:
-        """Render from the present camera."""
+        """Render from the current camera."""
         if not self.is_open:
             return
         plotter, (back, shadows, front) = self._plotter, self._renderers
@@ -190,7 +190,7 @@ class OnScreen:
             actor.prop.color = colour
 
     def _add_overlay(self, name: str, points: NDArray, corners: int) -> tuple[Any, Any]:
-        """Add faces of this many corners before the drawing, points of shape [any, 2]; return mesh and actor."""
+        """Add polygons of this many corners over the drawing, points of shape [any, 2]; return mesh and actor."""
         flat = np.zeros((len(points), 3), np.float32)
         flat[:, :2] = points
         mesh = self._pv.PolyData.from_regular_faces(flat, np.arange(len(flat)).reshape(-1, corners))
@@ -229,7 +229,7 @@ class OnScreen:
 
 
 class Orbit:
-    """A camera that the mouse moves around its target; z stays up. Mouse movements are by the window's height."""
+    """A camera that the mouse moves around its target; z stays up. Movements are over the window's height."""
 
     def __init__(self, camera: Camera) -> None:
         away = camera.eye - camera.target
@@ -241,7 +241,7 @@ class Orbit:
 
     @property
     def camera(self) -> Camera:
-        """The present camera."""
+        """The current camera."""
         right, up, back = view_axes(self.azimuth, self.elevation)
         return Camera(self.target + self.distance * back, self.target, -back, right, up)
 
@@ -260,7 +260,7 @@ class Orbit:
         self.distance = min(max(self.distance / by, 1e-3 * self._start), 20.0 * self._start)
 
     def ray(self, right: float, up: float) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the ray through a point, given from the middle: origin [m], direction, direction of view."""
+        """Return the ray through a point relative to the centre: origin [m], direction, direction of view."""
         unit, camera = 2.0 * math.tan(math.radians(VIEW_ANGLE) / 2), self.camera
         way = camera.forward + unit * (right * camera.right + up * camera.up)
         return camera.eye, way / np.linalg.norm(way), camera.forward

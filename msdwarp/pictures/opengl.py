@@ -22,8 +22,8 @@ BEHIND, SCENE, FRONT = 0, 1, 2
 class OpenGL:
     """Draws with PyVista: one plotter for all pictures, whose points are updated in place.
 
-    Pictures are drawn at twice the resolution and averaged: smooth edges on any OpenGL. The camera stands still,
-    so the ground is drawn once, and every picture laid over it.
+    Pictures are drawn at twice the resolution and averaged: smooth edges on any OpenGL. The camera is fixed, so
+    the ground is drawn only once, and every picture is blended over it.
     """
 
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
@@ -57,13 +57,13 @@ class OpenGL:
             points, normals = arrows.points.numpy(), arrows.normals.numpy()
             self._arrow_mesh, actor = mesh_actor(pv, arrows.triangles, points, normals)
             actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
-            # VTK has no light from below: they get half of it, as an upright face does.
+            # VTK has no light from below: add half of it to ambient light, as for an upright face.
             actor.prop.ambient, actor.prop.diffuse = drawing.ambient + 0.5 * drawing.bounce, drawing.diffuse
             self._layer(FRONT).AddActor(actor)
 
     def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
-        # In a notebook PyVista would show a still besides.
+        # In a notebook PyVista would otherwise also show a picture.
         plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none", notebook=False)
         plotter.render_window.SetMultiSamples(0)
         plotter.render_window.SwapBuffersOff()  # not visible, and a copy costs a CPU a tenth of the time
@@ -92,7 +92,7 @@ class OpenGL:
         return renderer
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture of the present drawing, uint8 of shape [height, width, 3]."""
+        """Return the picture of the current drawing, uint8 of shape [height, width, 3]."""
         drawn = self._actors.follow(shadows=shadows)
         if self._arrows is not None:
             self._arrow_mesh.GetPoints().Modified()
@@ -101,7 +101,7 @@ class OpenGL:
         return self._picture(self._camera.frame(drawn, *self._pixels.shape))
 
     def _picture(self, part: tuple[int, int, int, int]) -> NDArray[np.uint8]:
-        """Render, and average onto the ground, in `part`: first row and column, rows and columns."""
+        """Render and blend over the ground within `part`: first row and column, numbers of rows and columns."""
         plotter, (height, width) = self._plotter, self._fine.shape
         plotter.renderer.ResetCameraClippingRange()
         plotter.render()

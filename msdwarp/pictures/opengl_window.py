@@ -20,7 +20,7 @@ def import_pyvista() -> Any:
 
 @functools.cache
 def opengl_window() -> str | None:
-    """Return VTK's window class for off-screen drawing: a chosen VTK_DEFAULT_OPENGL_WINDOW first.
+    """Return VTK's window class for off-screen drawing; VTK_DEFAULT_OPENGL_WINDOW has priority.
 
     Return "" for VTK's own choice outside Linux, and None if Linux has no OpenGL library: VTK's own search would
     crash.

@@ -34,16 +34,16 @@ class Part:
     uv: NDArray[np.float64]  # texture coordinates, shape [vertex_count, 2]
     triangles: NDArray[np.int32]  # of its own vertices, shape [triangle_count, 3]; of the drawing's once it joined
     finish: Finish
-    radius = 0.0  # how far it reaches around the particles [m]
+    radius = 0.0  # reach around the particles [m]
     moves = True
-    closed = True  # whether its fronts always hide its backs
-    mixture: tuple[wp.array, wp.array]  # particles that each vertex follows, and weights, shape [vertex_count, k]
+    closed = True  # whether back faces are always hidden
+    mixture: tuple[wp.array, wp.array]  # particles and weights of each vertex, shape [vertex_count, k]
     corners = 3  # vertices of each piece: of a tube, of a ball, or of a triangle that may part
-    _times: list[wp.array] | None = None  # when each piece appears and disappears [s]; None if none does
+    _times: list[wp.array] | None = None  # times when pieces appear and disappear [s]; None: never
     _strain_of: tuple[wp.array, wp.array] | None = None  # springs whose strain the pieces show, and rest lengths
 
     def join(self, vertices: slice, points: Any, normals: Any, colours: Any) -> None:
-        """Become part of a drawing: take some of its vertices, slices of its arrays of vec3."""
+        """Become part of a drawing: use a slice of its vertices, given as slices of its arrays of vec3."""
         self.vertices, self.triangles = vertices, self.triangles + np.int32(vertices.start)
         self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
 
@@ -51,7 +51,7 @@ class Part:
         """Move to particles at x, an array of vec3, and to `time` [s]."""
 
     def _place_vertices(self, x: wp.array) -> None:
-        """Put each vertex at its particles, or its radius from there along its normal."""
+        """Place each vertex at its particles, or at `radius` from there along its normal."""
         inputs = [x, *self.mixture, self.radius, self.normals]
         _launch(drawing.place_vertices, len(self.points), inputs, [self.points])
 
@@ -61,7 +61,7 @@ class Part:
         self.mixture = wp.array(particle, dtype=int, device=device), wp.array(shares, dtype=float, device=device)
 
     def _show_between(self, since: NDArray, until: NDArray, device: str) -> None:
-        """Set when each piece appears and disappears [s]."""
+        """Set the times at which pieces appear and disappear [s]."""
         self._times = [wp.array(each, dtype=float, device=device) for each in (since, until)]
 
     def _collapse(self, time: float) -> None:
@@ -86,7 +86,7 @@ class Part:
 
 
 class SurfacePart(Part):
-    """The surface of a system. With flat shading, or if it tears, every triangle has vertices of its own.
+    """The surface of a system. With flat shading, or if it tears, every triangle has its own vertices.
 
     A triangle is drawn from the time `since` until `parted_at` [s], each of shape [triangle_count]: None for
     always.
@@ -147,7 +147,7 @@ class Tubes(Part):
         first = self.corners * np.arange(len(connections))[:, None, None]
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((self.corners * len(connections), 2)), finish
-        self.radius, self.closed = radius, sides == 3  # so thin that no end is seen from inside
+        self.radius, self.closed = radius, sides == 3  # so thin that no end is visible from inside
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
         self._follow_particles(np.tile(connections, (1, sides)).reshape(-1, 1), None, device)  # start, end in turn
         if broken_at is not None:
@@ -161,7 +161,7 @@ class Tubes(Part):
 
 
 class Balls(Part):
-    """A ball at each of some particles, shape [any]; its colour is one for all, or of each, shape [any, 3]."""
+    """A ball at each of some particles, shape [any]; colours are one for all, or of shape [any, 3]."""
 
     def __init__(self, particles: NDArray, radius: float, finish: Finish, device: str, halvings: int) -> None:
         directions, triangles = icosphere(1.0, halvings)
@@ -175,7 +175,7 @@ class Balls(Part):
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)
 
     def follow(self, x: wp.array, time: float) -> None:
-        """Put the balls where their particles are."""
+        """Place the balls at their particles."""
         wp.copy(self.normals, self._normals)
         self._place_vertices(x)
 
@@ -211,7 +211,7 @@ def is_closed(surface: Surface) -> bool:
 
 
 def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
-    """Return the first corner with an equal normal for each corner of triangles, at the vertices `use`."""
+    """For each corner of triangles, at the vertices `use`, return the first corner with an equal normal."""
     vertex = use if normal_of is None else normal_of[use]
     _, first, which = np.unique(vertex, return_index=True, return_inverse=True)
     return first[which.ravel()]

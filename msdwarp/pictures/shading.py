@@ -1,4 +1,4 @@
-"""Light in OpenGL: Phong's model with shadows, in place of VTK's own code in its shaders.
+"""Light in OpenGL: Phong's model with shadows, which replaces VTK's own shader code.
 
 VTK multiplies textures with all light, including highlights; here highlights are white on every texture.
 """
@@ -16,8 +16,8 @@ TAPS = 4
 
 
 def _of_fragments(numbers: np.ndarray) -> str:
-    """Return four vectors, shape [4, n], as arguments of `oneOf`, which chooses one by the place in 2 x 2."""
-    # A choice between constants: on CPUs an array look-up costs more than all the rest.
+    """Return four vectors, shape [4, n], as arguments of `oneOf`, which chooses by position in 2 x 2 fragments."""
+    # A choice between constants, because on CPUs an array look-up would dominate the cost.
     return ", ".join(f"vec{numbers.shape[1]}({', '.join(f'{x:.6f}' for x in row)})" for row in numbers)
 
 
@@ -125,19 +125,19 @@ class Shading:
 
         add(vertex, "//VTK::PositionVC::Dec", "out vec3 lampVSOutput;")
         add(vertex, "//VTK::PositionVC::Impl", "  lampVSOutput = (toLamp * vertexMC).xyz;")
-        # Behind the textures' own declarations, since these are used.
+        # After the textures' own declarations, which are used here.
         add(fragment, "//VTK::TCoord::Dec", _DECLARED)
         fragment("//VTK::Light::Impl", True, _ON_GROUND if ground else _ON_BODIES, False)
         if not ground:
             add(fragment, "//VTK::TCoord::Impl", _GLINT)
-            # What is up, as the camera sees it.
+            # The upward direction in camera coordinates.
             add(vertex, "//VTK::Normal::Dec", "out vec3 upVSOutput;")
             add(vertex, "//VTK::Normal::Impl", "  upVSOutput = normalMatrix[2];")
             add(fragment, "//VTK::Normal::Dec", "in vec3 upVSOutput;")
         self._programs.append((program, shadows))
 
     def follow(self, *, shadows: bool = True) -> None:
-        """Update to the shadow map, or light everything."""
+        """Update from the shadow map, or light everything."""
         self._matrix.DeepCopy(self._map.to_lamp().T.ravel().tolist())  # OpenGL reads column by column
         for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)

@@ -12,9 +12,9 @@ from .light import SOFTNESS, across, spread
 from .stage import Ground
 
 SIZE = 768
-"""Texels along an edge: about as fine as pictures of 1280 x 720 pixels, since bodies seldom fill their width."""
+"""Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width bodies seldom fill."""
 BLOCKS, REACH = SIZE // shadow.BLOCK, 2
-"""Blocks of texels along an edge, and the rings of blocks around each that count for its largest value."""
+"""Blocks of texels along an edge; rings of blocks around each that are included in its maximum."""
 SAMPLES = 16
 """Texels that kernels sample at the soft edge of a shadow."""
 MARGIN = 14
@@ -22,7 +22,7 @@ MARGIN = 14
 EDGE = 13.0
 """Width of soft edges of shadows, in texels."""
 STEPS = 4
-"""Sizes of the map to each doubling: few, so that it seldom changes between frames."""
+"""Number of map sizes per doubling: few, so that the size seldom changes between frames."""
 
 
 class ShadowMap:
@@ -83,7 +83,7 @@ class ShadowMap:
         low, high = along.min(axis=0).astype(float), along.max(axis=0).astype(float)
         extent = max(*(high - low)[:2], 1e-6 * float(np.abs(along).max()), 1e-30) * SIZE / (SIZE - 2 * MARGIN)
         self.width = 2.0 ** (math.ceil(STEPS * math.log2(extent)) / STEPS)
-        # Whole texels, so that edges of shadows do not shimmer while the square follows the bodies.
+        # Move by whole texels, so that edges of shadows do not shimmer while the square follows the bodies.
         middle = np.round((low + high) / 2 / self.texel) * self.texel
         self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
         data = self.data

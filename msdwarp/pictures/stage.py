@@ -1,4 +1,4 @@
-"""The stage: the camera, the lights and the ground, which stand still."""
+"""The stage: camera, lights and ground, which do not move."""
 
 import math
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from .light import FILL_FROM, KEY_FROM, towards
 VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
 MARGIN = 1.12
-"""Width of the view over the width that it must hold."""
+"""Width of the view, over the width that must be visible."""
 UNSEEN = 1e-3
-"""Depth below the ground down to which things are drawn, over the extent of all that the camera sees. Contact lets
-bodies on the ground sink in by as little; without this they would vanish in spots."""
+"""Depth below the ground down to which things are drawn, over the extent of all that the camera sees. Bodies in
+contact sink into the ground by about this; without the tolerance parts of them would vanish."""
 
 
 def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
@@ -160,7 +160,7 @@ class Ground:
 
 
 class Stage:
-    """The fixed part of all pictures of a scene: the camera, the ground, and the colours around.
+    """The fixed part of all pictures of a scene: the camera, the ground and the background.
 
     The camera keeps `positions` in view [m], shape [..., d]; `size` is the width and height of pictures in pixels.
     For `zoom` and `above` see `Camera.that_sees`.

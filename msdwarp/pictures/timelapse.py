@@ -21,8 +21,8 @@ def timelapse(
     """Return one picture of several poses, laid over each other in order, each more opaque than the previous one.
 
     A pose's pixels are those that differ from a picture without the body; earlier poses show through it. Shadows
-    are as dark as their bodies are opaque, and fall on the ground and obstacles, not on poses. Colliders have the
-    pose of the last time.
+    are as dark as their bodies are opaque, and fall on the ground and obstacles, not on poses. Colliders are drawn
+    at the last time.
 
     The camera of the `renderer` should see all poses. `positions` [m] have the shape
     [pose_count, particle_count, d], and `times` [s] are those of the poses. `values` are as for `Renderer.image`,
@@ -47,7 +47,7 @@ def timelapse(
         colour, cover = _body(shadowless, renderer.bare(None, time, shadows=False))
         bodies += opacity * cover * (colour - bodies)
         clear *= 1 - opacity * cover
-        # The light left on the ground; two shadows are no darker than one.
+        # The remaining light on the ground; overlapping shadows are no darker than one.
         after, before = (each.sum(axis=2, keepdims=True, dtype=np.int32) for each in (image, stage))
         left = np.where(cover > 0, 1.0, np.minimum(after / np.maximum(before, 1), 1.0))
         light = np.minimum(light, 1 - opacity * (1 - left))

@@ -19,24 +19,24 @@ from .shadow_map import ShadowMap
 from .stage import UNSEEN, VIEW_ANGLE, Camera, Stage
 
 BAND, MOST_THREADS = 32, 8
-"""Rows of the picture that a thread shades at a time, and the most threads."""
+"""Rows of the picture that a thread shades at a time; maximal number of threads."""
 AROUND = 8
-"""Corners around the shadow on the ground, which bound the part of the picture that changes."""
+"""Corners of a polygon around the shadow on the ground, which bounds the part of the picture that changes."""
 POINTS = {"cpu": 4, "cuda": 16}
-"""Points of the light that each of a pixel's four rays samples at soft edges of shadows, on a CPU and on a GPU."""
+"""Points of the light that each of a pixel's four rays samples in penumbras, on a CPU and on a GPU."""
 THREADS = 1 << 17
-"""Threads on a GPU that refine pixels: enough to fill it; each takes several pixels if need be."""
+"""Threads on a GPU that refine pixels: enough to fill it; each handles several pixels if necessary."""
 LANES = 16
 """Threads that share a pixel: one alone would cast 68 rays in sequence."""
 REFITS = 32
-"""Pictures for which a search tree is refitted before it is rebuilt: its boxes overlap more as bodies move."""
+"""Number of refits of a search tree before it is rebuilt: its boxes overlap more as bodies move."""
 _BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
 class Rasteriser:
     """Draws a drawing that is on the CPU, triangle by triangle, with shadows from a shadow map.
 
-    The camera stands still, so the ground is drawn once, and bodies and their shadows are laid over it.
+    The camera is fixed, so the ground is drawn only once, and bodies and their shadows are drawn over it.
     """
 
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
@@ -50,13 +50,13 @@ class Rasteriser:
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         wp.launch(raster.draw_backdrop, shape, [self._view], [self._backdrop], device="cpu")
-        self._shade(self._body, (0, 0, 1, 0))  # nothing, but it compiles the kernel before threads launch it
+        self._shade(self._body, (0, 0, 1, 0))  # draws nothing, but compiles the kernel before threads launch it
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        """Return the picture of the drawing's current state, uint8 of shape [height, width, 3]."""
         points = self._drawing.points.numpy()[self._drawing.visible]
         wp.copy(self._pixels, self._backdrop)
-        if len(points):  # a stage may be bare
+        if len(points):  # a stage may be empty
             changed = points
             if shadows:
                 self._map.follow(points)
@@ -68,16 +68,16 @@ class Rasteriser:
         return self._pixels.numpy().astype(np.uint8)  # a copy
 
     def _lay_over(self, body: Any, points: NDArray, *, shadows: bool) -> None:
-        """Draw triangles over the picture, in the part that holds some points."""
+        """Draw triangles over the picture, within the part that holds `points`."""
         self._view.shadows = int(shadows)
         inputs = [body, self._view]
         wp.launch(raster.draw_triangles, len(body.triangles), inputs, [self._nearest], device="cpu")
         row, column, rows, columns = self._stage.camera.frame(points, *self._pixels.shape)
-        # Squares of 2 x 2 pixels are the same in all pictures, whatever part of them changes.
+        # Align squares of 2 x 2 pixels equally in all pictures, whatever part changes.
         rows, columns = rows + row % 2, columns + column % 2
         row, column = row - row % 2, column - column % 2
         bands = [(row + k, column, min(BAND, rows - k), columns) for k in range(0, rows, BAND)]
-        # Python's lock is free while Warp's native code is at work.
+        # Warp's native code releases Python's lock.
         for _ in self._pool.map(lambda band: self._shade(body, band), bands):
             pass
 
@@ -115,12 +115,12 @@ class RayCaster:
         self._chosen = wp.zeros((2, height * width), dtype=int, device=device)
         self._count = wp.zeros(2, dtype=int, device=device)
         self._pixels = self._host = wp.zeros((height, width), dtype=wp.vec3ub, device=device)
-        if self._on_gpu:  # from there bytes go fastest into memory that is pinned
+        if self._on_gpu:  # copies from a GPU are fastest into pinned memory
             self._host = wp.zeros((height, width), dtype=wp.vec3ub, device="cpu", pinned=True)
 
     @in_turn
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
-        """Return the picture of the drawing as it stands, uint8 of shape [height, width, 3]."""
+        """Return the picture of the drawing's current state, uint8 of shape [height, width, 3]."""
         self.refit()
         return self.shoot(shadows=shadows)
 
@@ -149,7 +149,7 @@ class RayCaster:
 
     @in_turn
     def refit(self) -> None:
-        """Update the search tree to the drawing."""
+        """Update the search tree from the drawing."""
         self._searched.refit()
 
 
@@ -161,7 +161,7 @@ class _Searched:
         self._indices = wp.array(drawn.triangles.ravel(), dtype=int, device=drawn.device)
 
     def refit(self) -> None:
-        """Refit the search tree to the triangles, or rebuild it: first at the first picture, for its points."""
+        """Refit the search tree to the triangles, or rebuild it; it is first built at the first picture."""
         if self._refits == REFITS:
             self._mesh = wp.Mesh(points=self._points, indices=self._indices)
             self.body.mesh, self._refits = self._mesh.id, 0
@@ -180,7 +180,7 @@ def _body_of(drawn: Drawing | Arrows) -> Any:
     body.gloss = wp.array(drawn.gloss, dtype=float, device=device)
     body.texture = _image(_BLANK if drawn.texture is None else drawn.texture, device)
     body.textured = int(drawn.texture is not None)
-    # A lattice of tubes casts fine shadows all over itself, which would hide its colours.
+    # Fine shadows of a lattice of tubes on itself would hide its colours.
     if isinstance(drawn, Drawing) and drawn.shows_strain:
         body.first_shaded = sum(len(one.triangles) for one in drawn.body)
     return body

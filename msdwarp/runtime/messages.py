@@ -1,8 +1,8 @@
 """Warp's messages: quiet by default, except for warnings and errors.
 
 Warp prints a greeting, and a line for each module that it loads. As soon as both Warp and msdwarp are imported, in
-whichever order, its setting `warp.config.log_level` is turned down, if it has its default. A user's own setting
-stays, before that or later. Importing this file does not import Warp, which takes long.
+any order, the setting `warp.config.log_level` is lowered, if it has its default. A user's own setting stays,
+whether made before or later. Importing this file does not import Warp, which takes long.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ from typing import Any
 
 
 class _Finder:
-    """Turns Warp's messages down when it is imported.
+    """Reduces Warp's messages when it is imported.
 
     It stays on `sys.meta_path` afterwards, since another thread may be iterating over that list.
     """
@@ -38,7 +38,7 @@ class _Finder:
 
 
 def _turn_down() -> None:
-    """Turn Warp's messages down, if their level is the default."""
+    """Reduce Warp's messages, if their level is the default."""
     import warp as wp
 
     if wp.config.log_level == wp.LOG_INFO:
@@ -90,10 +90,10 @@ def start_warp() -> None:
 
 @contextlib.contextmanager
 def _cache_named() -> Iterator[None]:
-    """Raise OSError that names the folder of compiled kernels for an error, if nothing can be written there.
+    """Replace errors by an OSError that names the folder of compiled kernels, if it cannot be written to.
 
-    The compiler's own message about a full disk depends on the file that did not fit. A read-only folder does no
-    harm as long as it has all kernels.
+    The compiler's own message about a full disk depends on the file that did not fit. A read-only folder is no
+    problem as long as it has all kernels.
     """
     try:
         yield
@@ -116,10 +116,10 @@ def _cache_named() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without(unwanted: bytes) -> Iterator[None]:
-    """Remove lines with this beginning from what any thread writes to standard error meanwhile.
+    """Within this context, remove lines with this beginning from standard error, of all threads.
 
-    C++ writes to the file descriptor itself. So it is redirected to a file, whose other lines are passed on at the
-    end. If that is not possible nothing is removed.
+    C++ writes directly to the file descriptor. So it is redirected to a file, whose other lines are passed on at
+    the end. If that is not possible, nothing is removed.
     """
     import tempfile
 

@@ -12,7 +12,7 @@ CAPTURE_LOCK = threading.Lock()
 def record(launch: Callable[[], None], device: Any, **how: Any) -> Any:
     """Return a graph of a function's launches on a device; keyword arguments are passed to `wp.ScopedCapture`.
 
-    Python's garbage collector waits meanwhile: it could free the memory of a dropped simulation, which spoils a
+    Python's garbage collector is off meanwhile: it could free the memory of a dropped simulation, which spoils a
     recording.
     """
     import warp as wp

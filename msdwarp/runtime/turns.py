@@ -10,13 +10,13 @@ from typing import Any, ParamSpec, TypeVar
 P = ParamSpec("P")
 T = TypeVar("T")
 _turn, _next, _mine = threading.RLock(), threading.Lock(), threading.local()
-"""Held by the thread whose turn it is, and by the one that comes next; whether it is this thread's."""
+"""Locks held by the thread whose turn it is, and by the next one; whether this thread has the turn."""
 _dropped = list[Any]()
 """Objects to release when a turn ends."""
 
 
 def in_turn(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a function that waits for this thread's turn with Warp; its calls belong to the same turn.
+    """Return a function that waits for this thread's turn with Warp; nested calls belong to the same turn.
 
     While one thread records a graph, Warp adds other threads' launches on this device to it. Cached factories of
     kernels and Warp's dictionaries do not expect a second thread either.
@@ -35,14 +35,14 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
             if getattr(_mine, "turn", False):
                 _dropped.clear()
             _mine.turn = False
-            with contextlib.suppress(RuntimeError):  # interrupted before it came
+            with contextlib.suppress(RuntimeError):  # interrupted before the turn came
                 _turn.release()
 
     return taking_turns
 
 
 def release_in_turn(dropped: Any) -> None:
-    """Release an object that holds device memory: at once if nobody has a turn, else when the present turn ends.
+    """Release an object that holds device memory: at once if no thread has a turn, else at the turn's end.
 
     Memory that is freed while a thread records a graph, by any thread, can spoil the recording.
     """
@@ -55,7 +55,7 @@ def release_in_turn(dropped: Any) -> None:
 
 
 def _forget_turns() -> None:
-    """Make new locks in a forked process, which has none of the other threads."""
+    """Create new locks in a forked process, which does not inherit other threads."""
     global _turn, _next
     _turn, _next = threading.RLock(), threading.Lock()
 

@@ -1,4 +1,4 @@
-"""Ways to make a system: lattices, round solids, outlines, meshes, and several of them joined."""
+"""Functions that create systems: lattices, round solids, outlines, meshes, and joined bodies."""
 
 from .joining import join as join
 from .lattices import box as box, chain as chain, lattice as lattice, sheet as sheet

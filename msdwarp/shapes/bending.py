@@ -1,37 +1,37 @@
 """Sheets that resist bending: springs to second neighbours, in equilibrium with the springs between neighbours.
 
-**The springs.** Provot (Deformation constraints in a mass-spring model to describe rigid cloth behaviour,
-Graphics Interface 1995) joins second neighbours. Where three particles of a line, l apart, turn by the angle θ,
-the outer two come closer by δ = 2 l (1 − cos θ/2), about l θ²/4. A spring between them that is at rest in the flat
-sheet stores k δ²/2, of fourth order in the curvature θ/l: against small loads the sheet is as limp as without.
+**The springs.** Provot (Deformation constraints in a mass-spring model to describe rigid cloth behaviour, Graphics
+Interface 1995) joins second neighbours. If three particles of a line, l apart, bend by the angle θ, the outer two
+come closer by δ = 2 l (1 − cos θ/2), about l θ²/4. A spring between them that is at rest in the flat sheet stores
+k δ²/2, of fourth order in the curvature θ/l: against small loads it gives no stiffness.
 
-So that spring is compressed here, and pushes with P, and the two between neighbours pull with P more: in the flat
-sheet the forces on each particle are balanced. Bent, the line stores P δ, of second order: linear bending. The
-spring's stiffness is P/(6 l), and therefore its rest length 8 l, four times its length. Then P δ + k δ²/2 is
-P l θ²/4 but for terms in θ⁶, and the moment is P l θ/2 in proportion to the angle: less than that by 0.4 % at
-θ = 1.2, by 3 % at 2 and by 15 % at π, folded flat.
+So here that spring is compressed and pushes with P, and the two springs between neighbours have an additional
+tension P: in the flat sheet the forces on each particle balance. When bent, the line stores P δ, of second order:
+linear bending. The spring's stiffness is P/(6 l), so its rest length is 8 l, four times its length. Then P δ + k
+δ²/2 is P l θ²/4 up to terms in θ⁶, and the moment is P l θ/2, proportional to the angle: it is lower than that by
+0.4 % at θ = 1.2, by 3 % at 2 and by 15 % at π, folded flat.
 
 **From the flexural rigidity D [N m].** A line along n stores P l θ²/4, θ = l w_nn, for a deflection w. There is
-one such angle at each particle, so that an area s² of a sheet stores P l³ w_nn²/4 in each direction. Of the energy
-of a plate in a unit of area,
+one such angle at each particle, so that an area s² of a sheet stores P l³ w_nn²/4 in each direction. The energy of
+a plate per unit area is
 
     D/2 (w_xx² + w_yy² + 2 ν w_xx w_yy + 2 (1 − ν) w_xy²)  =  D/3 (w_xx² + w_yy² + w_pp² + w_qq²)
 
-for the diagonals p and q and ν = 1/3, which is Poisson's ratio of the sheet's springs in its plane too. Hence
-P = 4 D s²/(3 l³): 4/3 D/s along axes and √2/3 D/s along diagonals, where l = √2 s. With 4 neighbours there are
-axes alone: P = 2 D/s, ν = 0, and nothing resists twist.
+for the diagonals p and q and ν = 1/3, which is also Poisson's ratio of the sheet's springs in its plane. Hence P =
+4 D s²/(3 l³): 4/3 D/s along axes and √2/3 D/s along diagonals, where l = √2 s. With 4 neighbours there are only
+axes: P = 2 D/s, ν = 0, and nothing resists twist.
 
 **Error.** Curvatures are differences of second order: a strip of N cells between its clamp and its end sags by
-theory within 1/N² of it. It is clamped by two rows of particles, midway between them. A margin lacks half of the
-turns along it: with a material a strip n cells wide is too soft by at most 1/(3 n), one cell wide (n = 1) by 1/4
-of a beam's E t³/12. With constants, alike up to the margin, it is too stiff, by 1/(3 n) with 8 neighbours and by
-1/n with 4. In its plane a sheet is stiffer along a line by 4 P/(6 l), (t/s)²/9 of its own springs with a material.
+theory within 1/N² of it. The clamp is between two rows of particles. A margin lacks half of the angles along it:
+with a material a strip n cells wide is too soft by at most 1/(3 n), one cell wide (n = 1) by 1/4 of a beam's E
+t³/12. With constants, which are equal up to the margin, it is too stiff by 1/(3 n) with 8 neighbours and 1/n with
+4. In its plane a sheet is stiffer along a line by 4 P/(6 l), (t/s)²/9 of its own springs with a material.
 
-**What takes it away.** Bending lives on lengths that are not those of the flat sheet: `System.set_rest_shape`,
-rest lengths given anew, or a yield strain below 3/4 (the strain of these springs when flat) end it. The largest
-strain that is measured is that of the other connections, unless something yields. The elastic energy of a flat
-sheet is not 0: with 8 neighbours it is 12 D for each particle inside. What bending adds to it is the energy of the
-plate.
+**Limits.** Bending resistance needs rest lengths that differ from those of the flat sheet:
+`System.set_rest_shape`, new rest lengths, or a yield strain below 3/4 (the strain of these springs when flat)
+remove it. The measured largest strain is that of the other connections, unless something yields. The elastic
+energy of a flat sheet is not 0: with 8 neighbours it is 12 D per inner particle. The energy that bending adds is
+that of the plate.
 """
 
 import math
@@ -46,7 +46,7 @@ from .grid import ends_of, lattice_directions, second_cells, whole_cells
 _SLACK = 4.0
 """Rest length of a spring to a second neighbour, over its length in the flat sheet."""
 _LEAST = 0.5
-"""Tension leaves connections between neighbours at least this share of their rest length."""
+"""Under the tension, connections between neighbours keep at least this share of their rest length."""
 
 
 def flexural_rigidity(
@@ -83,9 +83,9 @@ def resisting_bending(
     bridges a hole or a notch. Its damper has their ratio b/k. It lies along the chord, so it damps bending of a
     flat sheet only to second order.
 
-    In a `solid` sheet, of a material, each spring has the share of cells beside it that are whole, and forces are
-    balanced up to the margin. Else constants are alike within a direction, so that the stencil holds them, and the
-    outermost cells, with half of the springs to second neighbours, are drawn together by P/k.
+    In a `solid` sheet, of a material, each spring is weighted by the share of whole cells beside it, and forces
+    balance up to the margin. Otherwise constants are equal within a direction, so that the stencil can be used,
+    and the outermost cells, with half of the springs to second neighbours, contract by P/k.
 
     Raises ValueError if connections are too weak for the tension.
     """
@@ -136,14 +136,14 @@ def resisting_bending(
 def _turns(
     flat: System, name: str, step: tuple[int, ...], mask: NDArray[np.bool_], *, solid: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the connections before and after each point where a line of a direction can turn, and the shares."""
+    """Return the connections before and after each point where a line of a direction can bend, and the shares."""
     part = flat.directions[0][name]
-    beginning = np.full(mask.shape, -1)  # the connection that begins at each point
+    beginning = np.full(mask.shape, -1)  # the connection that starts at each point
     points = np.argwhere(mask.T)[:, ::-1]
     beginning[tuple(points[flat.connections[part, 0]].T)] = np.arange(part.start, part.stop)
     here, _ = ends_of([2 * s for s in step], mask.shape)
     middle = tuple(slice(one.start + s, max(one.start, one.stop) + s) for one, s in zip(here, step, strict=True))
-    first, second = beginning[here].T, beginning[middle].T  # x fastest, as everywhere
+    first, second = beginning[here].T, beginning[middle].T  # x varies fastest, as everywhere
     share = second_cells(whole_cells(mask), step).T if solid else np.ones(first.shape)
     there = (first >= 0) & (second >= 0) & (share > 0)
     return first[there], second[there], share[there]

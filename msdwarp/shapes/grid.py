@@ -1,4 +1,4 @@
-"""Grids: numbers the points of a regular lattice, joins neighbours, and finds cells, pieces and surfaces.
+"""Grids: number the points of a regular lattice, join neighbours, and find cells, pieces and surfaces.
 
 A grid is given by its mask: which of its points are particles, shape [nx, ny] or [nx, ny, nz]. Particles are
 numbered x fastest, then y, then z, without gaps.
@@ -16,7 +16,7 @@ from ..bodies import Surface, pieces
 
 def check_memory(name: str, value: object, count: int, dim: int, neighbours: int) -> None:
     """Raise ValueError if positions, connections and rest lengths of `count` particles do not fit into memory."""
-    count = min(count, 10**300)  # no float is larger than some 10**308
+    count = min(count, 10**300)  # floats end at about 10**308
     joined = count * neighbours // 2
     size = count * (8 * dim + 4) + joined * (2 * 4 + 8)
     checks.fits(
@@ -40,7 +40,7 @@ def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...
 
 
 def particle_numbers(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
-    """Return each point's particle, shape [nx, ny, nz]; numbers where the mask is False have no meaning."""
+    """Return each point's particle, shape [nx, ny, nz]; values where the mask is False are meaningless."""
     if mask is None:
         return np.arange(np.prod(shape), dtype=np.int32).reshape(shape[::-1]).T
     return (np.cumsum(mask.T, dtype=np.int32) - 1).reshape(shape[::-1]).T
@@ -71,7 +71,7 @@ def lattice_connections(
     for name, (first, second) in ends.items():
         slices[name] = slice(start, start + first.size)
         start += first.size
-        pairs = connections[slices[name]].reshape(*first.shape, 2)  # a view: written where it belongs
+        pairs = connections[slices[name]].reshape(*first.shape, 2)  # a view: written in place
         pairs[..., 0], pairs[..., 1] = first, second
     return connections, slices
 
@@ -97,7 +97,7 @@ def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8
     """
     count = whole.astype(np.uint8)
     for axis, s in enumerate(step):
-        if s == 0:  # between the cells on either side; along the other axes there is one cell between the ends
+        if s == 0:  # between the cells on both sides; along the other axes there is one cell between the ends
             count = np.insert(count, 0, 0, axis) + np.insert(count, count.shape[axis], 0, axis)
     return count
 
@@ -105,7 +105,7 @@ def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8
 def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
     """Return the share of whole cells around each connection along a step, from 0 to 1.
 
-    In the order of `lattice_connections` with whole cells; for the step 0 in the order of the particles.
+    The order is that of `lattice_connections` with whole cells; for the step 0 that of the particles.
     """
     count = _cells_of(whole, step).T
     return count[count > 0] / 2.0 ** (len(step) - np.count_nonzero(step))
@@ -114,7 +114,7 @@ def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.flo
 def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
     """Return the share of cells beside a connection over two steps that are whole along both, from 0 to 1.
 
-    In the order of `ends_of` the points of a plane grid that have a neighbour two steps further.
+    The order is that of `ends_of`: the points of a plane grid that have a neighbour two steps further.
     """
     here, there = ends_of(step, whole.shape)
     count = _cells_of(whole[here] & whole[there], step)
@@ -133,9 +133,9 @@ def count_pieces(particle_count: int, connections: NDArray[np.int32]) -> int:
 
 
 def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> Surface | None:
-    """Return the squares of whole cells that have no whole cell beyond them, facing outwards.
+    """Return the outward squares of whole cells that have no adjacent whole cell.
 
-    In three dimensions the faces' six directions lie side by side in one texture, three columns of two rows:
+    In three dimensions the faces' six directions are adjacent in one texture, three columns of two rows:
     −x, +x, −y in the lower row and +y, −z, +z in the upper one, each a plane view of the whole grid. In two
     dimensions the cells themselves face up, and share one view. Without any whole cell there is no surface.
     """
@@ -152,10 +152,10 @@ def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) ->
         first, second = (axis + 1) % 3, (axis + 2) % 3
         order = (axis, first, second) if outwards else (axis, second, first)  # seen from outside: a × b
         points, cells = index.transpose(order), whole.transpose(order)
-        if mask is None:  # squares are in the outermost layer alone
+        if mask is None:  # squares are only in the outermost layer
             points, squares = points[-1:] if outwards else points[:1], cells[:1]
         else:
-            # A layer of squares lies on each layer of particles, between the cells before and behind it.
+            # Each layer of particles has a layer of squares, between the cells on both sides of it.
             cells = np.pad(cells, ((1, 1), (0, 0), (0, 0)))
             squares = cells[:-1] & ~cells[1:] if outwards else cells[1:] & ~cells[:-1]
         particle, uv, triangle = _squares(points, squares)

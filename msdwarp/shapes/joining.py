@@ -10,11 +10,11 @@ from .. import checks
 from ..bodies import CONNECTION_FIELDS, System, joined, particles_meant
 
 NOW = "now"
-"""The value of `rest_length` for the present distance."""
+"""The value of `rest_length` for the current distance."""
 ROUNDING = 1e-9
 """Relative tolerance of a reach: 3 × 0.1 counts as within 0.3."""
 _MOST_CELLS = 1 << 20
-"""Most cells along an axis in the search for near particles."""
+"""Maximal number of cells along an axis in the search for near particles."""
 _MOST_AT_ONCE = 1 << 22
 """Approximate number of distances that are computed together."""
 
@@ -159,7 +159,7 @@ def nearest(x: NDArray[np.float64], y: NDArray[np.float64], within: float) -> ND
         return found
     low, high = y.min(axis=0) - reach, y.max(axis=0) + reach
     edge = np.maximum(reach, (high - low) / _MOST_CELLS)
-    shape = tuple(np.floor((high - low) / edge).astype(np.int64) + 3)  # one beyond either end
+    shape = tuple(np.floor((high - low) / edge).astype(np.int64) + 3)  # one more at each end
 
     def cells_of(points: NDArray[np.float64]) -> NDArray[np.int64]:
         return np.floor((points - low) / edge).astype(np.int64) + 1

@@ -71,7 +71,7 @@ def _lattice(
         position[..., k] = coordinates
     position = position.reshape(-1, dim) if mask is None else position[mask.T]
     directions = lattice_directions(len(shape), diagonals=diagonals)
-    # A material fills whole cells: it does not join particles across a gap between them.
+    # A material fills whole cells, and so does not join particles across a gap.
     whole = None if material is None or mask is None else whole_cells(mask)
     if mask is not None and whole is not None and (loose := first_loose(mask, whole)):
         raise ValueError(
@@ -83,7 +83,7 @@ def _lattice(
     rest_length = np.empty(len(connections))
     for name, step in directions.items():
         along = [one for one, s in zip(spacings, step, strict=True) if s]
-        longest = max(along)  # taken out of the root, so that equal spacings give exactly 1, √2 or √3 of them
+        longest = max(along)  # factored out, so that equal spacings give exactly 1, √2 or √3 times that
         rest_length[slices[name]] = longest * np.sqrt(sum((one / longest) ** 2 for one in along))
     for name, values in {"position": position, "rest_length": rest_length}.items():
         checks.within(name, values, checks.FINITE)  # a large spacing may overflow

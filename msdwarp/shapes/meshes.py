@@ -1,4 +1,4 @@
-"""Bodies of any form: a closed mesh, filled with a lattice that carries it."""
+"""Bodies of any shape: a closed mesh, filled with a lattice that carries it."""
 
 import itertools
 import math
@@ -16,9 +16,9 @@ from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enoug
 Mesh = tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]
 """Points [m], texture coordinates if there are any, and triangles."""
 _SAME = 1e-6
-"""Points nearer than this, over the mesh's longest extent, are merged: single precision errs by less."""
+"""Points closer than this, over the mesh's longest extent, are merged: errors of single precision are smaller."""
 _SHARP = math.cos(math.radians(30))
-"""If triangles at a point meet at more than this angle, coincident vertices keep normals of their own."""
+"""If triangles at a point meet at more than this angle, coincident vertices keep separate normals."""
 
 
 def from_mesh(

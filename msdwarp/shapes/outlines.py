@@ -111,7 +111,7 @@ def _cross(a: NDArray, b: NDArray) -> NDArray:
 
 def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return the mask of a grid's points inside a polygon, shape [nx, ny]."""
-    end = np.roll(corners, -1, axis=0)  # inside points have an odd number of sides before them
+    end = np.roll(corners, -1, axis=0)  # a ray from an inside point crosses an odd number of sides
     inside = np.empty((len(x), len(y)), dtype=bool)
     for j, height in enumerate(y):
         meets = (corners[:, 1] > height) != (end[:, 1] > height)

@@ -1,6 +1,6 @@
-"""A system advanced frame by frame: `Simulation`; many at once: `Ensemble`.
+"""`Simulation` advances a system frame by frame, `Ensemble` many at once.
 
-Divergence, checkpoints, frames on their way to the host.
+Also divergence errors, checkpoints, and transfer of frames to the host.
 """
 
 from .arguments import frame_count as frame_count

@@ -8,7 +8,7 @@ from ..integrators import MOST_SUBSTEPS
 from ..world import Change, Load
 
 MOST_FRAMES = 10**9
-"""The most frames of a run."""
+"""Maximal number of frames of a run."""
 
 
 def frame_count(duration: float, fps: float) -> int:

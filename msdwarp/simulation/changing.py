@@ -34,10 +34,10 @@ class Changing(PresentWorld):
     _surroundings: dict[str, Any]
     """Arguments of `assemble` for gravity, colliders, loads, probes and the device."""
     _active_loads: tuple[Load, ...]
-    """The present loads, as given."""
+    """The current loads, as given."""
     _step_controller: StepController | None
     _due: list[Change]
-    """Scheduled changes that are still to come."""
+    """Scheduled changes that have not been made yet."""
 
     @property
     def loads(self) -> tuple[Load, ...]:
@@ -63,7 +63,7 @@ class Changing(PresentWorld):
         del self._due[0]  # not before the change has succeeded
 
     def _restore_contact(self, arrays: Mapping[str, NDArray]) -> None:
-        """Start with the contacts between bodies of a checkpoint (`BodyContact.checkpoint`)."""
+        """Restore the contacts between bodies from a checkpoint (`BodyContact.checkpoint`)."""
         if self.assembly.body_contact is not None:
             self.assembly.body_contact.restore(arrays)
         self.stepping.reset_baseline()
@@ -76,7 +76,7 @@ class Changing(PresentWorld):
 
     @abstractmethod
     def _update_choice(self) -> None:
-        """Choose the substeps again, for the present state."""
+        """Choose the substeps again, for the current state."""
 
     @in_turn
     def change(
@@ -168,7 +168,7 @@ class Changing(PresentWorld):
             raise
 
     def _set_gravity(self, gravity: Any) -> None:
-        """Set another constant gravity in place."""
+        """Change constant gravity in place."""
         self.model.check_range(checks.gravity("gravity", gravity, self.model.dim), "gravity")
         before = self._energy()
         self.stepping.set_gravity(gravity)
@@ -177,7 +177,7 @@ class Changing(PresentWorld):
             self._step_controller.set_gravity(self.stepping, self._energy() - before)
 
     def _set_velocity(self, change: Change) -> None:
-        """Set other velocities in place."""
+        """Change velocities in place."""
         held = ~np.isfinite(self.model.mass)
         before = self.frame().velocity
         velocity = change.velocities(self.system, before, held)
@@ -186,7 +186,7 @@ class Changing(PresentWorld):
         energy = self._energy()
         self.stepping.set_velocity(velocity, chosen)
         added = self._energy() - energy
-        if resists(self.assembly):  # forces that depend on speed may have become steeper
+        if resists(self.assembly):  # forces that depend on speed may have a steeper slope now
             try:
                 self._update_choice()
             except UnstableStep:

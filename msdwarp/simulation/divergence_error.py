@@ -1,6 +1,6 @@
 """The error of a run that cannot continue: where, when and why.
 
-`engine/diagnostics/divergence_monitor.py` detects that; for ensembles with `kernels/reductions/frozen_worlds.py`.
+`engine/diagnostics/divergence_monitor.py` detects divergence; in ensembles `kernels/reductions/frozen_worlds.py`.
 """
 
 from typing import NamedTuple
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ..bodies import System
 
 INSIDE_MATTERS = 1.0
-"""Until this time [s] an initial overlap with an obstacle or a body explains a divergence."""
+"""Up to this time [s] an initial overlap with an obstacle or a body explains a divergence."""
 
 
 class Divergence(NamedTuple):
-    """Where a frame diverged."""
+    """Place of a divergence within a frame."""
 
     position: NDArray
     """Positions before the first bad substep [m], shape [particle_count, d]."""
@@ -41,17 +41,17 @@ class SimulationDiverged(RuntimeError):
     ) -> None:
         super().__init__(message)
         self.time = time
-        """When it happened [s]."""
+        """Time of the divergence [s]."""
         self.substep = substep
         """The substep of its frame, from 1."""
         self.particle = particle
         """The first particle concerned."""
         self.connection = connection
-        """Its most strained connection just before, if it has any."""
+        """The particle's most strained connection just before; None if it has none."""
         self.strain = strain
         """The strain of that connection."""
         self.substeps_needed = substeps_needed
-        """Substeps per frame that are stable for the last good frame; 0 where none are."""
+        """Substeps per frame that are stable for the last good frame; 0 if no number is."""
 
 
 def describe(
@@ -67,8 +67,8 @@ def describe(
     """Return the exception for a frame of `substeps` substeps of `dt` [s] that diverged.
 
     `system` and `time` [s] are from the frame's start, and `needed` is the least stable number of substeps
-    there, or 0. `inside` is text about an initial overlap, which is then the cause. `gained` is the unexplained
-    rise of energy as a share of its scale, if that ended the run.
+    there, or 0. `inside` is a message about an initial overlap, which is then the cause. `gained` is the
+    unexplained rise of energy as a share of its scale, if that ended the run.
     """
     position, substep, particle = divergence
     connection, strain, stretched = None, float("nan"), ""
@@ -89,7 +89,7 @@ def describe(
     when = time + substep * dt
     event = "diverged"
     if gained is not None:
-        event = f"energy has grown by {gained:.0%} from nothing, and shorter steps did not prevent it: ended"
+        event = f"energy has grown by {gained:.0%} without a cause, and shorter steps did not prevent it: ended"
     return SimulationDiverged(
         f"{event} at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
         f"{advice}. The last good frame, at {time:.4g} s, is kept",

@@ -59,11 +59,11 @@ class Observation:
     def __init__(self, name: str, axes: tuple[str, ...], unit: str, measure: Callable[[], NDArray]) -> None:
         self.name, self.unit, self._axes, self._measure = name, unit, axes, measure
         self.values: list[NDArray] = []
-        """A value for each call of `look`, shape [worlds, ...]."""
+        """One value per call of `look`, shape [worlds, ...]."""
 
     @in_turn
     def look(self) -> None:
-        """Append the present value."""
+        """Append the current value."""
         self.values.append(np.asarray(self._measure()))
 
     def variable(self) -> tuple[tuple[str, ...], NDArray, dict[str, str]]:

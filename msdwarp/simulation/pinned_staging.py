@@ -13,8 +13,8 @@ from ..runtime import CAPTURE_LOCK, record
 class PinnedStaging:
     """Copies arrays from a GPU through pinned memory, by one recorded graph.
 
-    `array.numpy()` allocates host memory and waits for the device, once for each array. That takes longer than a
-    frame of a small body.
+    `array.numpy()` allocates host memory and waits for the device, once per array. That takes longer than a frame
+    of a small body.
     """
 
     def __init__(self) -> None:

@@ -32,7 +32,7 @@ class Present:
     frame_index: int
 
     def __del__(self) -> None:
-        """Free the device memory when no thread records a graph."""
+        """Free the device memory at a time when no thread records a graph."""
         release_in_turn(self.__dict__)
 
     def _set_up_steps(
@@ -154,7 +154,7 @@ class PresentWorld(Present):
     def held_back(self) -> float:
         """The furthest that contact held a particle back in a substep of the last frame [m]; 0 without contact.
 
-        Where impulses between bodies do not suffice, ways are shortened, which does not keep momentum.
+        If impulses between bodies do not suffice, paths are shortened, which does not conserve momentum.
         """
         contact = self.assembly.body_contact
         return 0.0 if contact is None else float(contact.held_back[0])

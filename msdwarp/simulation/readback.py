@@ -17,20 +17,20 @@ from .simulation import Simulation
 class Readback:
     """Copies frames of a simulation to the host while it continues.
 
-    On a GPU a frame is first copied there, before the simulation writes over it; from that copy it goes to the
-    host on a stream of its own. On the CPU it is copied at once.
+    On a GPU a frame is first copied on the device, before the simulation overwrites it; that copy goes to the host
+    on a separate stream. On the CPU it is copied at once.
 
     Parameters
     ----------
     simulation
         The simulation to copy from. It may be changed, reset and restored meanwhile.
     strain
-        Whether the strain of every connection comes with it.
+        Whether to include the strain of every connection.
     contact_forces
         Whether to include the contact force on each particle, which `Simulation(contact_forces=True)` computes.
     depth
-        Frames that may be on their way at a time: each has buffers of its own, allocated here, on the device and
-        on the host.
+        Maximal number of frames in transfer at a time: each has its own buffers on the device and on the host,
+        allocated here.
 
     Raises
     ------
@@ -57,14 +57,14 @@ class Readback:
             self._free.put(_Buffers(simulation.model, strain, contact_forces))
 
     def take(self) -> "Taken":
-        """Return the present frame, still on its way to the host; wait while `depth` others are not released."""
+        """Return the current frame, still in transfer to the host; wait while `depth` others are not released."""
         buffers = self._free.get()
         self._fill(buffers)
         return Taken(self._simulation, buffers, self._free)
 
     @in_turn
     def _fill(self, buffers: "_Buffers") -> None:
-        """Start the copy of the present frame."""
+        """Start the copy of the current frame."""
         stepping = self._simulation.stepping  # read each time: changes of a simulation replace it
         state = stepping.state
         arrays = buffers.on_device
@@ -92,7 +92,7 @@ class Readback:
 
 
 class Taken:
-    """A frame on its way to the host, in memory of the readback."""
+    """A frame in transfer to the host, in memory of the readback."""
 
     def __init__(self, simulation: Simulation, buffers: "_Buffers", free: "queue.LifoQueue[_Buffers]") -> None:
         self._time, self._buffers, self._free = simulation.time, buffers, free
@@ -101,7 +101,7 @@ class Taken:
         self._released = False
 
     def arrived(self) -> tuple[Frame, NDArray | None]:
-        """Wait for it, in any thread, and return it: equal to `Simulation.frame` at its time.
+        """Wait for the frame, in any thread, and return it: equal to `Simulation.frame` at its time.
 
         The arrays are overwritten by a later frame once this one has been released.
 
@@ -127,7 +127,7 @@ class Taken:
         return Frame(self._time, position, velocity), arrays.get("strain")
 
     def broken_at(self) -> NDArray | None:
-        """Wait for it, and return the times at which connections had broken [s]; None if none can break.
+        """Wait for the frame, and return the times at which connections had broken [s]; None if none can break.
 
         Shape [connection_count], inf for whole connections. As for `arrived`, the array is overwritten once this
         frame has been released.
@@ -136,7 +136,7 @@ class Taken:
         return self._buffers.on_host.get("broken_at")
 
     def contact_force(self) -> NDArray | None:
-        """Wait for it, and return the contact force on each particle [N]; None if it was not requested.
+        """Wait for the frame, and return the contact force on each particle [N]; None if it was not requested.
 
         It equals `Simulation.contact_force` at its time, shape [particle_count, d]. As for `arrived`, the array is
         overwritten once this frame has been released.
@@ -145,7 +145,7 @@ class Taken:
         return self._buffers.on_host.get("contact_force")
 
     def release(self) -> None:
-        """Release its memory for a later frame; further calls do nothing."""
+        """Release the memory for a later frame; further calls do nothing."""
         if not self._released:
             self._released = True
             self._free.put(self._buffers)

@@ -297,11 +297,11 @@ class Simulation(Changing):
             raise self._divergence(failure.gained) from None
 
     def _stable_choice(self) -> StepChoice:
-        """Return the substeps for the present state; raise UnstableStep if there are none."""
+        """Return the substeps for the current state; raise UnstableStep if no number is stable."""
         return self._choose(rate_bounds(self.system, self.assembly, self.state))
 
     def _update_choice(self) -> None:
-        """Choose the substeps again, for the present state."""
+        """Choose the substeps again, for the current state."""
         choice = self._stable_choice()
         if self._step_controller is not None:
             self.stepping = self._step_controller.follow(self.stepping, choice)
@@ -374,7 +374,7 @@ class Simulation(Changing):
         self._step_controller = self._step_controller and StepController()
         self.frame_index = frame_index
         self.readings = Readings(self._surroundings["probes"], system.dim)
-        if reusable:  # a sweep restores many worlds: another upload would take as long as a new simulation
+        if reusable:  # a sweep restores many worlds: an upload for each would take as long as a new simulation
             self.stepping.begin_at(self.time)
         else:
             self._load(system, choice)
@@ -385,5 +385,5 @@ class Simulation(Changing):
         self.substep_history = chosen or [(0.0, self.substeps)]
         if baseline is not None:
             self.stepping.watch.compare_with(baseline)
-        if controller is not None:  # older checkpoints have none: the control begins here
+        if controller is not None:  # older checkpoints have none: the controller starts here
             self._step_controller = controller

@@ -43,7 +43,7 @@ from .track import Track, Tracks, can_judge_late
 class Stepping:
     """The worlds on a device, the method that advances them, and the substeps of a frame.
 
-    Any change of these makes a new `Stepping`, so callers never see half of a change. In an ensemble worlds that
+    Any change of these creates a new `Stepping`, so callers never see a partial change. In an ensemble worlds that
     diverge are frozen, and the others continue.
 
     Parameters
@@ -53,13 +53,13 @@ class Stepping:
     state
         The moving state, with velocities at the time of the positions.
     choices
-        The substeps that each world needs, one choice if all worlds are alike. All worlds take the largest number.
+        The substeps that each world needs, or one choice for equal worlds. All worlds take the largest number.
     energy_limit, blocks
         See `Simulation`. For an ensemble `blocks` is the number of threads of a world.
     watch_energy
         Whether a `StepController` reads the energy balance of frames.
     baseline
-        The reference for energies; by default the present state's.
+        The reference for energies; by default that of the current state.
     time
         Time of the state [s].
 
@@ -119,10 +119,10 @@ class Stepping:
         self._balance_graph: Any = None
         self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
-        """Number of frames, and of balances, that are still launched before they are recorded."""
+        """Number of frames, and of balances, to launch before they are recorded."""
         small = is_told_by_frames(dynamics)
         self._can_sum_balance, self.sum_balance = watch_energy and small, True
-        """Whether frames can sum their energy balance; whether the next ones do. Otherwise requests sum it."""
+        """Whether frames can sum their energy balance; whether the next ones do. Otherwise a request sums it."""
         self.runs_ahead = small and can_judge_late(
             self.assembly, forces, self._frame_sensors, self._substep_sensors
         )
@@ -142,7 +142,7 @@ class Stepping:
         return next(iter(self._tracks.first.graphs.values()), None)
 
     def with_choice(self, choice: StepChoice) -> Self:
-        """Return a `Stepping` with other substeps that continues from the present state in place of this one."""
+        """Return a `Stepping` with other substeps that replaces this one and continues from the current state."""
         own = self.integrator
         if own.staggered or not self.at_start:
             self._velocities.change_lag(own.lag * choice.step)
@@ -155,7 +155,7 @@ class Stepping:
         return self._time == 0.0
 
     def set_gravity(self, gravity: ArrayLike) -> None:
-        """Set another constant gravity [m/s²]. Only graphs recorded with the old one are recorded again."""
+        """Set a constant gravity [m/s²]. Only graphs recorded with the old one are recorded again."""
         weight_before, energy_before = weight(self.model), potential(self.model, self.state)
         with self._synchronized_velocities():
             self.model.fall(gravity)
@@ -177,7 +177,7 @@ class Stepping:
         self._shift_baseline(added_energy, max(0.0, added_energy))
 
     def _shift_baseline(self, energy: float, scale: float) -> None:
-        """Add to the energy [J], and to the scale of energies [J], that the run is compared with."""
+        """Add to the baseline's energy [J] and scale of energies [J]."""
         baseline = self.watch.baseline
         self.watch.compare_with(Baseline(baseline.energy + energy, baseline.scale + scale))
 
@@ -212,8 +212,8 @@ class Stepping:
         """Advance by the frame that begins at `time` [s]; return whether it went well.
 
         If another frame follows immediately, at `next_time` [s], the host prepares it while the device works, and
-        if possible launches it before it judges the present one. Omit `next_time` if the caller acts between the
-        frames: functions of time may then return something else.
+        if possible launches it before it judges the current one. Omit `next_time` if the caller acts between the
+        frames, since functions of time may then return other values.
         """
         if not self._tracks.advance():
             self._take_frame(time, self._tracks.current)
@@ -223,7 +223,7 @@ class Stepping:
             self.dynamics.prepare(next_time)
             if self.runs_ahead and not self._unrecorded:
                 ahead = self._tracks.other()
-                with suppress(Exception):  # it is raised again when that frame begins, if it ever does
+                with suppress(Exception):  # raised again when that frame begins, if ever
                     self._take_frame(next_time, ahead)
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
@@ -268,7 +268,7 @@ class Stepping:
         track.found.mark()
 
     def _forget_outdated(self) -> None:
-        """Forget graphs whose arrays, numbers or kernels have been replaced."""
+        """Drop graphs whose arrays, numbers or kernels have been replaced."""
         if self._generation != self.model.generation:
             self._tracks.forget_graphs()
             self._balance_graph, self._generation = None, self.model.generation
@@ -279,7 +279,7 @@ class Stepping:
         self.dynamics.hold(time)
 
     def reset_baseline(self) -> None:
-        """Compare energies with those of the present state from now on."""
+        """Compare energies with those of the current state from now on."""
         self.watch.compare_with(Baseline.of(self.assembly, self.state))
 
     def go_back(self) -> None:
@@ -289,7 +289,7 @@ class Stepping:
         self.begin_at(self._frame_start)
 
     def _record(self, launch: Callable[[], None], partition: Any = None) -> Any:
-        """Record launches as a graph, or as one graph for each CPU thread."""
+        """Record launches as a graph, or as one graph per CPU thread."""
         return record(launch, self.model.device) if partition is None else partition.record(launch)
 
     def _launch_frame(self, track: Track) -> None:
@@ -317,7 +317,7 @@ class Stepping:
             self._substep_sensors.launch(v, substep)
 
     def balance(self) -> EnergyBalance:
-        """Return the energy balance of the present state, summed by launches of its own."""
+        """Return the energy balance of the current state, summed by separate launches."""
         sums = self._energy_sums = self._energy_sums or self._new_energy_sums()
         self._forget_outdated()
         found = self._tracks.first.found
@@ -368,7 +368,7 @@ class Stepping:
         return self._velocities.read()
 
     def frame(self, time: float) -> Frame:
-        """Return the present positions and velocities, in an ensemble of shape [worlds, particle_count, d]."""
+        """Return the current positions and velocities, in an ensemble of shape [worlds, particle_count, d]."""
         position, velocity = self._staging.host_copies(self.state.x, self.velocity())
         if self.model.compensated:  # subtract the rounding errors of the sums
             position = position.astype(np.float64) - self.state.compensation.x.numpy()
@@ -376,7 +376,7 @@ class Stepping:
         return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))
 
     def warnings(self) -> str | None:
-        """Return a warning about the last frame; None if there is none."""
+        """Return a warning about the last frame, or None."""
         return next(filter(None, (effect.warnings() for effect in self.assembly.all)), None)
 
     @in_turn

@@ -12,41 +12,41 @@ from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
 from .stepping import Stepping
 
 SHARE = 0.02
-"""Energy may rise above its minimum by this share of the scale.
+"""Allowed rise of the energy above its minimum, as a share of the scale.
 
-The conserved energy swings by less if steps are short enough for a strongly stretched body. Otherwise it rises by
-more within a second.
+The conserved energy fluctuates by less if steps are short enough for a strongly stretched body. Otherwise it rises
+by more within a second.
 """
 MOST_SWING = 0.04
-"""The energy that a method conserves may differ from the physical energy by this share of the scale.
+"""Allowed difference of the conserved energy from the physical energy, as a share of the scale.
 
-Energy that moves to the fastest modes grows by 1/(1 − h²λ/4), 2.8 times at 0.8 of the limit, though the method has
-gained nothing.
+Physical energy that moves to the fastest modes grows by 1/(1 − h²λ/4), a factor 2.8 at 0.8 of the limit, though
+the conserved energy stays the same.
 """
 ENOUGH_FOR_SWING = 8.0
 """At this refinement the swing due to the step is 1/64 of the original; the rest comes from contact and loads."""
 MOST_GAINED = 0.08
 """A run ends when its energy has risen above the floor by this share of the scale."""
 ROUNDED = 1e-4
-"""Rounding errors make less than this share of their allowance, unless they add up: ten times a single one's."""
+"""Rounding errors stay below this share of their allowance, unless they add up: ten times that of a single one."""
 MOST_REFINEMENT = 64.0
 """The largest refinement that is tried."""
 SAME = 0.7
-"""A rise is not due to the step if halving the step leaves more than this share. At order 1 half of it is left."""
+"""A rise that keeps more than this share when the step is halved is physical. At order 1 half is kept."""
 SLOW = 0.25
 """A frame that used less than this share of the allowance did not cause the rise; earlier frames did."""
 LONGEST_INTERVAL = 64
-"""The most frames between two checks. A check costs as much as a few substeps."""
+"""Maximal number of frames between two checks. A check costs as much as a few substeps."""
 OFTEN = 8
-"""At shorter intervals each frame on a GPU sums its energy balance."""
+"""At intervals shorter than this each frame on a GPU sums its energy balance."""
 LARGE_STRAIN = 0.3
-"""Above this strain the limit of small motions says little, and every frame is checked."""
+"""Above this strain the stability limit of small motions is unreliable, and every frame is checked."""
 PATIENCE = 60
 """Quiet frames before fewer substeps are tried."""
 MOST_PATIENCE = 4096
 """Patience doubles, up to this, when fewer substeps were too few."""
 EASING = 1.25
-"""Fewer substeps means divided by this."""
+"""Divisor of the substeps when fewer are tried."""
 
 
 class StepControlFailed(Exception):
@@ -64,7 +64,7 @@ _STORED = {"quiet_frames": "calm", "coarsen_after": "patience", "rechoose": "ane
 
 
 def _stored(name: str) -> str:
-    """Return the name that a field has in checkpoints: that of version 0.1."""
+    """Return the name of a field in checkpoints: that of version 0.1."""
     return f"pace.{_STORED.get(name, name)}"
 
 
@@ -72,10 +72,10 @@ def _stored(name: str) -> str:
 class StepController:
     """Chooses automatic substeps: the number that stability requires, times `refinement`.
 
-    After a frame it checks the energy that the method conserves, less external work. This can only fall. If it
-    has risen above its minimum by more than `SHARE` of its scale, the run goes back to the frame's start and takes
-    twice the substeps. After quiet frames it tries fewer. Checks become rare while nothing new happens. Only
-    counts and energies decide, never wall-clock time, so runs repeat and resume to the last bit.
+    After a frame it checks the energy that the method conserves, minus external work. This energy can only fall.
+    If it has risen above its minimum by more than `SHARE` of its scale, the run goes back to the frame's start and
+    takes twice the substeps. After quiet frames it tries fewer. Checks become rare while nothing new happens.
+    Decisions ignore wall-clock time, so runs repeat and resume to the last bit.
     """
 
     refinement: float = 1.0
@@ -136,7 +136,7 @@ class StepController:
     def begin(self, stepping: Stepping, above: float = 0.0) -> None:
         """Begin, or continue after a change, from a state whose energy is `above` the floor [J]."""
         balance, model, state = stepping.balance(), stepping.model, stepping.state
-        # Rounding errors of ten seconds add up to hundreds of times a single one.
+        # Rounding errors of ten seconds add up to several hundred times a single one.
         fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(model, state)
         self.scale = fall + rounding
         separable = model.precision != "float64" and max(fall, balance.inner) > ROUNDED * rounding
@@ -160,7 +160,7 @@ class StepController:
         self._update_extremes(stepping.balance())
 
     def above_floor(self, stepping: Stepping) -> float:
-        """Return by how much the present energy exceeds the floor [J]."""
+        """Return the excess of the current energy over the floor [J]."""
         return max(0.0, stepping.balance().energy - self.floor)
 
     def advance(
@@ -170,16 +170,16 @@ class StepController:
         stable_choice: Callable[[], StepChoice],
         next_time: float | None = None,
     ) -> Stepping:
-        """Advance by the frame that begins at `time` [s]; return the `Stepping` that has done it.
+        """Advance by the frame that begins at `time` [s]; return the `Stepping` that has advanced.
 
-        `stable_choice` returns the substeps that stability requires in the present state. `next_time` is as for
+        `stable_choice` returns the substeps that stability requires in the current state. `next_time` is as for
         `Stepping.advance`. If no number of substeps is enough, StepControlFailed is raised, with the state of the
         last attempt.
         """
         if self.rechoose:
             stepping.discard_ahead()
             self.rechoose = False
-            with suppress(UnstableStep):  # the old substeps serve while they can
+            with suppress(UnstableStep):  # otherwise keep the old substeps
                 stepping = self.follow(stepping, stable_choice())
         usual, rises = self.refinement, list[float]()
         # If checks are rare, balances are needed only near the next one: in this frame or the one after it.
@@ -192,7 +192,7 @@ class StepController:
         while True:
             balance = stepping.balance_of_frame() if fine else None
             if balance is not None and self._is_acceptable(balance):
-                if start is not None:  # the refinement answers this rise: the next one counts from here
+                if start is not None:  # the refinement has handled this rise: the next one counts from here
                     self.least = max(self.least, balance.energy - SLOW * self._allowed(balance))
                 return self._accept(stepping, balance)
             if balance is not None and start is not None:
@@ -222,13 +222,13 @@ class StepController:
         return free > self.least + self._allowed()  # elastic energy only adds to it
 
     def _is_acceptable(self, balance: EnergyBalance) -> bool:
-        """Return whether the energy has hardly risen and hardly differs from the physical energy."""
+        """Return whether the energy's rise, and its difference from the physical energy, are within limits."""
         if balance.swing > MOST_SWING * self._scale_of(balance) and self.refinement < ENOUGH_FOR_SWING:
             return False
         return balance.energy <= self.least + self._allowed(balance)
 
     def _allowed(self, balance: EnergyBalance | None = None) -> float:
-        """Return by how much energy may exceed the least [J]."""
+        """Return the allowed excess of the energy over the least [J]."""
         return SHARE * self._scale_of(balance)
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:
@@ -276,7 +276,7 @@ class StepController:
         """Update the least and the largest energies."""
         self.least, self.floor = min(self.least, balance.energy), min(self.floor, balance.energy)
         self.low, self.high = min(self.low, balance.free), max(self.high, balance.free)
-        # Motion of the whole body counts little: it does not heat.
+        # Motion of the whole body has a small weight: it is not internal energy.
         self.scale = max(self.scale, balance.inner + 0.05 * balance.kinetic, abs(balance.work))
 
     def _refine(
@@ -314,7 +314,7 @@ class StepController:
 
 
 def _is_physical(stepping: Stepping, rises: list[float]) -> bool:
-    """Return whether a rise is not due to the step: much of it remains as the step is halved again and again.
+    """Return whether a rise is not due to the step: much of it remains when the step is halved repeatedly.
 
     An isolated body has no source of energy. A fixed obstacle is a source if a body starts inside it.
     """

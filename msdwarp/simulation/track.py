@@ -1,4 +1,4 @@
-"""Tracks: memory of two frames, so that the next one can be launched before the present one is judged."""
+"""Tracks: memory of two frames, so that the next one can be launched before the current one is judged."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,7 +8,7 @@ import warp as wp
 from ..engine import Assembly, Backup, Effect, Found, State
 
 _READ_AFTER_FRAME = ("energies_and_powers", "is_void", "warnings")
-"""Methods of effects by which the host reads the present state, or the last frame."""
+"""Methods of effects by which the host reads the current state, or the last frame."""
 
 
 class Track:
@@ -18,7 +18,7 @@ class Track:
         self.backup = Backup(assembly, state, others)  # the state at the start of the frame
         self.found = Found(state.model)  # the check of the state at its end
         self.graphs: dict[bool, Any] = {}  # the recorded frame, by whether it sums its energy balance
-        self.sums_balance = False  # whether the last frame launched did
+        self.sums_balance = False  # whether the last launched frame did so
 
 
 class Tracks:
@@ -33,25 +33,25 @@ class Tracks:
         self.ahead: Track | None = None
 
     def advance(self) -> bool:
-        """Go to the next frame; return whether it has been launched already."""
+        """Go to the next frame; return whether it is already launched."""
         launched = self.ahead is not None
         self.current, self.ahead = self.ahead or self.first, None
         return launched
 
     def other(self) -> Track:
-        """Return the track for the frame after the present one."""
+        """Return the track for the frame after the current one."""
         if not self._second:
             self._second.append(Track(self._assembly, self._state))
         return self._second[0] if self.current is self.first else self.first
 
     def forget_graphs(self) -> None:
-        """Forget all recorded frames."""
+        """Drop all recorded frames."""
         for track in (self.first, *self._second):
             track.graphs.clear()
 
 
 def can_judge_late(assembly: Assembly, *measurements: Any) -> bool:
-    """Return whether `Found` alone decides about a frame: the host reads no effect and no measurement after it."""
+    """Return whether `Found` alone judges a frame: the host reads no effect and no measurement after it."""
     kinds = {type(one) for one in assembly.all}
     read = (getattr(kind, name) is not getattr(Effect, name) for kind in kinds for name in _READ_AFTER_FRAME)
     return not any(read) and all(one is None for one in measurements)

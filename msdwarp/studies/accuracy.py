@@ -15,7 +15,7 @@ from ..simulation import Simulation, SimulationDiverged, frame_count
 from ..world import Scene
 
 MOST_REFINEMENT = 64
-"""The most substeps tried, as a multiple of the stable number."""
+"""Maximal number of substeps that are tried, as a multiple of the stable number."""
 
 
 class Measurement(NamedTuple):
@@ -64,10 +64,10 @@ def make_reference(
     finer: int = 8,
     report: Callable[[str], None] = lambda line: None,
 ) -> Reference:
-    """Return the scene by RK4 in float64, with `finer` times the stable number of substeps.
+    """Return the scene's solution by RK4 in float64, with `finer` times the stable number of substeps.
 
     Its own error is estimated from a run with half as many substeps that starts from positions rounded to float32.
-    So the error of methods in float32 does not include changes of the motion by rounding alone, as in buckling.
+    So the estimate includes changes of the motion by rounding alone, as in buckling.
     """
     stable = Simulation(scene.system, integrator=RK4(), device=device).substeps
     system, runs = scene.system, []
@@ -88,10 +88,10 @@ def tune(
     horizon: float = 1.0,
     report: Callable[[str], None] = lambda line: None,
 ) -> tuple[list[Measurement], float]:
-    """Measure every method on a scene, with substeps that bring its error under a tolerance.
+    """Measure every method on a scene, with substeps that bring its error below a tolerance.
 
     Errors are measured over the horizon [s], which is shortened to the scene's duration, and to the time in which
-    the reference is certain to a tenth of the tolerance. Returns all measurements, the default method with its
+    the reference's error is below a tenth of the tolerance. Returns all measurements, the default method with its
     automatic substeps first, and the horizon used. `report` is called with a line about each run before it starts.
     Raises ValueError for a scene with a schedule, or if the reference is certain for less than a frame.
     """
@@ -101,7 +101,7 @@ def tune(
     horizon = min(checks.positive("horizon", horizon), scene.duration)
     frame_count(horizon, 60.0)
     position, error, size = make_reference(scene, horizon, device, report=report)
-    frames = int((np.maximum.accumulate(error) <= tolerance / 10).sum())  # for which the reference is certain
+    frames = int((np.maximum.accumulate(error) <= tolerance / 10).sum())  # frames with an accurate reference
     if frames < 2:
         raise ValueError(
             f"tolerance is {tolerance:g}; a tenth of it must be more than the error of the reference, which is "
@@ -143,18 +143,18 @@ def _measure_method(
         report(f"{precision}, {'stable' if substeps == 'auto' else substeps} substeps a frame")
         try:
             simulation, position = simulate(scene, horizon, **options)
-        except UnstableStep:  # the method needs a damper beside every spring
+        except UnstableStep:  # the method needs a damper at every spring
             return
         except SimulationDiverged as trouble:
             substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))
             continue
         error = float(frame_errors(position, reference.position, reference.size).max())
-        taken = max(count for _, count in simulation.substep_history)  # automatic ones may have been refined
+        taken = max(count for _, count in simulation.substep_history)  # automatic substeps may have been refined
         yield Measurement(name, precision, taken, error, math.nan)
         least = least or taken
         if error <= tolerance:
             return
-        if error > 0.7 * before:  # smaller steps did not help: it is rounding
+        if error > 0.7 * before:  # smaller steps did not help: the error is rounding
             precision, before = next(precisions, "float64"), math.inf
             continue
         before = error

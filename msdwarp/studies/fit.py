@@ -23,22 +23,22 @@ from .parameters import parameters_of
 MISSING = "fitting needs SciPy: pip install 'msdwarp[fit]'"
 GROWING, WHOLE = "growing", "whole"
 SHORTEST = 1 / 32
-"""The first horizon, as a share of the time measured; each next one is twice as long."""
+"""The first horizon, as a share of the measured time; each further one is twice as long."""
 LEAST_TIMES = 4
 """Least number of measured times in a horizon."""
 STEPS = 6
-"""Most steps on each horizon but the last."""
+"""Maximal number of steps on each horizon but the last."""
 ROUNDS, WORTH = 4, 0.7
-"""Most rounds of clouds; another one follows if a round reduces the sum of squares to at most this share."""
+"""Maximal number of rounds of clouds; another one follows if a round leaves at most this share of the squares."""
 UNCERTAIN = 1.0
-"""A standard deviation of ln(value) above which a parameter counts as unseen."""
+"""Standard deviation of ln(value) above which a parameter counts as unseen (not determined)."""
 SHARE = 0.3
 """A parameter is unseen if its share of an unseen direction of θ is larger."""
 OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
-"""The time step is short enough if its error is below this part of a standard deviation, or of the value, or this
-multiple of the jumps by contact, which also depend on it."""
+"""The time step is short enough if its error is below this share of the standard deviation, or of the value, or
+this multiple of the jumps by contact, which also depend on the step."""
 MOST_REFINEMENT = 16
-"""The most substeps taken, as a multiple of the stable number."""
+"""Maximal number of substeps, as a multiple of the stable number."""
 
 
 def fit(
@@ -113,7 +113,7 @@ def fit(
         Substeps of a frame, the same for all values. "auto" takes a number that is stable everywhere within the
         bounds, and more in the last steps of the search, until shorter steps would change no value by more than a
         quarter of its standard deviation, or 1e-4 of itself. The values do not depend on the time step then. A
-        number is taken as it is: then the values also make up for the errors of the time step.
+        given number is used unchanged: then the values also compensate for errors of the time step.
     integrator
         Time-stepping method. By default `Leapfrog(damper_extrapolation=0.5)`, of second order with damping.
     precision
@@ -228,7 +228,7 @@ def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
     if count == 1:
         return first
     random, others = np.random.default_rng(checks.count("seed", seed, 0)), count - 1
-    # One in each of `others` equal parts of a parameter's range.
+    # One start in each of `others` equal parts of a parameter's range.
     drawn = [random.permutation(others) + random.random(others) for _ in range(problem.count)]
     return np.concatenate([first, problem.low + np.column_stack(drawn) / others * (problem.high - problem.low)])
 
@@ -261,7 +261,7 @@ def _finish(
         else:
             jumps[:] = 0.0
         if better > WORTH * cost:
-            converged = True  # with jumps steps do not get small: it ends when clouds find nothing better
+            converged = True  # with jumps steps stay large: the search ends when clouds find nothing better
             break
     return best, linear, jumps, converged
 

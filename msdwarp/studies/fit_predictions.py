@@ -133,7 +133,7 @@ class _Positions:
         self.values: list[NDArray[np.float64]] = []
 
     def look(self) -> None:
-        """Append the present positions, shape [worlds, particles, d]."""
+        """Append the current positions, shape [worlds, particles, d]."""
         model, state = self._ensemble.model, self._ensemble.state
         found = model.by_world(state.x.numpy())[:, self._numbers].astype(float)
         if model.compensated:

@@ -11,12 +11,12 @@ from .measured import Channel
 SURE = 2.33
 """A normal variable is above this in one case of a hundred, so perfect noise causes a warning as often."""
 ALIKE = 0.3
-"""Correlation r of residuals at neighbouring times that is ignored: standard deviations are at most 1.4 times too
-small, sqrt((1 + r) / (1 - r))."""
+"""Tolerated correlation r of residuals at neighbouring times: standard deviations are then too small by at most a
+factor sqrt((1 + r) / (1 - r)) = 1.4."""
 OTHER = 1.5
-"""Ratio of residuals and given noise, or its inverse, that is ignored: noise is seldom known better."""
+"""Tolerated ratio of residuals to given noise, or its inverse: noise is seldom known better."""
 BY_STEP = 2.0
-"""Residuals below this multiple of the time step's error are errors of the time step."""
+"""Residuals below this multiple of the time step's error are attributed to the time step."""
 OUTRIGHT = 1000
 """If a frame needs more substeps than this, the measured times are probably in another unit."""
 
@@ -75,8 +75,8 @@ def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
         return []
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     return [
-        f"measured has times {np.diff(times).min():.3g} s apart, in which the stiffest part of the scene swings "
-        f"some {substeps // 3} times; times must be in seconds"
+        f"measured has times {np.diff(times).min():.3g} s apart, in which the stiffest part of the scene "
+        f"oscillates about {substeps // 3} times; times must be in seconds"
     ]
 
 
@@ -84,7 +84,7 @@ def value_warnings(problem: Problem, theta: NDArray[np.float64], unseen: list[st
     """Return warnings about the fitted values."""
     messages = []
     if len(unseen) == 1:
-        messages.append(f"{unseen[0]} cannot be seen in what was measured: it stays about where it started")
+        messages.append(f"{unseen[0]} is not determined by the measurements: it stays near its start")
     elif unseen:
         messages.append(f"{' and '.join(unseen)} cannot be told apart, or seen, in what was measured")
     for one, at, low, high in zip(problem.parameters, theta, problem.low, problem.high, strict=True):

@@ -11,7 +11,7 @@ from ..world import Change
 
 
 def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> list[Change]:
-    """Return the changes made before frame k was simulated, in their order."""
+    """Return the changes made before frame k was simulated, in order."""
     fps = trajectory.attributes.get("options", {}).get("fps", trajectory.fps)  # a file may hold every n-th frame
     before = round(trajectory.times[k] * fps) - 1
     ordered = sorted(schedule, key=lambda change: change.time)

@@ -1,4 +1,4 @@
-"""The arguments of a sweep, checked and as JSON data: values of parameters, points, functions."""
+"""Arguments of a sweep, checked and converted to JSON data: values of parameters, points, functions."""
 
 import hashlib
 import importlib
@@ -24,7 +24,7 @@ OPTIONS = (
     "duration", "fps", "integrator", "substeps", "safety", "allow_unstable", "energy_limit", "device", "precision",
     "force_algorithm", "collider_rule",
 )  # fmt: skip
-"""Options that may be swept or set beside the parameters of a scene."""
+"""Options that may be swept or set in addition to the parameters of a scene."""
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FORMS = (
     "a value, a list such as 1,2,5, whole numbers such as 0:100 (without 100), five evenly spaced values "
@@ -36,7 +36,7 @@ def values_of(name: str, text: str) -> list[str] | None:
     """Return the values of a list or a range, as texts; None if the text is a single value.
 
     Numbers are rounded to twelve digits, so that values that two ranges share are equal to the last bit.
-    Raises ValueError if the text begins like a list or a range, and is none.
+    Raises ValueError if the text begins like a list or a range but is neither.
     """
     if "," not in text and not re.match(f"{_NUMBER}:", text):
         return None
@@ -81,7 +81,7 @@ def _check_distinct(name: str, values: list[Any]) -> None:
 def checked_grid(grid: object) -> dict[str, list[Any]]:
     """Return the values of each parameter of a grid as lists of JSON values; raise ValueError if it is invalid.
 
-    An entry is a sequence of different numbers, texts, truth values or None, or a text that `values_of` reads.
+    An entry is a sequence of distinct numbers, texts, booleans or None, or a text that `values_of` reads.
     """
     checked = {}
     for name, given in checks.mapping("grid", grid).items():
@@ -123,7 +123,7 @@ def points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
 
 
 def as_scalar(name: str, value: Any) -> Any:
-    """Return a JSON scalar, 2.0 as 2; raise ValueError if it is no number, text, truth value or None."""
+    """Return a JSON scalar, 2.0 as 2; raise ValueError if it is not a number, text, boolean or None."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and math.isfinite(value):
@@ -187,7 +187,7 @@ def source(function: Callable[..., Any]) -> str | None:
 
 
 def as_json(value: Any) -> Any:
-    """Return a value as JSON data; others that JSON cannot hold as text."""
+    """Return a value as JSON data; values that JSON cannot hold become text."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     with suppress(ValueError):

@@ -120,7 +120,7 @@ def _plot(trajectory: Trajectory, table: NDArray[np.void], path: Path) -> None:
     draw_curves(heights, table["time_s"], curves, "height [m]" if system.dim > 1 else "x [m]")
     heights.fill_between(table["time_s"], table["lowest_m"], table["highest_m"], color=DARK, alpha=0.08, lw=0)
     heights.set_xlabel("time [s]")
-    for axes in panels:  # a legend above hides nothing; to the right there is space for a power of ten
+    for axes in panels:  # the legend above hides no curve, and leaves space for a power of ten on the left
         axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0.2)
     figure.align_ylabels()
     name = Path(trajectory.attributes.get("scene", trajectory.path)).stem

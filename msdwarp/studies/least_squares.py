@@ -35,8 +35,8 @@ LOSSES: dict[str, tuple[Loss, Loss]] = {
 GUESS = 0.5
 """Standard deviation of a prior that keeps θ near its start until the last steps."""
 JAGGED, UNEVEN = 1e-3, 0.1
-"""A difference of θ, and the share by which changes to both sides, or a change and the derivative, may differ over
-it without jumps."""
+"""Difference of θ in the test for jumps, and the tolerated share by which changes to both sides, or a change and
+the derivative, may differ."""
 CLOUD = 24
 """Worlds of a cloud for each parameter."""
 CLOUDS = (100.0, 30.0, 10.0, 5.0, 3.0)
@@ -44,7 +44,7 @@ CLOUDS = (100.0, 30.0, 10.0, 5.0, 3.0)
 WIDEST = 0.1
 """Largest distance of a world's θ from the centre of its cloud."""
 CLOSE = 1e-2
-"""Starts as close as this in θ count as one."""
+"""Starts closer than this in θ count as one."""
 WORSE = 10.0
 """Starts whose sum of squares is this multiple of the least are dropped."""
 
@@ -114,12 +114,12 @@ class Problem:
     def approach(self, theta: NDArray[np.float64], end: float, most: int) -> NDArray[np.float64]:
         """Return better θ for the measurements until `end` [s], by at most `most` Levenberg-Marquardt steps.
 
-        All starts, shape [starts, parameters], take their steps together: one run of (parameters + 1) worlds for
-        each, where SciPy would need a run for each start.
+        All starts, shape [starts, parameters], step together, in one run with (parameters + 1) worlds per start;
+        SciPy would need a run per start.
         """
         theta, first = theta.copy(), theta.copy()
         linear = self.linear(theta, end, WIDE)
-        # The guess holds each start, more firmly if it fits worse, and at least by the floor.
+        # The prior holds each start, more strongly if it fits worse, and at least by the floor.
         rows, floor = len(linear[0].residuals), self.hold(end)
         hold = [max(np.sqrt(self.cost(one.residuals) / rows) / GUESS, floor) for one in linear]
         damped = np.full(len(theta), 1e-3)
@@ -142,7 +142,7 @@ class Problem:
                 break
         costs = np.array([self.cost(one.residuals) for one in linear])
         kept: list[int] = []
-        for s in np.argsort(costs, kind="stable"):  # the best first: no two alike, none much worse
+        for s in np.argsort(costs, kind="stable"):  # the best first; drop equal starts and much worse ones
             alike = any(np.abs(theta[s] - theta[k]).max() < CLOSE for k in kept)
             if not alike and costs[s] <= WORSE * costs.min():
                 kept.append(s)
@@ -162,7 +162,7 @@ class Problem:
             return latest[at.tobytes()]
 
         def residuals(at: NDArray[np.float64]) -> NDArray[np.float64]:
-            # On a GPU more worlds take no longer, so derivatives come with the residuals.
+            # On a GPU more worlds take no longer, so compute derivatives with the residuals.
             own = linear(at).residuals if self.worlds.on_gpu else self.residuals(at[None], end)[0]
             return np.concatenate([own, hold * (at - theta)])
 
@@ -191,7 +191,7 @@ class Problem:
     ) -> tuple[NDArray, NDArray, NDArray]:
         """Return the change of θ for infinitely short steps, θ's standard deviation, and the change of residuals.
 
-        By Richardson's extrapolation from half the step, for a method of this order.
+        It uses Richardson's extrapolation from half the step, for a method of this order.
         """
         stable = self.worlds.substeps
         self.worlds.refine(2)
@@ -210,7 +210,7 @@ class Problem:
 
         Changes of smooth residuals to both sides are opposite and follow the derivatives at θ, except for a share
         of the order of the difference. Derivatives use a smaller difference and miss most jumps. Across a jump
-        they are far too large, and values would seem certain.
+        they are far too large, and values would seem too certain.
         """
         steps = JAGGED * np.eye(self.count)
         residuals = self.residuals(np.concatenate([theta[None], theta + steps, theta - steps]), end)

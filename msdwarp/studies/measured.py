@@ -21,7 +21,7 @@ POINTS = "points"
 HIGHEST_FPS = 1000.0
 """The highest frame rate taken from measured times."""
 ON_FRAME = 1e-4
-"""A time this close to a frame's, in frames, is the frame's: times in files are rounded."""
+"""A time this close to a frame's, in frames, is taken as the frame's: times in files are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class TrackedPoints:
     time
         [s] from the scene's start, shape [rows], in any order.
     particle
-        Particle numbers, shape [rows].
+        Particle indices, shape [rows].
     position
         Positions [m], shape [rows, d]; NaN for a coordinate that was not measured.
 
@@ -80,13 +80,13 @@ class Channel:
     values: NDArray[np.float64]
     """Shape [rows, width]; NaN where nothing was measured."""
     what: Any
-    """A `Probe`, the word of an energy, or the numbers of the tracked particles."""
+    """A `Probe`, the name of an energy, or the indices of the tracked particles."""
     noise: float = 1.0
     """The unit of residuals, in the unit of the values."""
     entry: NDArray[np.int64] | None = None
     """Index of each row's particle among the tracked ones, shape [rows]."""
     noise_given: bool = False
-    """Whether `noise` is given, and not the variation of the values."""
+    """Whether `noise` is given, instead of taken from the variation of the values."""
 
     @property
     def unit(self) -> str:

@@ -1,4 +1,4 @@
-"""Parameters of a scene that a fit may change, each a positive number, and the scene with other values."""
+"""Parameters of a scene that a fit may change, each a positive number, and scenes with other values of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Sweeps: a scene at all points of a grid, each point a run of its own, on one or more machines."""
+"""Sweeps: a scene at all points of a grid, each point a separate run, on one or more machines."""
 
 import inspect
 import shutil
@@ -37,7 +37,7 @@ from .sweep_points import (
 from .workers import gpus_for, workers_for
 
 _TRIES = 3
-"""How often a point is tried if its worker is lost."""
+"""Maximal number of tries of a point whose worker is lost."""
 _PAUSE = 0.05
 """Seconds between two checks of the futures."""
 
@@ -191,8 +191,8 @@ def complete(
 ) -> tuple[Any, int, dict[int, str]]:
     """Simulate the planned points that are not in the folder yet, and write the results of all.
 
-    Return the results, how many points were worlds of ensembles, and why others, by number, were not. Without a
-    `device` the processes share the GPUs. Other arguments and errors are as for `sweep`.
+    Return the results, the number of points that were worlds of ensembles, and why others, by index, were not.
+    Without a `device` the processes share the GPUs. Other arguments and errors are as for `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
@@ -215,7 +215,7 @@ def complete(
         remove_unfinished(runs)
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
         left = {k: planned[k] for k, row in enumerate(rows) if not row}
-        for point in left.values():  # after a power cut a part of a run may be there
+        for point in left.values():  # after a power cut a partial run may be left
             shutil.rmtree(runs / point.digest, ignore_errors=True)
         count, refused = len(left), dict[int, str]()
         tasks = {k: point.task for k, point in left.items()}
@@ -229,7 +229,7 @@ def complete(
         finally:
             remove_unfinished(runs)
             absent: Row = {"status": MISSING, "message": "not simulated yet"}
-            # A worker may have ended a point without this process knowing of it.
+            # A worker may have finished a point without this process knowing.
             rows = [
                 row or stored_row(runs / point.digest) or absent for row, point in zip(rows, planned, strict=True)
             ]
@@ -238,14 +238,14 @@ def complete(
 
 
 def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: Any) -> Iterator[tuple[int, Row]]:
-    """Yield (number, row) of points as they are done, each a run of its own."""
+    """Yield (index, row) of points as they finish, each a separate run."""
     if executor is None:
         for k, point in left.items():
             yield k, run_point(point.task.simulate, point, runs, keeps_files)
         return
 
     def submit(tries: list[tuple[int, int]]) -> dict[Any, tuple[int, int]]:
-        """Return the tries, (number, attempt), by future; submitit gets all at once, as one job array of Slurm."""
+        """Return the tries, (index, attempt), by future; submitit gets all at once, as one Slurm job array."""
         calls = [(left[k].task.simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
         if calls and hasattr(executor, "map_array"):
             futures = executor.map_array(run_point, *zip(*calls, strict=True))
@@ -262,7 +262,7 @@ def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: A
                 k, attempt = waiting.pop(future)
                 try:
                     yield k, future.result()
-                except Exception as error:  # whatever an executor raises when it has lost a worker
+                except Exception as error:  # executors raise various errors for a lost worker
                     if (row := stored_row(runs / left[k].digest)) is not None:
                         yield k, row
                     elif attempt < _TRIES:

@@ -1,4 +1,4 @@
-"""Points of a sweep as worlds of ensembles, for points that differ only in parameters of worlds."""
+"""Points of a sweep as worlds of ensembles, if points differ only in parameters that worlds may have."""
 
 import hashlib
 import pickle
@@ -20,28 +20,28 @@ from .sweep_points import Setup, Simulate, Task, final_numbers
 from .workers import gpus_for
 
 ENSEMBLE = "ensemble"
-"""The value of `jobs` with which every point that can be a world of an ensemble is one."""
+"""The value of `jobs` that runs every point in an ensemble, if possible."""
 OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 OF_SYSTEM = (*OF_CONNECTIONS, "mass", "position", "velocity")
 """Fields of a system that may differ between worlds."""
 ONLY_OF_YIELDING = ("original_length",)
 """Fields that matter only if springs yield; otherwise worlds may differ in them."""
 MOST_WORLDS, MOST_ON_CPU = 4096, 64
-"""Worlds of an ensemble at most: enough to fill a GPU. A sweep that is ended loses an unfinished ensemble."""
+"""Maximal number of worlds of an ensemble: enough to fill a GPU. An interrupted sweep loses unfinished ones."""
 MOST_NUMBERS = 1 << 23
-"""Particles and springs of all worlds at most: some hundred megabytes of parameters."""
+"""Maximal number of particles and springs of all worlds: some hundred megabytes of parameters."""
 
 Numbered = tuple[int, Setup]
-"""The number of a point, and its setup."""
+"""Index of a point, and its setup."""
 World = tuple[int, Simulate, float]
-"""The number of a point, a function that returns the numbers of its world, and its share of the time taken [s]."""
+"""Index of a point, a function that returns the results of its world, and its share of the run time [s]."""
 
 
 def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
     """Simulate points in ensembles, yield their worlds, and note in `refused` why other points are excluded.
 
-    A world equals a simulation of its own with as many substeps, bit for bit wherever worlds of `Ensemble` do.
-    "auto" takes the substeps of the world that needs most, and adds none; `fixed_only` leaves such points out.
+    A world equals a separate simulation with as many substeps, bit for bit under the conditions of `Ensemble`.
+    "auto" uses the substeps of the world that needs most, and never adds any; `fixed_only` excludes such points.
     """
     alike: dict[bytes, list[Numbered]] = {}
     for number, task in tasks.items():
@@ -52,7 +52,7 @@ def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixe
             if setup.scene.probes and setup.observe:
                 raise ValueError("what is observed may ask for all readings of its probes")
             key = _digest_of_shared(setup)
-        except Exception as error:  # a scene may raise anything; its own run reports it in full
+        except Exception as error:  # a scene may raise any error; its separate run reports it in full
             refused[number] = str(error)
             continue
         several = alike.setdefault(key, [])
@@ -99,7 +99,7 @@ def _most_worlds(setup: Setup) -> int:
 
 
 def _run_together(several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
-    """Simulate points in an ensemble; if it refuses some of them, in smaller ones without these."""
+    """Simulate points in an ensemble; if it refuses some of them, in smaller ensembles without these."""
     try:
         ensemble = _ensemble([setup for _, setup in several])
     except ValueError as error:
@@ -137,7 +137,7 @@ def _ensemble(several: list[Setup]) -> Ensemble:
         dim = scenes[0].system.dim
         rows["gravity"] = np.array([checks.gravity("gravity", scene.gravity, dim) for scene in scenes])
     differing = {name: values for name, values in rows.items() if (values != values[:1]).any()}
-    for name in (*OF_CONNECTIONS, "mass", "friction"):  # a number for all of a world is stored once
+    for name in (*OF_CONNECTIONS, "mass", "friction"):  # a number that is equal within a world is stored once
         if name in differing and (differing[name] == differing[name][:, :1]).all():
             differing[name] = differing[name][:, 0]
     return Ensemble(scenes[0], len(scenes), **differing, **several[0].options)
@@ -146,7 +146,7 @@ def _ensemble(several: list[Setup]) -> Ensemble:
 def _run_ensemble(ensemble: Ensemble, several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
     """Advance an ensemble to the end, and yield the worlds that do not diverge."""
     began, first = time.perf_counter(), several[0][1]
-    left = 1 if first.scene.probes else 0  # each world takes this frame as a simulation, which reads the probes
+    left = 1 if first.scene.probes else 0  # the last frame is run by a `Simulation` per world, to read probes
     if (frames := frame_count(first.duration, ensemble.fps) - left) > 0:
         ensemble.step(frames)
     reached = ensemble.checkpoints()

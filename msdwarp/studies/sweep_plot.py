@@ -1,4 +1,4 @@
-"""Pictures of a sweep: one swept parameter as a line, two as a map."""
+"""Plots of a sweep: lines over one swept parameter, maps over two."""
 
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,11 @@ _MOST_PANELS = 6
 
 
 def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None, force: bool = False) -> Path:
-    """Draw the results.nc of a sweep into `*.png`: over one parameter lines, over two maps; return its path.
+    """Plot the results.nc of a sweep into `*.png`: lines over one parameter, maps over two; return the path.
 
     With more parameters, the two with most values are drawn, as means over the others; a band around a line shows
-    the least and the greatest value. A cross marks a point at which no run came to its end. By default energies,
-    the largest strain, probes and observed quantities are drawn; with `show` only this result.
+    the least and the greatest value. A cross marks a point without a completed run. By default energies, the
+    largest strain, probes and observed quantities are drawn; with `show` only this result.
 
     Raises ValueError if the file holds no results, or not this one, or none is a number, or xarray is missing; and
     like `output_path`.
@@ -87,7 +87,7 @@ def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
     y = _places(axes.yaxis, axes.set_yscale, mean[up].values)
     # Cells end halfway between two places, by ratio on a logarithmic axis.
     scales = {"xscale": axes.get_xscale(), "yscale": axes.get_yscale()}
-    scales = {name: scale for name, scale in scales.items() if scale == "log"}  # to set a linear one resets ticks
+    scales = {name: scale for name, scale in scales.items() if scale == "log"}  # setting a linear one resets ticks
     how = {"cmap": "viridis", "center": False, "add_labels": False, "cbar_kwargs": {"label": label}}
     mean.assign_coords({across: x, up: y}).plot.pcolormesh(x=across, y=up, ax=axes, **scales, **how)
     i, j = np.nonzero(~ended)

@@ -1,4 +1,4 @@
-"""The points of a sweep: a folder for each, a worker's task, and the results of all."""
+"""Points of a sweep: a folder for each, the tasks of workers, and the results of all points."""
 
 import hashlib
 import json
@@ -21,7 +21,7 @@ from .table import COLUMNS
 
 RUNS, PARAMETERS, SUMMARY = "runs", "parameters.json", "summary.json"
 DONE, DIVERGED, FAILED, LOST, MISSING = "done", "diverged", "failed", "lost", "missing"
-"""Status of a point. The first two are results, and kept; the others are tried again by the next call."""
+"""Status of a point. The first two are final and kept; points with the others are tried again by the next call."""
 _UNFINISHED = ".unfinished-"
 
 Row = dict[str, Any]
@@ -52,7 +52,7 @@ class Task(Protocol):
         ...
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
-        """Simulate it, and return the final numbers."""
+        """Simulate the point, and return the final numbers."""
         ...
 
 
@@ -93,7 +93,7 @@ def run_point(
     makes them differ. `spent` is the time that the point has taken before [s].
     """
     folder = runs / point.digest
-    if (row := stored_row(folder)) is not None:  # of a worker that was taken for lost
+    if (row := stored_row(folder)) is not None:  # written by a worker that was considered lost
         return row
     made = runs / f"{_UNFINISHED}{point.digest}-{secrets.token_hex(4)}"
     began = time.perf_counter() - spent
@@ -127,7 +127,7 @@ def _row(simulate: Simulate, folder: Path, keeps_files: bool) -> Row:
             row: Row = {"status": DONE, "message": "", **simulate(folder, keeps_files)}
         except SimulationDiverged as error:
             row = {"status": DIVERGED, "message": str(error), "time_s": error.time}
-        except Exception as error:  # of a scene of any kind
+        except Exception as error:  # scenes may raise any error
             kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
             row = {"status": FAILED, "message": f"{kind}{error}"}
     if heard and row["status"] == DONE:
@@ -207,7 +207,7 @@ def _coordinate(values: Sequence[Any]) -> np.ndarray:
 
 
 def read_results(path: Path) -> Any:
-    """Return the results that a file holds; raise OSError or ValueError if it is none."""
+    """Return the results in a file; raise OSError or ValueError if it has none."""
     xarray = import_xarray()
     with xarray.open_dataset(path, engine="h5netcdf") as opened:
         results = opened.load()

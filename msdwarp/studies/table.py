@@ -1,4 +1,4 @@
-"""Tables of numbers on disk that grow with a run: CSV files, and among them the log of energies."""
+"""Tables of numbers on disk that grow with a run: CSV files, such as the log of energies."""
 
 import csv
 import io
@@ -26,13 +26,13 @@ COLUMNS: dict[str, Callable[[Measures], float]] = {
 
 
 class GrowingTable:
-    """Writes lines of numbers, each at once to disk, under a head of column names.
+    """Writes lines of numbers, each immediately to disk, below a header of column names.
 
-    An existing file is replaced, or continued after `behind` lines, or after the line `until` a time [s]. Its
-    later lines then stay as long as equal lines are written again; the first different line replaces all that
-    follow, once it is on disk. Files of earlier versions have only the first `columns_before` columns.
+    An existing file is replaced, or continued after `behind` lines, or after the line for the time `until` [s].
+    Later lines are kept while equal lines are written again; the first different line replaces the rest, once it
+    is on disk. Files of earlier versions have only the first `columns_before` columns.
 
-    Raise ValueError, which calls the file by `word`, if the file to continue has other columns or lacks lines.
+    Raises ValueError, which calls the file `word`, if the file to continue has other columns or lacks lines.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class GrowingTable:
             return [], 0
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
             head, *lines = list(csv.reader(file)) or [[]]
-        if until:  # more lines than there are if none is of that time
+        if until:  # if no line has that time, more than there are
             of_time = [k + 1 for k, line in enumerate(lines) if line and _is_of_time(line, until)]
             behind = max(of_time, default=len(lines) + 1)
         if head not in self._heads or len(lines) < behind:
@@ -66,7 +66,7 @@ class GrowingTable:
     def __enter__(self) -> Self:
         kept = _as_csv([self._head, *self._lines[: self._kept]])
         whole = kept + _as_csv(self._lines[self._kept :])
-        if not self._lines or self.path.read_bytes() != whole:  # new, of an earlier version, or cut short
+        if not self._lines or self.path.read_bytes() != whole:  # new, of an earlier version, or truncated
             with disk.replacing(self.path) as unfinished:
                 unfinished.write_bytes(whole)
         self._file = self.path.open("r+b")
@@ -83,7 +83,7 @@ class GrowingTable:
                 raise
 
     def write_line(self, numbers: Sequence[float]) -> None:
-        """Add a line, unless it is the next one already."""
+        """Add a line, unless the next kept line is equal."""
         assert self._file is not None
         line = _as_csv([[f"{number:.9g}" for number in numbers]])
         with disk.failure_named(self.path, "could not be written further"):
@@ -110,7 +110,7 @@ def _is_of_time(line: Sequence[str], time: float) -> bool:
 
 
 class EnergyLog(GrowingTable):
-    """Writes a line of measures per frame to a CSV file, at once to disk, and draws it at the end.
+    """Writes a line of measures per frame to a CSV file, immediately to disk, and plots the file at the end.
 
     With `behind` it continues an existing file after that number of lines; see `GrowingTable`.
 

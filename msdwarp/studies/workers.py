@@ -1,4 +1,4 @@
-"""Worker processes on this machine: one for each GPU, or for each core where there is none."""
+"""Worker processes on this machine: one per GPU, or one per core without GPUs."""
 
 import os
 import signal
@@ -22,13 +22,13 @@ VISIBLE = "CUDA_VISIBLE_DEVICES"
 class Workers(ThreadPoolExecutor):
     """An executor of processes. If a process dies, only its present call fails; the next call gets a new process.
 
-    All processes end with this one, however it ends. They are spawned, because CUDA does not survive a fork. They
-    take the GPUs in turn, named as in `CUDA_VISIBLE_DEVICES`; without `gpus` every process sees all devices.
+    All processes end with this one, however it ends. They are spawned, because CUDA does not survive a fork. GPUs,
+    named as in `CUDA_VISIBLE_DEVICES`, are assigned in turn; without `gpus` every process sees all devices.
     """
 
     def __init__(self, count: int, gpus: Sequence[str] = ()) -> None:
         super().__init__(checks.count("jobs", count, 1))
-        self._cpu_threads = max(1, cores() // count)  # of each process: together they have a core each
+        self._cpu_threads = max(1, cores() // count)  # per process: one thread per core in total
         self._context = get_context("spawn")
         self._watched, self._held = self._context.Pipe(duplex=False)
         self._idle: SimpleQueue[tuple[str | None, ProcessPoolExecutor | None]] = SimpleQueue()
@@ -55,7 +55,7 @@ class Workers(ThreadPoolExecutor):
             self._idle.put((gpu, process))
 
     def __exit__(self, *_: object) -> None:
-        """End all processes at once, and wait for that: Python's exit can fail on what still ends."""
+        """End all processes at once, and wait for them: Python's exit can fail while processes are ending."""
         self._held.close()
         self.shutdown(wait=True, cancel_futures=True)
         while not self._idle.empty():
@@ -65,10 +65,10 @@ class Workers(ThreadPoolExecutor):
 
 
 def _begin(watched: Connection, gpu: str | None, threads: int) -> None:
-    """Prepare a process: it sees its GPU, leaves Ctrl-C to its parent, and ends with it."""
+    """Prepare a process: restrict it to its GPU, leave Ctrl-C to the parent, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if gpu is not None:
-        os.environ[VISIBLE] = gpu  # before Warp starts, which looks for GPUs then
+        os.environ[VISIBLE] = gpu  # before Warp starts, which then looks for GPUs
     os.environ.setdefault(THREADS, str(threads))
     Thread(target=_end_with, args=(watched,), daemon=True).start()
     start_warp()
@@ -93,7 +93,7 @@ def gpus_for(device: str | None) -> list[str]:
 
 
 def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
-    """Return workers, for "auto" one for each GPU, or else for each core; at most one for each point."""
+    """Return workers, for "auto" one per GPU, or else per core; at most one per point."""
     gpus = gpus_for(device)
     if jobs == "auto":
         jobs = len(gpus) or cores()

@@ -74,7 +74,7 @@ class Actuator(Load):
         return values
 
     def connections(self, system: System) -> NDArray[np.intp]:
-        """Return the numbers of its connections; raise ValueError if there are none, or one may yield or break."""
+        """Return the indices of its connections; raise ValueError if there are none, or one may yield or break."""
         chosen = np.ones(system.connection_count, dtype=bool)
         if self.along is not None:
             known = dict.fromkeys(name for body in system.directions for name in body)

@@ -27,7 +27,7 @@ class Attachment(Load):
     on
         The attached particles; see `Load`.
     to
-        Points [m] at time 0, shape [any, d] in the order of the particles' numbers, or [d] for all; or a collider
+        Points [m] at time 0, shape [any, d] in the order of the particles' indices, or [d] for all; or a collider
         that carries the starting positions of the particles; by default these positions.
     carried_by
         A collider whose motion the points follow, if any. If it is not among the scene's `colliders`, it is no
@@ -96,21 +96,21 @@ class Attachment(Load):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MouseSpring(Load):
-    """A spring and a damper from each of some particles to a point, F = −k (x − p) − b v: the pull of the mouse.
+    """Springs and dampers from particles to points, F = −k (x − p) − b v: the pull of the mouse.
 
-    Unlike an `Attachment` it may hold no particle, and `Simulation.change(loads=...)` exchanges it for another
-    `MouseSpring` of the same room without compiling anything.
+    Unlike an `Attachment` it may hold no particle. `Simulation.change(loads=...)` can replace it by another
+    `MouseSpring` with the same `room` without compiling anything.
 
     Parameters
     ----------
     on
-        Numbers of the particles that it holds, each once, shape [held_count]; by default none.
+        Indices of the particles that it holds, each once, shape [held_count]; by default none.
     to
-        Where to [m], shape [held_count, d].
+        Points that the springs lead to [m], shape [held_count, d].
     stiffness, damping
         Spring constants k [N/m] and damper constants b [N s/m], one for all or shape [held_count].
     room
-        The most particles that it, and those that it is exchanged for, can hold.
+        Maximal number of particles for this load and those that replace it.
     """
 
     constant = ("room",)
@@ -138,7 +138,7 @@ class MouseSpring(Load):
 
     @property
     def rest_length(self) -> NDArray[np.float64]:
-        """Rest lengths [m]: 0, as for attachments that hold in all directions alike."""
+        """Rest lengths [m]: 0, as for attachments that act equally in all directions."""
         return np.zeros(len(self.on))
 
     def stored(self, position: NDArray) -> float:

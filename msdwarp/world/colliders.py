@@ -1,8 +1,8 @@
 """Colliders: obstacles, fixed or moved, as frozen dataclasses.
 
-All collide with particles by one rule, `msdwarp.kernels.colliders`; a shape only has its own signed distance and
-normal (`msdwarp.kernels.colliders.signed_distance`). All are convex: the path of a particle that moves further in
-a substep than a shape is thick is swept (`msdwarp.kernels.colliders.sweep`).
+One contact rule applies to all, `msdwarp.kernels.colliders`; each shape only has its own signed distance and
+normal (`msdwarp.kernels.colliders.signed_distance`). All are convex: if a particle moves further in a substep than
+a shape is thick, its path is swept (`msdwarp.kernels.colliders.sweep`).
 """
 
 import math
@@ -92,7 +92,7 @@ class Collider:
         return points | {name: getattr(self, name) for name in self.lengths}
 
     def inradius(self) -> float:
-        """Return the radius of the largest ball inside it [m]; of a half-space, which nothing can pass, inf."""
+        """Return the radius of the largest ball inside it [m]; inf for a half-space, which cannot be crossed."""
         return min((getattr(self, name) for name in self.lengths), default=math.inf)
 
     def centre(self, dim: int) -> NDArray[np.float64]:
@@ -100,7 +100,7 @@ class Collider:
         return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
 
     def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o): at `time` a point y of it as given lies at R y + o.
+        """Return (R, o): at `time` a point y of it in the given pose is at R y + o.
 
         Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
         """
@@ -264,7 +264,7 @@ class Cone(Collider):
     lengths = ("radius",)
 
     def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]: of the circle in its cross section, a triangle."""
+        """Return the radius of the largest ball inside [m]: the incircle of its triangular cross section."""
         height = math.dist(self.apex, self.base)
         return self.radius * (height / (self.radius + math.hypot(self.radius, height)))
 

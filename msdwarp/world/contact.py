@@ -1,4 +1,4 @@
-"""Contact: bodies that keep each other out."""
+"""Contact: rules for contact between bodies."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -95,7 +95,7 @@ class Contact(Load):
 
 
 def restitution_of(damping_ratio: float) -> float:
-    """Return the speed after a collision of two particles over that before, for this damping ratio."""
+    """Return the ratio of speeds after and before a collision of two particles, for this damping ratio."""
     z = 1 + 1e-9 if abs(damping_ratio - 1) < 1e-9 else damping_ratio
     if z == 0:
         return 1.0

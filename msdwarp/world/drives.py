@@ -15,7 +15,7 @@ from .motion import Motion, pose
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PrescribedMotion(Load):
-    """Moves particles along a given path; their connections feel the position and velocity.
+    """Moves particles along a given path; their connections see the position and velocity.
 
     A drive without motion is a pin that `at(t, unpin=...)` releases; particles then continue with their velocity.
 
@@ -79,7 +79,7 @@ class Driven(PrescribedMotion):
         return mask_of(self.held, system.particle_count)
 
     def bound(self, system: System) -> "Driven":
-        """Return itself: it is bound already."""
+        """Return itself, since it is already bound."""
         return self
 
     def pose(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

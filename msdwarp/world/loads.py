@@ -189,7 +189,7 @@ def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], wid
 
 
 def check_loads(loads: Sequence[Load], system: System) -> None:
-    """Raise ValueError that names a load which cannot act on this system."""
+    """Raise ValueError if a load cannot act on this system; the error names it."""
     for k, one in enumerate(loads):
         try:
             one.check(system)

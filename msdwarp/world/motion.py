@@ -11,14 +11,14 @@ from ..bodies import rotated, rotation, rotations
 from .time_functions import sampled
 
 Motion = Callable[[float], Any]
-"""A function of time [s] that returns the displacement from the given place [m], shape [d], or a pair
+"""A function of time [s] that returns the displacement from the given position [m], shape [d], or a pair
 (displacement, turn) with a rotation vector about the centre [rad], shape [3] (in 2-D a number). For an array of
 times it may return the same with an array in place of each number."""
 
 
 def displacement_and_turn(given: Any) -> tuple[Any, Any]:
     """Return the result of a motion as a pair; the rotation is None if it returned only a displacement."""
-    # A displacement in 2-D may be a pair too, of numbers.
+    # A displacement in 2-D may also be a pair, of numbers.
     turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
     return given if turned else (given, None)
 
@@ -41,14 +41,14 @@ def poses(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (R, o) for all of `times`, shapes [time_count, d, d] and [time_count, d].
 
-    They equal those of `pose` bit for bit. Raises ValueError with the name and the time if there is no pose then,
-    or a displacement exceeds `furthest` [m].
+    They equal those of `pose` bit for bit. Raises ValueError, with name and time, if a pose is undefined or a
+    displacement exceeds `furthest` [m].
     """
     found = _at_once(motion, centre, times)
     if found is not None and np.abs(found[1]).max() <= furthest:
         return found
     near: checks.Limit = (lambda shift: np.abs(shift) <= furthest, f"at most {furthest:.2g}")
-    each = []  # one by one: an error names the time, and forms may differ
+    each = []  # one by one, so that an error names the time and the form may vary
     for time in map(float, times):
         try:
             each.append(pose(motion, centre, time))
@@ -59,7 +59,7 @@ def poses(
 
 
 def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray, NDArray] | None:
-    """Return poses computed in whole arrays; None if the motion's result changes its form over time."""
+    """Return all poses from one call; None if the form of the motion's result varies over time."""
     dim, turned = len(centre), set[bool]()
 
     def numbers(time: Any) -> Any:
@@ -78,6 +78,6 @@ def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray, 
         if right and np.isfinite(found).all():
             matrices = rotations(found[:, dim:], dim)
             return matrices, found[:, :dim] + centre - rotated(matrices, centre)
-    except Exception:  # raised again, with its time, as each time is evaluated
+    except Exception:  # raised again, with the time, when single times are evaluated
         pass
     return None

@@ -26,7 +26,7 @@ class Pressed(Load):
 class Pressure(Pressed):
     """A pressure that pushes a surface outwards.
 
-    A triangle with the area vector a feels p a, a third of it at each corner. If a corner is a mixture of
+    A triangle with the area vector a feels p a, a third of it at each corner. If a corner is a weighted mean of
     particles, they share the force in proportion to their weights, so that its work is p dV there too.
 
     Parameters

@@ -1,6 +1,6 @@
 """Probes: measurements while a scene runs, like those of a tracker or a load cell.
 
-`engine/diagnostics/probes.py` takes them, with the sums in `kernels/reductions/probes.py`.
+`engine/diagnostics/probes.py` evaluates them, with the sums in `kernels/reductions/probes.py`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -73,7 +73,7 @@ class Probe:
         return some_particles(self.on, system)
 
     def connections(self, system: System) -> NDArray[np.int64]:
-        """Return the numbers of the connections within the group."""
+        """Return the indices of the connections within the group."""
         return np.flatnonzero(self.particles(system)[system.connections].all(axis=1))
 
     def columns(self, dim: int) -> list[str]:
@@ -99,7 +99,7 @@ class Probe:
 def checked_probes(
     probes: object, system: System, colliders: Sequence[Collider], loads: Sequence[Load] = ()
 ) -> dict[str, Probe]:
-    """Return probes by name; raise ValueError that names one which cannot measure this system."""
+    """Return probes by name; raise ValueError, which names the probe, if one cannot measure this system."""
     named = dict(checks.mapping("probes", probes))
     touches = any(isinstance(one, Contact) for one in loads)
     for name, one in named.items():

@@ -21,7 +21,7 @@ from .schedule import Change
 Observed = Callable[[NDArray, NDArray], NDArray]
 """A quantity of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
 _SHOWN = 3
-"""The most colliders, and loads, that a scene's text shows; of more it gives the number."""
+"""Maximal number of colliders, and of loads, that a scene's text shows; of more it gives only the count."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +83,7 @@ class Scene:
             ("schedule", Change, "at(1.0, mass=2.0)"),
         )
         for name, kind, example in kinds:
-            if not isinstance(getattr(self, name), Ruled):  # of the scene that this one is made of
+            if not isinstance(getattr(self, name), Ruled):  # already checked in the original scene
                 object.__setattr__(self, name, checks.sequence(name, getattr(self, name), kind, example))
         object.__setattr__(self, "loads", with_contact(self.loads, self.contact))
         dim = self.system.dim

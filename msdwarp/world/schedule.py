@@ -59,14 +59,14 @@ class Change:
 
         It takes effect with the first frame that begins at its time or later; frame k begins at k / fps [s].
         """
-        # A time meant as k / fps is rounded, and so is its product with fps: together by up to 4e-16 of k, less
-        # than this millionth of a frame in a run of 10⁹ frames. Without it the change could be a frame late.
+        # A time k / fps is rounded, and so is its product with fps: together by up to 4e-16 of k, less than the
+        # tolerance of 1e-6 frames in a run of 10⁹ frames. Without it the change could be a frame late.
         return self.time * fps < frame_index + 1e-6
 
     def applied_to(self, system: System) -> System:
         """Return the system after the change; raise ValueError if the group is unknown, or a value out of range.
 
-        A mass of inf pins a particle where it is: it stops.
+        A mass of inf pins a particle at its place: it stops.
         """
         if self.gravity is not None:
             gravity_at(self.gravity, np.array([self.time]), system.dim)

@@ -1,4 +1,4 @@
-"""Scenes as numbers, texts and arrays that a file can hold, so that pictures of them need no script."""
+"""Scenes as JSON data and arrays for files, so that pictures of stored runs need no script."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -126,7 +126,7 @@ def _collider(described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Co
     if place is not None:
         times, displacement, turn = (arrays.get(f"{place}/{name}") for name in ("times", "displacement", "turn"))
         if times is None or displacement is None or not len(times) == len(displacement) > 0:
-            raise ValueError(f"the motion {place!r} is not there, or not whole")
+            raise ValueError(f"the motion {place!r} is missing or incomplete")
         motion = Recorded(times, displacement, turn)
     return kind(**{name: _tuples(value) for name, value in values.items()}, motion=motion)
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from .. import checks
 
 _LEAST = 8
-"""Least number of times in a call: more than the coordinates that a function may return."""
+"""Minimal number of times in a call: more than the coordinates that a function may return."""
 _SAME = 1e-9
-"""Relative difference allowed between a function of an array and of each number."""
+"""Allowed relative difference between a function's values for an array and for single numbers."""
 
 
 def flat(value: Any) -> NDArray[np.float64]:
@@ -60,7 +60,7 @@ def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDAr
         for k, row in enumerate(rows):
             found[:, k] = row[: len(times)] if row.ndim else row
         return found
-    except Exception:  # a function may do anything with arrays that it was not written for
+    except Exception:  # a function not written for arrays may raise anything
         return None
 
 
@@ -68,12 +68,12 @@ def _same(found: NDArray, known: NDArray) -> bool:
     """Return whether numbers are equal except for rounding."""
     if len(found) != len(known):
         return False
-    pairs = zip(found.tolist(), known.tolist(), strict=True)  # of few numbers quicker than NumPy
+    pairs = zip(found.tolist(), known.tolist(), strict=True)  # for few numbers faster than NumPy
     return all(abs(one - other) <= _SAME * (1.0 + abs(other)) for one, other in pairs)
 
 
 def _leaves(value: Any, count: int) -> Any:
-    """Yield the numbers that a function returned, each as one or as an array over time."""
+    """Yield the numbers that a function returned, each a scalar or an array over time."""
     if isinstance(value, tuple | list):
         for one in value:
             yield from _leaves(one, count)

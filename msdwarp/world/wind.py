@@ -21,7 +21,7 @@ class Wind(VectorLoad):
 
     on both sides. On a closed surface only triangles that face the wind feel it. So a convex body of frontal area
     A has the terminal speed ½ ρ C_d A v² = m g. Vertices may be particles or, in balls, cylinders, cones and
-    meshes, mixtures of particles, which then share the force. See `msdwarp.kernels.loads.wind`. Air at rest,
+    meshes, weighted means of particles, which then share the force. See `msdwarp.kernels.loads.wind`. Air at rest,
     `Wind((0, 0, 0))`, slows falling bodies.
 
     Parameters

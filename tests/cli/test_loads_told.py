@@ -80,4 +80,4 @@ def test_info_tells_loads_and_resume_notices_others(msdwarp, tmp_path):
     (tmp_path / "own.py").write_text(SCENE.replace("2.0, 0.0), on", "2.5, 0.0), on"))
     code, out, err = msdwarp("resume", "out", "--duration", "0.2", "--trust")
     assert code == 1
-    assert "no longer what it was" in out + err
+    assert "has changed since the run began" in out + err

@@ -108,5 +108,5 @@ def test_a_name_too_long_for_files_is_refused_before_simulating(msdwarp, tmp_pat
 def test_a_log_makes_no_folders(msdwarp, tmp_path):
     code, out, err = msdwarp("run", "cube", "--size", "3", "--log", "deep/down/energy.csv", *UNDRAWN)
     assert (code, out) == (1, "")
-    assert err.startswith("error: log is deep/down/energy.csv, whose folder is not there")
+    assert err.startswith("error: log is deep/down/energy.csv, whose folder does not exist")
     assert not list(tmp_path.iterdir())

@@ -112,13 +112,13 @@ def test_what_cannot_go_on_is_refused_and_left_as_it_is(msdwarp, own):
     assert msdwarp("resume", "nothing")[2] == "error: nothing does not exist; it must be the folder of a run\n"
     own.write_text(SCENE.replace("0.01", "0.011"))
     longer = ("resume", str(folder), "--duration", "0.2", "--trust")
-    assert "own.py' is no longer what it was when the run began" in msdwarp(*longer)[2]
+    assert "own.py' has changed since the run began" in msdwarp(*longer)[2]
     own.write_text(
         SCENE.replace("    stiffness: float = 300.0,\n", "").replace("stiffness=stiffness", "stiffness=300.0")
     )
     assert "no longer has the parameters ['stiffness']" in msdwarp(*longer)[2]
     own.unlink()
-    assert "own.py', a script that is not there" in msdwarp(*longer)[2]
+    assert "own.py', a script that does not exist" in msdwarp(*longer)[2]
     own.write_text(SCENE)
     whole = (folder / "restart.h5").read_bytes()
     (folder / "restart.h5").write_bytes(whole[:-100])
@@ -157,7 +157,7 @@ def test_files_of_two_runs_do_not_go_on_together(msdwarp, tmp_path, name):
 def test_what_a_function_gives_is_part_of_a_scene(msdwarp, own, old, new):
     assert msdwarp("run", "own.py", *UNDRAWN, "--duration", "0.1")[0] == 0
     own.write_text(SCENE.replace(old, new))
-    assert "no longer what it was" in msdwarp("resume", "out/own", "--duration", "0.2", "--trust")[2]
+    assert "has changed since the run began" in msdwarp("resume", "out/own", "--duration", "0.2", "--trust")[2]
 
 
 @pytest.mark.slow

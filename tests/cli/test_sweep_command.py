@@ -155,7 +155,7 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
     if number != signal.SIGKILL:
         word = "interrupted" if number == signal.SIGINT else "terminated"
         at_once = jobs == "1" and said == f"{word}\n"  # while a simulation is made, in this very process
-        assert at_once or said == f"{word}: what is done is kept, and the same command goes on\n"
+        assert at_once or said == f"{word}: done points are kept; the same command continues\n"
         assert at_once or {one["status"] for one in lines(tmp_path / "out")} == {"done", "missing"}
     workers = [int(path.name.partition("-")[2]) for path in tmp_path.glob("pid-*")]
     for _ in range(500):  # ten seconds, for ending a process on a busy machine

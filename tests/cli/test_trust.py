@@ -97,13 +97,13 @@ def test_one_s_own_script_runs_as_it_was_where_it_was(msdwarp, own, tmp_path):
     for command in (("rerun", "out/own"), ("resume", "out/own", "--duration", "0.3")):
         code, _, err = msdwarp(*command)
         assert code == 1
-        assert "is no longer what it was when the run began; allow it with --trust, or name another" in err
+        assert "has changed since the run began; allow it with --trust, or name another" in err
         assert not ran.exists()
     assert msdwarp("rerun", "out/own", "--quiet", "--trust") == (0, "", "")
     own.unlink()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "own.py").write_text(SCENE)
-    assert "own.py', a script that is not there" in msdwarp("rerun", "out/own")[2]
+    assert "own.py', a script that does not exist" in msdwarp("rerun", "out/own")[2]
     assert msdwarp("rerun", "out/own", "--quiet", "--scene", "elsewhere/own.py") == (0, "", "")
     assert msdwarp("resume", "out/own", "--duration", "0.3", "--scene", "elsewhere/own.py")[0] == 0
 

@@ -36,8 +36,8 @@ def test_a_body_that_is_pressed_into_another_is_reported(device):
         simulation.step(120)
     assert len(told) == 1
     said = str(told[0].message)
-    assert "out of it points are pushed from 0.05" in said  # about half a spacing
-    assert "what would help: Contact(stiffness=...) of more than the present 10 N/m" in said
+    assert "points are pushed out of it up to a depth of 0.05" in said  # about half a spacing
+    assert "remedies: Contact(stiffness=...) above the current 10 N/m" in said
 
 
 def test_what_meets_itself_without_a_thickness_is_reported_too():
@@ -46,7 +46,7 @@ def test_what_meets_itself_without_a_thickness_is_reported_too():
     simulation = Simulation(
         body.with_velocity((0, 0, -30)), contact=Contact(self_contact=True), colliders=[floor], device="cpu"
     )
-    with pytest.warns(TunnellingWarning, match="what would help: Contact"):
+    with pytest.warns(TunnellingWarning, match="remedies: Contact"):
         simulation.step(30)
 
 

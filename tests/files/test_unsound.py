@@ -268,7 +268,7 @@ def test_what_no_run_says_of_itself_is_told(msdwarp, tmp_path, about):
     write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3, attributes=about)
     code, out, err = msdwarp("info", "a.vtkhdf")
     assert (code, out) == (1, "")
-    assert err.startswith("error: a.vtkhdf says of itself what no run writes: ")
+    assert err.startswith("error: a.vtkhdf has attributes that no run writes: ")
 
 
 @pytest.mark.slow

@@ -40,19 +40,19 @@ from .tables_by_world import Repeated
 from .tunnelling_warning import Tunnelling
 
 OVERLAP = 0.01
-"""By how much of their spacing bodies may overlap at the start without a warning."""
+"""Overlap at the start, over the spacing, up to which there is no warning."""
 
 
 class BodyContact(WithHistory):
     """Keeps bodies out of each other: points of their surfaces against facets, in one world or many.
 
-    Facets near a point are listed; a frame whose lists did not hold is repeated, see `NeighborList`. Forces on the
-    bodies of one world of an ensemble are those of that world alone, to the last bit: they are summed as integers,
-    and facets that are listed and not touched change nothing.
+    Facets near a point are listed; a frame whose lists became invalid is repeated, see `NeighborList`. In an
+    ensemble the forces in each world equal those of the world alone, to the last bit: they are summed as integers,
+    and listed facets without contact have no effect.
 
-    The arrays of contact have four owners: `surfaces` (constants), `rules` (by kinds of bodies), `neighbors`
-    (lists that are made again) and `history` (in checkpoints). With `contact_forces` the forces of bodies on each
-    other's particles are summed, in `impulse`.
+    The arrays have four owners: `surfaces` (constants), `rules` (by kinds of bodies), `neighbors` (rebuilt lists)
+    and `history` (in checkpoints). With `contact_forces` the forces of bodies on each other's particles are
+    summed, in `impulse`.
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
@@ -78,7 +78,7 @@ class BodyContact(WithHistory):
             stiffest = max(float(one.stiffness.max(initial=0.0)), stiffness.max(), 0.0)
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
-        """Its part of the blocks of K [N/m] and B [N s/m] of each particle, as numbers, of each world."""
+        """Contributions to the blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
 
         self.piece = body_contact_term(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
@@ -89,7 +89,7 @@ class BodyContact(WithHistory):
             data.surfaces.bodies_each = len(on_host.closed)
             data.surfaces.unit = each.by_row(np.array(units)[:, None], wp.float64)
         self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if contact_forces else None
-        """Impulse of other bodies on each particle since it was zeroed [N s]; None where nobody asks."""
+        """Impulse of other bodies on each particle since it was zeroed [N s]; None unless requested."""
         self.planes: DivisionPlanes | None = None
         if not on_host.closed.all():  # closed bodies have no near pairs with each other
             self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
@@ -103,11 +103,11 @@ class BodyContact(WithHistory):
             )
         self._tunnelling: Any = np.zeros(NOTED)
         self.held_back = np.zeros(model.worlds)
-        """The furthest that a particle of each world was held back in a substep of that frame [m]."""
+        """Furthest that a particle of each world was held back in a substep of the last frame [m]."""
         self.deepest = 0.0
-        """The deepest overlap in the frame looked at last [m]."""
+        """Deepest overlap in the last frame [m]."""
         self.frozen = np.zeros(model.worlds, dtype=bool)
-        """Whether each world was frozen before the last frame: its lists need not hold."""
+        """Whether each world was frozen before the last frame: its lists may be invalid."""
         self.shared_points = self._points
         self._overlapping: str | None = None
         self._release_initial_overlap()
@@ -115,12 +115,12 @@ class BodyContact(WithHistory):
             self.planes.start(self.history.overlapping_at_start)
 
     def _release_initial_overlap(self) -> None:
-        """Find points that start inside other bodies, and let them stay there for a moment.
+        """Find points that start inside other bodies, and allow their overlap, which then shrinks.
 
         Raises
         ------
         ValueError
-            If bodies of worlds of an ensemble overlap: depenetration is not one of single worlds.
+            If bodies in an ensemble overlap, whose worlds have no depenetration.
         """
         model, surfaces, data = self._model, self.surfaces.on_host, self._data
         x = model.vectors()
@@ -152,24 +152,24 @@ class BodyContact(WithHistory):
         self._overlapping = (
             f"the body of particle {one} starts {deep[p]:.3g} m inside "
             f"{'itself' if a[p] == b[p] else f'that of particle {other}'} ({len(points)} points of surfaces start "
-            f"inside bodies): they are led apart within {SEPARATION_TIME} s, as far as they are no deeper than "
+            f"inside bodies): they are moved apart within {SEPARATION_TIME} s, unless they are deeper than "
             "half a spacing; move them apart, or have them ignore each other by Contact(groups=..., exclude=True)"
         )
 
     def overlapping(self) -> str | None:
-        """Return words about the bodies that overlap most at the start; None where none do but by touching."""
+        """Return a warning about the bodies that overlap most at the start; None if none do."""
         return initial_containment(self._model.system, self.surfaces.on_host, self.rules) or self._overlapping
 
     def use_partition(self, partition: Launcher | None) -> None:
-        """Have threads of the CPU share the search and the contacts, where there are several."""
+        """Divide the search and the contacts among CPU threads, if there are several."""
         self.neighbors.partition = partition
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Take the length of substeps."""
+        """Set the length of substeps."""
         self._dt = dt
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """Make room for the facets near each point: a search between frames is not repeated."""
+        """Reserve room for the facets near each point: a search between frames is not repeated."""
         self.neighbors.make_room(x, v)
 
     def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
@@ -177,22 +177,22 @@ class BodyContact(WithHistory):
         self.neighbors.search(x, v, compensation, within)
 
     def place_vertices(self, x: wp.array, v: wp.array) -> None:
-        """Launch the placing of vertices between frames, where particles are at x and move at v."""
+        """Launch the update of vertices between frames, for positions x and velocities v."""
         self.neighbors.place(x, v, None, self.neighbors.unread)
 
     def begin_substep(self, substep: int) -> bool:
-        """Take the time of the next launches."""
+        """Set the time of the next launches."""
         self.neighbors.now = substep * self._dt
         return False
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch the contacts of particles at x that move at v."""
+        """Launch the contact forces for positions x and velocities v."""
         self.neighbors.place(x, v, compensation)
         lag = self._dt if self.steps.lagging else 0.0
         self._evaluate(False, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
 
     def _evaluate(self, measuring: bool, times: list[float], sums: list[wp.array]) -> None:
-        """Launch a kernel over the points that are near anything, which adds up their forces or measures."""
+        """Launch a kernel over the active points, which sums their forces or measures."""
         model, surfaces, overlapping = self._model, self.surfaces, self.history.overlapping_at_start
         triangles = surfaces.triangles or measuring
         lanes = (ON_GPU if triangles else FEW_ON_GPU) if model.device.is_cuda else 1
@@ -202,18 +202,18 @@ class BodyContact(WithHistory):
         else:
             composed = evaluate_segments_and_spheres(model.scalar, overlapping, lanes, model.in_worlds)
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
-        at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: more threads would only begin and end
+        at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
         self.neighbors.share(composed, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sum of the forces of bodies on each other's particles, where one is requested."""
+        """Launch the sum of the forces of bodies on each other's particles, if requested."""
         model = self._model
         if self.impulse is not None:
             kernel = add_impulses(model.dim, model.scalar, model.compensated)
             wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
 
     def look(self) -> None:
-        """Launch the copies from which `is_void` tells whether lists held."""
+        """Launch the copies that `is_void` reads."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
             wp.copy(self._noted, self._data.tunnelling)
@@ -224,7 +224,7 @@ class BodyContact(WithHistory):
         self._data.tunnelling.zero_()
 
     def is_void(self) -> bool:
-        """Tell whether lists held in the frame that was waited for; if not, make room for it to be repeated."""
+        """Tell whether lists became invalid in the finished frame; if so, reserve room to repeat it."""
         flags = self._found.numpy().reshape(-1, FLAGS).copy()
         self.deepest, self._tunnelling = float(flags[:, DEEPEST].max()), self._noted.numpy().copy()
         self.held_back = flags[:, HELD_BACK].astype(np.float64)
@@ -235,7 +235,7 @@ class BodyContact(WithHistory):
         return void
 
     def warnings(self) -> str | None:
-        """Return words about the first contact of the last frame that may come out on the wrong side."""
+        """Return a warning about the first contact of the last frame that may tunnel, or None."""
         noted, surfaces, in_worlds = self._tunnelling.copy(), self.surfaces, self._model.in_worlds
         world, noted[POINT] = divmod(int(noted[POINT]), len(surfaces.on_host.share))
         noted[FACET] %= len(surfaces.on_host.corner)
@@ -246,12 +246,12 @@ class BodyContact(WithHistory):
         return f"in world {world} {words}" if in_worlds else words
 
     def forget(self) -> None:
-        """Forget which bodies points stick to: all worlds start again."""
+        """Clear the contact history: all worlds restart."""
         self.history.forget()
         self.frozen[:] = False
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
-        """Return the checkpoint of each world, by the numbers of its own bodies and facets."""
+        """Return the checkpoint of each world, with the indices of its own bodies and facets."""
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
         if not self._model.in_worlds:
             return [arrays]
@@ -269,24 +269,24 @@ class BodyContact(WithHistory):
         return self._data.surfaces.unit
 
     def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [worlds, particle_count]."""
+        """Return the contacts' parts of the blocks of K [N/m] and B [N s/m], shape [worlds, particle_count]."""
         stiffness, damping = self.blocks
         each = np.arange(worlds) % len(stiffness)
         return stiffness[each], damping[each]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness and damping of contacts: all points of a surface may be in contact at a time."""
+        """Add the stiffness and damping of contacts, as if all points of a surface were in contact."""
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the energy that contacts store [J], and turn to heat [W], by world."""
+        """Return the energy that contacts store [J] and the power they dissipate [W], by world."""
         each = (one.numpy().reshape(self._model.worlds, -1) for one in self._stored_and_heated(x, v))
         energies, powers = (one.sum(axis=1) for one in each)
         return energies, powers
 
     def _stored_and_heated(self, x: wp.array, v: wp.array) -> list[wp.array]:
-        """Return the energy that the contacts of each point store [J], and turn to heat [W]."""
+        """Return the energy that the contacts of each point store [J] and the power they dissipate [W]."""
         self.search(x, v, None, False)
         sums = [wp.zeros(self._points, dtype=wp.float64, device=self._model.device) for _ in range(2)]
         self._evaluate(True, [0.0, 0.0], sums)

@@ -1,4 +1,4 @@
-"""Colliders: colliders as arrays on a device, and where those that move are at each substep."""
+"""Colliders: obstacles as arrays on a device, and the poses of moving ones in each substep."""
 
 import math
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from ..model.model import Model
 from .penetration_depth import describe, start_depths, touching, ways_out
 
 LARGEST = 1e30
-"""The largest number of a solid [m]: `msdwarp.kernels.colliders.signed_distance` takes it for deeper than any
-place."""
+"""Largest number in a solid's geometry [m]: `msdwarp.kernels.colliders.signed_distance` starts its search for the
+least depth at it."""
 DEPENETRATION_TIME = 0.5
-"""Particles that start inside an obstacle are moved out within this time [s]: slowly, as others hang on them."""
+"""Time within which particles that start inside an obstacle are moved out [s]: slowly, to spare their springs."""
 COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 
 
@@ -32,16 +32,16 @@ class Colliders(Effect):
     model
         The system on a device.
     colliders
-        Obstacles, in the order in which a particle meets them; one at least.
+        Obstacles, in the order in which they act on a particle; at least one.
     rule
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`.
     contact_forces
-        Whether their forces on particles are summed, in `data.impulse`.
+        Whether the forces of obstacles on particles are summed, in `data.impulse`.
 
     Raises
     ------
     ValueError
-        If one is no collider, or does not fit into the system's space.
+        If an entry is no collider, or does not fit into the system's space.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Colliders(Effect):
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
         self.moves = any(collider.motion is not None for collider in colliders)
         self.planes_only = all(isinstance(one, Plane) for one in colliders)
-        """Whether all obstacles are planes: for those no motion is swept."""
+        """Whether all obstacles are planes, which need no swept test."""
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
         self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
         inside, self.leads_out = _deepest(model, colliders), rule == "coulomb"
@@ -106,7 +106,7 @@ class Colliders(Effect):
                 self._moving.append((k, collider.motion, collider.centre(self._dim)))
 
     def brings_in(self, model: Model) -> NDArray[np.float64]:
-        """Return about how much energy depenetration adds in each row of a model [J]."""
+        """Return an estimate of the energy that depenetration adds in each row of a model [J]."""
         mass = model.row_of("mass")
         moving = np.where(np.isfinite(mass), mass, 0.0).sum(axis=1) * (self._deepest / DEPENETRATION_TIME) ** 2
         if self._put_out is None:
@@ -116,8 +116,8 @@ class Colliders(Effect):
         return 0.5 * model.row_of("stiffness") @ stretch**2
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Make room for the poses of a frame."""
-        if self._bounces:  # velocities half a substep behind are those of the ways
+        """Allocate the poses of a frame."""
+        if self._bounces:  # velocities half a substep behind are those of displacements
             self.data.surface.onward = 2.0 * self.steps.lag
         if self._deepest > 0.0:
             self.data.surface.overlap_release_speed = self._deepest * dt / DEPENETRATION_TIME
@@ -127,7 +127,7 @@ class Colliders(Effect):
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
         layout = {name: (shape, kind) for name, kind in kinds.items()}
         self._frames = InFrames(layout, self._scalar, self._device, self._fill)
-        self._frames.tables["turn"][:] = np.eye(self._dim)  # it stays for obstacles that do not turn
+        self._frames.tables["turn"][:] = np.eye(self._dim)  # stays so for obstacles that do not turn
         for name, array in self._frames.arrays.items():
             setattr(self.data, name, array)
         self.data.inverse_mass = self._inverse_mass
@@ -151,42 +151,42 @@ class Colliders(Effect):
             tables["turn"][:, k], tables["turning"][:, k] = turn[1:], (turn[1:] - turn[:-1]) / self._dt
 
     def _poses(self, k: int, motion: Motion, centre: NDArray, time: float) -> tuple[NDArray, NDArray]:
-        """Return turns and shifts from a substep before `time` to the end of the frame."""
+        """Return rotations and shifts from one substep before `time` to the frame's end."""
         times, rows = time + self._times, len(self._frames.tables["turn"]) + 1
         first = times[0] < 0
         now = times[1:] if first else times[:rows]
         turn, shift = poses(f"colliders[{k}]", motion, centre, now, self._furthest)
-        if first:  # a motion need not be defined before 0: its acceleration was the same
+        if first:  # a motion may be undefined before 0: extrapolate with equal acceleration
             turn, shift = _with_a_past(turn)[:rows], _with_a_past(shift)[:rows]
         return turn, shift
 
     def hold_still(self, time: float) -> None:
-        """Keep obstacles where they are at `time` [s] until a frame begins: for measurements between frames."""
+        """Fix obstacles at their places at `time` [s] until a frame begins, for measurements between frames."""
         if self.moves:
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
-        """Write the poses at `time` to all rows, and the velocities that led to them."""
+        """Write the poses at `time` to all rows, with the velocities that led to them."""
         self._fill(time, tables)
         for table in tables.values():
             table[1:] = table[:1]
 
     def begin_substep(self, substep: int) -> bool:
-        """Give the next launches the poses of this substep, where any obstacle moves."""
+        """Select the poses of this substep for the next launches, if any obstacle moves."""
         if self.moves:
             self.data.substep = substep
         return self.moves
 
 
 def _deepest(model: Model, colliders: Sequence[Collider]) -> float:
-    """Return how deep a free particle starts in an obstacle [m]; 0 where all are outside, or touch one."""
+    """Return the largest start depth of a free particle in an obstacle [m]; 0 if all are outside or touching."""
     places = model.system.position[np.isfinite(model.mass)]
     deepest = float(start_depths(places, colliders).max(initial=0.0))
     return deepest if deepest > touching(model.system) else 0.0
 
 
 def _put_out(model: Model, colliders: Sequence[Collider]) -> NDArray[np.float64]:
-    """Return where particles are once those that start in obstacles have been put onto their surfaces [m]."""
+    """Return the positions of particles after moving those inside obstacles onto their surfaces [m]."""
     position, free = np.array(model.system.position), np.isfinite(model.mass)
     for collider in colliders:
         inside = free & (start_depths(position, [collider])[0] > 0)
@@ -196,18 +196,18 @@ def _put_out(model: Model, colliders: Sequence[Collider]) -> NDArray[np.float64]
 
 
 def _with_a_past(poses: NDArray) -> NDArray:
-    """Return poses with one in front of them, such that their second difference is the same there."""
+    """Prepend a pose so that the second difference stays the same."""
     return np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
 
 
 def _furthest(model: Model) -> float:
-    """Return the largest coordinate of a solid, and the furthest way of a motion, in this precision [m]."""
+    """Return the limit of solids' coordinates and of motions in this precision [m]."""
     # A distance is the root of a sum of at most 4 squares of sums of 2 numbers.
     return min(LARGEST, math.sqrt(float(np.finfo(model.dtype).max)) / 4)
 
 
 def _check_range(name: str, collider: Collider, model: Model) -> None:
-    """Raise ValueError for a rod whose ends are one point in this precision: it would keep nothing out."""
+    """Raise ValueError for a capsule or cone whose ends coincide in this precision."""
     least, where = float(np.finfo(model.dtype).tiny), f"in {model.precision}"
     if isinstance(collider, Capsule | Cone):
         geometry = collider.geometry(model.dim)

@@ -1,4 +1,4 @@
-"""ContactForces: the forces of contacts on particles in a frame, for probes, pictures and files."""
+"""ContactForces: contact forces on particles in a frame, for probes, pictures and files."""
 
 import numpy as np
 import warp as wp
@@ -13,7 +13,7 @@ from .colliders import Colliders
 
 
 class ContactForces:
-    """The impulses of obstacles and other bodies on each particle, summed since a frame of some seconds began."""
+    """Impulses of obstacles and other bodies on each particle, summed since the start of a frame of `seconds`."""
 
     def __init__(
         self, model: Model, colliders: Colliders | None, body_contact: BodyContact | None, seconds: float
@@ -37,7 +37,7 @@ class ContactForces:
         return wp.zeros(self._model.particle_count, dtype=wide, device=self._model.device)
 
     def begin(self) -> None:
-        """Launch the beginning of a frame; it may be recorded."""
+        """Launch the reset at a frame's start; it may be recorded."""
         for impulse in self._summed:
             impulse.zero_()
 

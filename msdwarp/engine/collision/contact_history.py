@@ -1,4 +1,4 @@
-"""ContactHistory: which bodies touch and how far they have moved along each other, also in checkpoints."""
+"""ContactHistory: which bodies touch, and their tangential displacements, also in checkpoints."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -21,13 +21,13 @@ STORED = {
     "way": "way",
     "level": "level",
 }
-"""The names that arrays have in checkpoints: those of version 0.1."""
+"""Names of the arrays in checkpoints: those of version 0.1."""
 
 
 class ContactHistory:
-    """Which bodies points or facets touch, how far they moved along them, and how deep they may still overlap.
+    """Bodies that points or facets touch, displacements along them, and the overlap that is still allowed.
 
-    The arrays are those of the struct `data`, for `count` points or facets; `more` gives the types of further
+    The arrays are fields of the struct `data`, for `count` points or facets; `more` gives the types of further
     ones. In checkpoints their names begin with `prefix`.
     """
 
@@ -41,23 +41,23 @@ class ContactHistory:
             setattr(data, name, wp.zeros((HISTORY, count), dtype=dtype, device=model.device))
         data.initial_overlap = wp.zeros(count, dtype=model.scalar, device=model.device)
         self.overlapping_at_start = False
-        """Whether anything overlapped at the start: then other kernels are launched."""
+        """Whether anything overlapped at the start, which needs other kernels."""
         self._names = tuple(types)
         self.forget()
 
     def allow(self, overlap: NDArray[np.float64]) -> None:
-        """Let each point or facet overlap by so much [m] at the start, and less and less."""
+        """Allow each point or facet an overlap [m] at the start, which then shrinks."""
         self.overlapping_at_start = True
         self.data.initial_overlap.assign(overlap.astype(self._model.dtype))
         self.data.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
 
     def forget(self) -> None:
-        """Forget all but the initial overlap."""
+        """Clear all but the initial overlap."""
         for name in self._names:
             getattr(self.data, name).fill_(-1 if name == "contact_body" else 0)
 
     def go_on_from(self, other: "ContactHistory") -> None:
-        """Take over the history of another model of the same bodies."""
+        """Copy the history of another model of the same bodies."""
         if other.data.contact_body.shape == self.data.contact_body.shape:
             for name in self._names:
                 wp.copy(getattr(self.data, name), getattr(other.data, name))
@@ -68,7 +68,7 @@ class ContactHistory:
         return [getattr(self.data, name) for name in (*self._names, "initial_overlap")]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the history by the names that it has in checkpoints."""
+        """Return the history, by its names in checkpoints."""
         names = (*self._names, *("initial_overlap",) * self.overlapping_at_start)
         arrays = {f"{self._prefix}.{STORED[name]}": getattr(self.data, name).numpy().copy() for name in names}
         if self.overlapping_at_start:
@@ -76,9 +76,9 @@ class ContactHistory:
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
+        """Restore what `checkpoint` returned."""
         self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
-        self._model.generation += 1  # other kernels are launched
+        self._model.generation += 1  # other kernels are needed
         for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
             getattr(self.data, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
         if self.overlapping_at_start:
@@ -86,12 +86,12 @@ class ContactHistory:
 
 
 class WithHistory(Effect):
-    """An effect that changes nothing but its history."""
+    """An effect whose only changing data are its history."""
 
     history: ContactHistory
 
     def go_on_from(self, other: Effect) -> None:
-        """Take over the history of another model of the same bodies."""
+        """Copy the history of another model of the same bodies."""
         assert isinstance(other, WithHistory)
         self.history.go_on_from(other.history)
 
@@ -101,9 +101,9 @@ class WithHistory(Effect):
         return self.history.changing
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the history by the names that it has in checkpoints."""
+        """Return the history, by its names in checkpoints."""
         return self.history.checkpoint()
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take back what `checkpoint` gave."""
+        """Restore what `checkpoint` returned."""
         self.history.restore(arrays)

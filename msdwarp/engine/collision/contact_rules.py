@@ -1,4 +1,4 @@
-"""ContactRules: by which rule the bodies of a system touch, how stiffly, and the bound of the rates."""
+"""ContactRules: the contact rule of each pair of bodies, its stiffness, and its part of the stability bound."""
 
 from collections.abc import Sequence
 from math import lcm
@@ -15,40 +15,39 @@ from .contact_surfaces import ContactSurfaces
 from .tables_by_world import Repeated
 
 CONTACTS_OF_A_SPHERE = 32.0
-"""With how many others a single particle is taken to be in contact at a time, in the bound of the rates.
+"""Assumed number of simultaneous contacts of a single particle, in the stability bound.
 
-About 6 would do for stability. With more than twice the substeps that these ask for, the restitution of a pair is
-within 2 % of the given one at most moments of impact, and within 3 % at all.
+About 6 would suffice for stability. The value requires more than twice the substeps for those 6. So the
+restitution of a pair is within 2 % of the given one at most moments of impact, and within 3 % always.
 """
 CONTACTS_OF_A_ROPE = 4.0
-"""The same of a particle that hangs on others, in a rope or a heap."""
+"""The same for a particle that is connected to others, in a rope or a heap."""
 MASS_FACTOR = 1.2
-"""Mass that a point with an area may stand for, by that of a vertex, in the bound of the damping.
+"""Largest mass assigned to a point of a surface, over that of a vertex, in the bound of the damping.
 
-A contact of damping b and gradient g has the rate b Σ|g_j| |g_i| / m at most (as below), with b in proportion to the
-root of 1 / Σg²; so Σ|g_j| / (2 √Σg²) counts. It is most for the middle of an edge on the centre of a triangle.
+A contact with the damping b and the gradient g has a rate of at most b Σ|g_j| |g_i| / m, and b is proportional to
+1/√Σg². So the factor is (Σ|g_j|)² / (4 Σg²), largest for the midpoint of an edge at the centre of a triangle.
 """
 MASS_FACTOR_OF_A_SPHERE = 2.0
-"""The same of a particle on its own or in a rope, for which numbers of contacts are guessed."""
+"""The same for a particle without a surface, whose number of contacts is assumed."""
 NOTHING = 1e-30
-"""Spacing of a body that has none, such as a single particle [m]."""
+"""Stands for the spacing of a body without one, such as a single particle [m]."""
 
 
 UNITS = 2.0**-40
-"""The unit in which forces or impulses are summed, by the largest that a contact is meant to bear."""
+"""Unit in which forces or impulses are summed, over the largest expected at a contact."""
 
 
 def unit_of_sums(largest: float) -> float:
-    """Return the unit of sums of integers, from the largest number; a power of 2: quotients keep all digits."""
+    """Return the unit of integer sums for a largest value; a power of 2, so that dividing by it is exact."""
     return 2.0 ** float(np.floor(np.log2(max(largest * UNITS, 1e-99))))
 
 
 class ContactRules:
-    """How bodies touch, by pairs of kinds. Bodies in the same groups of those that rules name are of one kind.
+    """Contact rules by pairs of kinds. A kind has all bodies that belong to the same groups named by rules.
 
-    Where several rules hold for a pair, the last counts. `table` has its number by the kinds of both bodies, −1
-    where none holds; `kind` is that of each body. `thickness` [m] and `stiffness` [N/m] of a rule are −1 where not
-    given.
+    If several rules apply to a pair, the last one counts. `table` has its index for two kinds, −1 if none applies;
+    `kind` has the kind of each body. `thickness` [m] and `stiffness` [N/m] of a rule are −1 if not given.
     """
 
     def __init__(self, model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> None:
@@ -80,7 +79,7 @@ class ContactRules:
             self.table[np.outer(a, b) | np.outer(b, a)] = value
 
     def upload(self, data: Any, model: Model, each: Repeated) -> None:
-        """Fill in the struct that kernels read."""
+        """Fill the struct that kernels read."""
         data.kind = each.alike(self.kind, int)
         for name, values, dtype in (
             ("table", self.table, int),
@@ -93,21 +92,21 @@ class ContactRules:
             setattr(data, name, wp.array(values, dtype=dtype, device=model.device))
 
     def between(self, a: Any, b: Any) -> NDArray[np.int32]:
-        """Return the numbers of the rules between bodies a and b; −1 where they do not touch."""
+        """Return the indices of the rules between bodies a and b; −1 if they pass through each other."""
         return self.table[self.kind[a], self.kind[b]]
 
     def given_stiffness(self, a: Any, b: Any) -> NDArray[np.float64]:
-        """Return the stiffness that rules give for contacts between bodies a and b [N/m]; −1 where none does."""
+        """Return the stiffness that rules give for contacts between bodies a and b [N/m]; −1 if none is given."""
         return np.append(self.stiffness, -1.0)[self.between(a, b)]
 
     def pair_stiffness(self, a: Any, b: Any, own_a: Any, own_b: Any) -> NDArray[np.float64]:
-        """Return the stiffness of contacts between bodies a and b [N/m], from their own where no rule gives it."""
+        """Return the stiffness of contacts between bodies a and b [N/m]: given by a rule, else from their own."""
         given = self.given_stiffness(a, b)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(given < 0, harmonic_mean(own_a, own_b), given)
 
     def check(self, surfaces: TouchingSurfaces) -> None:
-        """Raise ValueError for bodies without stiffness where none is given, and for particles without a size."""
+        """Raise ValueError for bodies without stiffness if no rule gives it, and for particles without a size."""
         soft = surfaces.stiffness <= 0
         for number, one in enumerate(self._rules):
             meant = (self.table == number).any(axis=1)[self.kind]
@@ -126,7 +125,7 @@ class ContactRules:
                 )
 
     def hops(self, surfaces: TouchingSurfaces) -> NDArray[np.int64]:
-        """Return within how many edges of a vertex its body does not touch it, shape [body_count]."""
+        """Return the number of edges around a vertex within which self-contact is off, shape [body_count]."""
         own = self.table[self.kind, self.kind]
         thickness = np.where(self.thickness[own] < 0, 2.0 * surfaces.radius, self.thickness[own])
         within = np.array([one.self_contact for one in self._rules])[own] & (own >= 0)
@@ -136,7 +135,7 @@ class ContactRules:
         return hops
 
     def blocks(self, model: Model, surfaces: ContactSurfaces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each."""
+        """Return the contacts' parts of the blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each."""
         masses, by_row = model.row_of("mass"), surfaces.by_row
         masses = np.broadcast_to(masses, (len(masses), model.particle_count))
         each = (
@@ -151,15 +150,15 @@ class ContactRules:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return `blocks` of one row.
 
-        A contact of stiffness k and gradient g has the matrix k g gᵀ. By Gershgorin that is at most the diagonal
-        matrix of k |g_i| Σ|g_j|, where Σ|g_j| = 2: a point's weights add up to 1, and those of the facet too.
-        Blocks count half of it. All points of a surface are taken to be in contact at a time, and as many of
+        A contact of stiffness k and gradient g has the matrix k g gᵀ. By Gershgorin it is bounded by the diagonal
+        matrix of k |g_i| Σ|g_j|, with Σ|g_j| = 2: the weights of the point sum to 1, as do those of the facet.
+        Blocks count half of it. All points of a surface are assumed to be in contact, with as many points of
         others.
         """
         bodies = len(surfaces.closed)
         own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, NOTHING)
         stiff, reaction, ratio = (np.zeros(bodies) for _ in range(3))
-        # Bodies of the same kind that are alike count once.
+        # Equal bodies of the same kind count once.
         table = np.stack([self.kind, own, spacing, surfaces.closed], axis=1)
         alike, number = np.unique(table, axis=0, return_inverse=True)
         number = number.reshape(-1)
@@ -171,7 +170,7 @@ class ContactRules:
                     continue
                 one = self._rules[which]
                 k = one.stiffness if one.stiffness is not None else harmonic_mean(k_a, k_b)
-                # How many points of the other may press where this one has one: grains lie a thickness apart.
+                # Points of the other body per point of this one: grains are one thickness apart.
                 apart = s_b if s_b > NOTHING else (one.thickness or s_a)
                 most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / apart) ** 2))
                 zeta = max(zeta, 2**0.5 * one.damping_ratio)
@@ -194,14 +193,14 @@ class ContactRules:
 
 
 def harmonic_mean(a: Any, b: Any) -> Any:
-    """Return 2ab/(a + b), the stiffness of a contact between bodies of these [N/m]; see `kernels.collision`."""
+    """Return 2ab/(a + b), the stiffness of a contact between bodies of stiffness a and b [N/m]."""
     return 2 * a * b / (a + b)
 
 
 def spread_to_particles(
     surfaces: TouchingSurfaces, values: NDArray[np.float64], particle_count: int
 ) -> NDArray[np.float64]:
-    """Return the sum of the values of vertices on each particle, by the sizes of its weights."""
+    """Return the sums over vertices of their values, weighted by each particle's absolute weights."""
     total = np.zeros(particle_count)
     np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
     return total

@@ -1,4 +1,4 @@
-"""ContactSurfaces: vertices, points, facets and bodies that may touch, and their constants on a device."""
+"""ContactSurfaces: vertices, points, facets and bodies for contact, and their constants on a device."""
 
 from typing import Any
 
@@ -17,23 +17,23 @@ class ContactSurfaces:
     """The surfaces of the bodies of a system, in one world or many."""
 
     data: Any = None
-    """The struct of their arrays; None before `upload`."""
+    """The struct of the arrays; None before `upload`."""
 
     def __init__(self, model: Model, surfaces: TouchingSurfaces) -> None:
         self.on_host, self.by_row = surfaces, surfaces_by_row(model, surfaces)
-        """The surfaces; and with the stiffness and the thickness that bodies have in each row of worlds."""
+        """The surfaces; and the surfaces with the stiffness and thickness of each row of worlds."""
         bodies, corner = len(surfaces.closed), surfaces.corner
         self.triangles = bool((corner[:, 1] != corner[:, 2]).any())
-        # A lattice is one spacing thick at least: a point past its middle has come from the other side.
+        # A lattice is at least one spacing thick: a point past its middle entered from the other side.
         self.depth = [np.where(one.closed, 0.5 * one.spacing, 0.0) for one in self.by_row]
-        """How deep a point may be in each body and still be pushed out [m], by row."""
+        """Largest depth from which each body pushes a point out [m], by row."""
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
         on_points = np.bincount(self.body_of_point, minlength=bodies)
         self.density = bearing_vertices(surfaces) / np.maximum(on_points, 1)
-        """Vertices that bear by themselves, by points, of each body."""
+        """Independent vertices per point of each body."""
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
-        """Fill in the struct that kernels read; within `hops` edges of a vertex its body does not touch it."""
+        """Fill the struct that kernels read; within `hops` edges of a vertex there is no self-contact."""
         self.data, surfaces, scalar = data, self.on_host, model.scalar
         vertices, bodies = len(surfaces.particle), len(surfaces.closed)
         present = surfaces.weight != 0
@@ -59,7 +59,7 @@ class ContactSurfaces:
             setattr(data, name, each.by_row(np.array([getattr(one, name) for one in self.by_row]), scalar))
 
     def by_particle(self, data: Any, model: Model) -> NDArray[np.bool_]:
-        """Fill in which vertices each particle of a world carries; return which carry any."""
+        """Fill in the vertices of each particle of a world; return which particles have any."""
         surfaces, device = self.on_host, model.device
         present = surfaces.weight != 0
         order, first = rows(surfaces.particle[present], model.particle_count)
@@ -70,7 +70,7 @@ class ContactSurfaces:
 
 
 def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
-    """Return how many vertices of each body bear by themselves: no more than particles carry them."""
+    """Return the number of independent vertices of each body: at most that of the particles that carry them."""
     bodies = len(surfaces.closed)
     carriers = np.unique(surfaces.particle[surfaces.weight != 0])
     carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
@@ -80,7 +80,7 @@ def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
 def neighbourhoods(
     surfaces: TouchingSurfaces, hops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where the neighbours of each vertex begin, and these: itself, and those within `hops` of its body."""
+    """Return row starts, and the neighbours of each vertex: itself, and those within its body's `hops` edges."""
     count, corner = len(surfaces.particle), surfaces.corner
     edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
     edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)

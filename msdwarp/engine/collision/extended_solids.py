@@ -1,4 +1,4 @@
-"""Solids that stand on a plane, continued below it: so that the way out is never down into the plane."""
+"""Extend solids that stand on a plane below it, so that the nearest way out never leads into the plane."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from ...world import Box, Collider, Cone, Plane
 
 LEVEL = 1e-9
-"""How far the cosine of a face's direction may be from that of the plane that it stands on."""
+"""Tolerance of the cosine between a face's normal and the plane's."""
 ON = 1e-6
-"""The height above a plane that still counts as on it, by the size of the solid: more than float32 rounds."""
+"""Height above a plane that still counts as on it, over the solid's size: above float32 rounding."""
 
 
 def geometries(colliders: Sequence[Collider], dim: int) -> list[dict[str, Any]]:
-    """Return the geometry of colliders for kernels; boxes and cones that stand on a plane are continued below it.
+    """Return the geometry of colliders for kernels; boxes and cones that stand on a plane are extended below it.
 
     A particle at the foot of a box, on the plane, is nearer to the box's underside than to its side, and would be
-    let in between the two. What is added lies below the plane, where all is inside anyway: together both keep the
-    same places free, and the nearest way out of the box leads to where none of them is. No place in a box or a
-    cone is further than twice its `inradius` from all faces but the one it stands on: so deep that one is put.
+    pushed between box and plane. The extension is below the plane, inside the obstacle anyway, so the free space
+    stays the same, but the nearest way out of the box leads into it. No point of a box or cone is further than
+    twice its `inradius` from all faces other than its base, so the base is moved down by that much.
 
-    Only solids and planes that stand still: a moving one may leave the plane later.
+    Only fixed solids and planes are treated: a moving solid may leave the plane later.
     """
     planes = [one for one in colliders if isinstance(one, Plane) and one.motion is None and not one.fits(dim)]
     found = []
@@ -37,7 +37,7 @@ def geometries(colliders: Sequence[Collider], dim: int) -> list[dict[str, Any]]:
 
 
 def _continued(collider: Collider, geometry: dict[str, Any], up: NDArray, offset: float) -> dict[str, Any]:
-    """Return the geometry of a box or a cone, with the face that stands on a plane moved below it."""
+    """Return the geometry of a box or a cone, with the face on a plane moved below the plane."""
     deep = 2.0 * collider.inradius()
     a, b = np.asarray(geometry["a"], dtype=np.float64), np.asarray(geometry["b"], dtype=np.float64)
     if isinstance(collider, Cone):
@@ -45,7 +45,7 @@ def _continued(collider: Collider, geometry: dict[str, Any], up: NDArray, offset
         more = _missing(float(b @ up) - offset, float((a - b) @ up) / height, height, deep)
         if more == 0.0:
             return geometry
-        share = 1.0 + more / height  # about the apex, which leaves the sides where they are
+        share = 1.0 + more / height  # scaled about the apex, so that the sides stay
         return geometry | {"b": a + share * (b - a), "radius": share * geometry["radius"]}
     for k, axis in enumerate(np.asarray(geometry["axes"]).T):
         for out in (-axis, axis):
@@ -58,10 +58,10 @@ def _continued(collider: Collider, geometry: dict[str, Any], up: NDArray, offset
 
 
 def _missing(height: float, level: float, size: float, deep: float) -> float:
-    """Return by how much to move a face down to have it `deep` below a plane [m]; 0 where it is not on that.
+    """Return the distance to move a face down until it is `deep` below a plane [m]; 0 if it is not on the plane.
 
-    The face is so high above the plane, on a solid of a size [m]; `level` is the cosine of the angle between its
-    normal and that down into the plane.
+    `height` is the face's height above the plane [m], `size` the solid's size [m], and `level` the cosine of the
+    angle between the face's normal and the downward normal of the plane.
     """
     if level < 1.0 - LEVEL or height > ON * size:
         return 0.0

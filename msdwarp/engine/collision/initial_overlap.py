@@ -1,4 +1,4 @@
-"""Bodies that start inside others, deeper than contact reaches from their surfaces."""
+"""Detect bodies that start inside others, deeper than contact can push out."""
 
 from typing import Any
 
@@ -11,13 +11,13 @@ from ...kernels.filling import find_depths
 from .contact_rules import ContactRules
 
 DEEP = 0.45
-"""Spacings below the surface: from half a spacing on nothing pushes a point out."""
+"""Depth below the surface in spacings: beyond half a spacing points are not pushed out."""
 SAMPLES = 64
-"""Particles of a body that are tried, at most."""
+"""Maximal number of particles of a body that are tested."""
 
 
 def initial_containment(system: System, surfaces: TouchingSurfaces, rules: ContactRules) -> str | None:
-    """Return words about the body that starts deepest inside a closed one that it touches, or None."""
+    """Return a warning about the body that starts deepest inside a closed body that it can touch, or None."""
     x, body = system.position, surfaces.body_of_particle
     bodies = len(surfaces.closed)
     if not surfaces.closed.any() or bodies < 2:
@@ -49,20 +49,20 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
     one, other = (int(np.argmax(body == k)) for k in (body[particle], outer))
     return (
         f"the body of particle {one} starts inside that of particle {other}: particle {particle} is "
-        f"{deepest:.3g} m deep in it, and contact pushes out only what is no deeper than half a spacing, of "
+        f"{deepest:.3g} m deep in it, and contact pushes out only up to a depth of half a spacing, which is "
         f"{surfaces.spacing[outer]:.3g} m; move them apart, or have them ignore each other by "
         "Contact(groups=..., exclude=True)"
     )
 
 
 def _sample(x: NDArray, particles: NDArray, low: NDArray, high: NDArray) -> NDArray[Any]:
-    """Return at most SAMPLES of the particles in a box, evenly chosen."""
+    """Return at most SAMPLES of the particles in a box, evenly spread."""
     within = particles[((x[particles] > low) & (x[particles] < high)).all(axis=1)]
     return within[:: -(-len(within) // SAMPLES)] if len(within) else within
 
 
 def _depths(vertices: NDArray, corner: NDArray, points: NDArray) -> NDArray[np.float64]:
-    """Return how deep points are inside a closed surface [m], less than 0 outside."""
+    """Return the depths of points inside a closed surface [m], below 0 outside."""
     used, corner = np.unique(corner, return_inverse=True)
     origin = vertices[used].mean(axis=0)
     surface = wp.Mesh(

@@ -1,4 +1,4 @@
-"""How deep particles start in obstacles, and how obstacles are described to kernels."""
+"""Depths of particles in obstacles at the start, and the kernels' struct of obstacles."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,13 +14,13 @@ from ...world import Collider
 from .extended_solids import geometries
 
 TOUCHING = 0.01
-"""Depth that counts as touching, over the shortest rest length: the strain that putting back a particle makes."""
+"""Depth that counts as touching, over the shortest rest length: the strain from moving a particle out."""
 TOUCHING_ALONE = 1e-3
-"""The same without connections [m]: about how far a particle falls from rest in a frame."""
+"""The same without connections [m]: about the fall of a particle from rest in a frame."""
 
 
 def describe(data: Any, colliders: Sequence[Collider], dim: int, scalar: Any, device: Any) -> None:
-    """Fill in the struct of solids that `msdwarp.kernels.colliders.signed_distance` reads."""
+    """Fill the struct of solids that `msdwarp.kernels.colliders.signed_distance` reads."""
     nothing = {"a": np.zeros(dim), "b": np.zeros(dim), "radius": 0.0, "axes": np.eye(dim)}
     geometry = [nothing | one for one in geometries(colliders, dim)]
     place, turn = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
@@ -32,7 +32,7 @@ def describe(data: Any, colliders: Sequence[Collider], dim: int, scalar: Any, de
 
 
 def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -> NDArray[np.float64]:
-    """Return how deep places [m], shape [count, dim], lie in each of some obstacles at the start.
+    """Return the depths of points [m], shape [count, dim], in each of several obstacles at the start.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -
 
 
 def ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
-    """Return the nearest way out of an obstacle from each place inside [m]; 0 where sides are as near."""
+    """Return the shortest displacement out of an obstacle from each point inside [m]; 0 if it is ambiguous."""
     depth = start_depths(position, [collider])[0]
     step = 1e-6 * max(1.0, float(np.abs(position).max()))
     steps = step * np.eye(position.shape[1])
@@ -64,5 +64,5 @@ def touching(system: System) -> float:
     """Return the depth up to which a particle of a system only touches an obstacle [m]."""
     lengths = stored(system.rest_length)
     depth = TOUCHING * float(lengths.min()) if len(lengths) else TOUCHING_ALONE
-    # Places far from the origin are not given to much better than this.
+    # Positions far from the origin are not more accurate than this.
     return depth + 4 * float(np.finfo(np.float32).eps) * float(np.abs(system.position).max())

@@ -1,4 +1,4 @@
-"""SurfaceContact: keeps obstacles from coming in between the particles of bodies."""
+"""SurfaceContact: keeps obstacles from entering between the particles of bodies."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -28,13 +28,13 @@ from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
 
 HARDER = 8.0
-"""All places around a vertex together, by a contact of the body with one alike but rigid: seldom are all in."""
+"""Stiffness of all samples around a vertex, over that of contact with a rigid body: seldom are all inside."""
 SLACK = 1e-4
-"""How deep is none yet, by the spacing: particles on an obstacle lie on its surface but for roundings."""
+"""Smallest depth that counts, over the spacing: particles on an obstacle are on its surface up to rounding."""
 THIN = 0.25
-"""A place deeper in an obstacle than this share of `inradius` is pushed out of the side that it came in by."""
+"""A sample deeper in an obstacle than this share of `inradius` is pushed out through its entry side."""
 LEAST_RESTITUTION = 0.3
-"""Lower restitutions are damped as this: particles bear most of a blow, and harder dampers need shorter steps."""
+"""Lower restitutions are raised to this: particles take most of an impact; stronger dampers need shorter steps."""
 
 
 def surface_contact_of(
@@ -44,9 +44,9 @@ def surface_contact_of(
     colliders: Sequence[Collider],
     loads: Sequence[Load],
 ) -> "SurfaceContact | None":
-    """Return the effect of obstacles that come in between particles, where that is requested and any could.
+    """Return the effect that keeps obstacles from entering between particles, if requested and possible.
 
-    The half-space below a plane cannot: a facet with its corners above it lies above it.
+    Planes cannot enter: a facet whose corners are above a plane is above it.
     """
     rules = [one for one in loads if isinstance(one, Contact)]
     if contact.planes_only or not any(one.surface_colliders for one in rules):
@@ -57,10 +57,10 @@ def surface_contact_of(
 
 
 class SurfaceContact(WithHistory):
-    """Keeps the facets of bodies off obstacles, as `Colliders` keeps their particles off.
+    """Keeps the facets of bodies out of obstacles, as `Colliders` does for particles.
 
-    See `kernels.collision.surface_contact`. `contact` places the obstacles, `touching` the vertices; `corner` has
-    the vertices of each facet that is more than a point, shape [facet_count, 3].
+    See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices;
+    `corner` has the vertices of each facet that is more than a point, shape [facet_count, 3].
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class SurfaceContact(WithHistory):
         for name in ("x", "v", "first", "particle", "weight", "mobility"):
             setattr(data, name, getattr(vertices, name))
         data.corner = array(corner, wp.vec3i)
-        # With a rigid body a contact is twice as stiff as with one alike, unless its stiffness is given.
+        # Contact with a rigid body is twice as stiff as with an equal one, unless its stiffness is given.
         given = touching.rules.given_stiffness(*[np.arange(len(surfaces.closed))] * 2)
         whole = HARDER * np.where(given < 0, 2.0 * surfaces.stiffness, given)
         facets = np.bincount(body, minlength=len(whole))
@@ -126,27 +126,27 @@ class SurfaceContact(WithHistory):
         self._substep = 0
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Take the length of substeps, and where obstacles will be."""
+        """Take over the arrays of the obstacles' poses."""
         self._last = substeps - 1
         if self._contact.moves:
             for name in ("turn", "shift", "turning", "speed"):
                 setattr(self._data, name, getattr(self._contact.data, name))
 
     def hold(self, time: float) -> None:
-        """Have all stages see obstacles where they are at `time` [s]: for what is launched between frames."""
+        """Fix obstacles at their poses at `time` [s] in all stages, for launches between frames."""
         self._substep, self._stage = self._last, len(self.steps.stage_times)
         self._contact.hold_still(time)
 
     def begin_substep(self, substep: int) -> bool:
-        """Have what is launched next find obstacles where they are in this substep."""
+        """Select the poses of this substep for the next launches."""
         self._substep = substep
         return False
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch the forces of obstacles on facets, whose vertices contact between bodies has just placed."""
+        """Launch the forces of obstacles on facets; contact between bodies has just updated the vertices."""
         times = self.steps.stage_times
         self._stage = 0 if begins else self._stage + 1
-        # What is not a stage of the substep is looked at where it ends.
+        # An evaluation beyond the substep's stages is at its end.
         share = times[self._stage] if self._stage < len(times) else 1.0
         row, share = (self._substep + 1, 0.0) if share == 1.0 else (self._substep, share)
         self._data.force.zero_()
@@ -155,7 +155,7 @@ class SurfaceContact(WithHistory):
         self._launch(False, [row, share, dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
 
     def _launch(self, measuring: bool, how: list, sums: list) -> None:
-        """Launch the kernel over all facets: on a GPU a thread for each, on the CPU one for all."""
+        """Launch the kernel over all facets: on a GPU a thread per facet, on the CPU a single thread."""
         device = self._model.device
         kernel = evaluate_surface(
             self._model.scalar, self._kinds, self._contact.moves, self.history.overlapping_at_start, measuring
@@ -164,7 +164,7 @@ class SurfaceContact(WithHistory):
         wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sums of what obstacles do, and of what they push particles with, where that is asked for."""
+        """Launch the sums of the work of obstacles, and of their impulses on particles if requested."""
         model, contact = self._model, self._contact
         if self.done is not None:
             inputs = [self._data.power, seconds]
@@ -175,25 +175,25 @@ class SurfaceContact(WithHistory):
             wp.launch(add_pushes(model.scalar), model.particle_count, inputs, outputs, device=model.device)
 
     def overlapping(self) -> str | None:
-        """Return words about the facet that an obstacle is in deepest at the start; None where none is."""
+        """Return a warning about the facet that an obstacle penetrates deepest at the start, or None."""
         if not self.history.overlapping_at_start:
             return None
         facet, deep = self._deepest
         vertex = int(self._data.corner.numpy()[facet][0])
         particle = int(self._data.particle.numpy()[self._data.first.numpy()[vertex]])
         return (
-            f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is led "
+            f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is moved "
             f"out within {SEPARATION_TIME} s; move the body or the obstacle apart"
         )
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add what obstacles hold facets with, by what that is more than other bodies do: nothing is in both."""
+        """Add the stiffness and damping of contact with obstacles, as far as they exceed those of body contact."""
         for blocks, each, others in zip((stiffness, damping), self._blocks, self._touching.blocks, strict=True):
             more = np.maximum(each - others[0], 0.0)
             blocks.assign(blocks.numpy() + more[:, None, None] * np.eye(self._model.dim))
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what is stored [J], and what turns to heat [W], where a frame ends; in the only world."""
+        """Return the stored energy [J] and the dissipated power [W] at a frame's end, of the only world."""
         count, device = len(self._data.corner), self._model.device
         stored, heated = (wp.zeros(count, dtype=wp.float64, device=device) for _ in "sh")
         self._touching.place_vertices(x, v)
@@ -202,7 +202,7 @@ class SurfaceContact(WithHistory):
 
 
 def _box_around(collider: Collider) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and the largest coordinates of an obstacle as it is given [m], both of shape [3]."""
+    """Return the lowest and highest coordinates of an obstacle in its given pose [m], both of shape [3]."""
     if isinstance(collider, Plane):
         return np.full(3, -np.inf), np.full(3, np.inf)
     geometry = collider.geometry(3)
@@ -221,12 +221,12 @@ def _blocks(
     whole: NDArray[np.float64],
     damping_ratio: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what obstacles add to the blocks of K [N/m] and B [N s/m] of each particle, as numbers.
+    """Return the contributions of obstacles to the blocks of K [N/m] and B [N s/m] of each particle, as scalars.
 
-    A place with the weights w has the matrix k w wᵀ, of which by Gershgorin a particle's part is at most k w_i;
-    blocks count half of it. With all places in, each corner of a facet has a third. Half of that is taken: a body
-    presses on an obstacle with all places at once only where its particles move alike, and then its springs are at
-    rest. Dampers are those of the middle of a facet, which stands for three times the mass of a corner.
+    A sample with weights w has the matrix k w wᵀ, of which by Gershgorin a particle's part is at most k w_i;
+    blocks count half of it. With all samples inside, each corner of a facet has a third. Half of that is used: all
+    samples of a body are inside at once only if its particles move together, and then its springs are at rest.
+    Dampers are those of the centre of a facet, which represents three times the mass of a corner.
     """
     mass = np.broadcast_to(np.where(np.isfinite(model.mass), model.mass, 0.0), model.particle_count)
     heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)[corner].max(axis=1)
@@ -246,7 +246,7 @@ def _start_depths(
     corner: NDArray[np.int32],
     colliders: Sequence[Collider],
 ) -> NDArray[np.float64]:
-    """Return how deep an obstacle is in each facet at the start [m], 0 where none is, shape [facet_count]."""
+    """Return the depth of obstacles in each facet at the start [m], 0 if none, shape [facet_count]."""
     places = np.einsum("vk,vkd->vd", surfaces.weight, position[surfaces.particle])[corner]
     depth, solids = np.zeros(len(corner)), [one for one in colliders if not isinstance(one, Plane)]
     middle = places.mean(axis=1)

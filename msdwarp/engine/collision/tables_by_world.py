@@ -1,7 +1,7 @@
-"""What touches in the worlds of an ensemble: tables of one world, repeated, and what each world has of its own.
+"""Contact tables of an ensemble: tables of one world repeated for all, and values that differ between worlds.
 
-The worlds' surfaces follow each other in the tables of contact, as their bodies do; the trees in which a search
-looks have a branch for each world. So all worlds are searched at once, and none ever looks at another.
+Tables concatenate the surfaces and bodies of all worlds; search trees have a branch for each world. So all worlds
+are searched at once, and no world finds another's facets.
 """
 
 from math import lcm
@@ -15,17 +15,17 @@ from ...bodies import TouchingSurfaces, contact_surfaces, spring_means
 from ..model.model import Model
 
 MOST_NUMBERED = 2**31 - 1
-"""Points, facets or entries of all worlds together that 32-bit numbers count."""
+"""Maximal number of points, facets or entries of all worlds: 32-bit indices."""
 
 
 class Repeated:
-    """Uploads tables of one world for all worlds of a model, one after the other; outside of ensembles once."""
+    """Uploads tables of one world, repeated for all worlds of a model; outside of ensembles once."""
 
     def __init__(self, model: Model) -> None:
         self._worlds, self._device = model.worlds, model.device
 
     def alike(self, values: Any, kind: Any, further: int = 0) -> wp.array:
-        """Upload what all worlds have; numbers rise by `further` from one world to the next."""
+        """Upload values that are equal in all worlds; indices increase by `further` from one world to the next."""
         return self.by_row(np.asarray(values)[None], kind, further)
 
     def by_row(self, values: NDArray, kind: Any, further: int = 0) -> wp.array:
@@ -40,13 +40,13 @@ class Repeated:
         return wp.array(np.ascontiguousarray(each.reshape(-1, *values.shape[2:])), dtype=kind, device=self._device)
 
     def starts(self, counts: NDArray[np.integer]) -> wp.array:
-        """Upload where what so many entries each belong to begins in a list, and where the list ends."""
+        """Upload row starts for rows of the lengths `counts`, and the end of the last row."""
         first = np.append(0, np.cumsum(np.tile(counts, self._worlds)))
         return wp.array(first, dtype=int, device=self._device)
 
 
 def surfaces_by_row(model: Model, surfaces: TouchingSurfaces) -> list[TouchingSurfaces]:
-    """Return what may touch, in each row of stiffnesses and rest lengths that worlds have; else just that."""
+    """Return the surfaces for each row of stiffnesses and rest lengths of worlds; outside of ensembles one."""
     if not model.in_worlds:
         return [surfaces]
     system, rows = model.system, {name: model.row_of(name) for name in ("rest_length", "stiffness")}

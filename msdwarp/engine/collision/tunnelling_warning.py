@@ -1,6 +1,6 @@
-"""The words of `TunnellingWarning`: contacts that may come out on the wrong side, and what would help.
+"""Warnings about tunnelling: contacts that may come out on the wrong side, and remedies.
 
-What prevents crossing, where one of the two bodies is open, is `division_planes.py`.
+`division_planes.py` is what prevents crossing, where one of the two bodies is open.
 """
 
 import math
@@ -19,23 +19,23 @@ class Tunnelling(NamedTuple):
     """A contact between a point of one body and a facet of another that may come out on the wrong side."""
 
     bodies: tuple[int, int]
-    """That of the point and that of the facet."""
+    """Bodies of the point and of the facet."""
     place: NDArray[np.float64]
-    """Where [m], shape [3]."""
+    """Position [m], shape [3]."""
     deep: float
-    """How deep it goes [m]."""
+    """Depth of the point [m]."""
     most: float
-    """From how deep it is pushed out [m]."""
+    """Largest depth from which it is pushed out [m]."""
     speed: float
-    """How fast they approach [m/s]."""
+    """Speed of approach [m/s]."""
     stiffness: float
-    """Of a contact of the two bodies [N/m]."""
+    """Contact stiffness of the two bodies [N/m]."""
     closed: bool
-    """Whether the facet's body has an inside, out of which points are pushed."""
+    """Whether the facet's body has an inside."""
 
     @classmethod
     def of(cls, noted: NDArray[np.float64], surfaces: ContactSurfaces, rules: ContactRules) -> Self:
-        """Return what `kernels.collision.history` has noted of a frame, by the numbers of one world."""
+        """Return the contact that `kernels.collision.history` recorded in a frame, by indices in one world."""
         on_host = surfaces.on_host
         a, b = int(surfaces.body_of_point[int(noted[POINT])]), int(surfaces.body_of_facet[int(noted[FACET])])
         thickness, closed = float(rules.thickness[rules.between(a, b)]), bool(on_host.closed[b]) and a != b
@@ -47,28 +47,28 @@ class Tunnelling(NamedTuple):
         return cls((a, b), noted[PLACE:], -gap if closed else thickness - gap, most, speed, stiffness, closed)
 
     def described(self, system: System, surfaces: TouchingSurfaces, substeps: int, dt: float) -> str:
-        """Return words about it: who, where, how deep, how fast, and what would help."""
+        """Return a warning: bodies, position, depth, speed, and remedies."""
         a, b = (_named(system, surfaces, body) for body in self.bodies)
         where = ", ".join(f"{one:.3g}" for one in self.place)
         way = self.speed * dt
-        stiffer = f"Contact(stiffness=...) of more than the present {self.stiffness:.3g} N/m"
-        if self.most == 0:  # however short the way
+        stiffer = f"Contact(stiffness=...) above the current {self.stiffness:.3g} N/m"
+        if self.most == 0:  # at any speed
             helps = stiffer
-        elif way > 0.5 * self.most:  # it comes too far in one substep, whatever the force
+        elif way > 0.5 * self.most:  # it moves too far in one substep, whatever the force
             needed = math.ceil(substeps * way / (0.5 * self.most))
-            helps = f"substeps={needed} or more (in one of the present {substeps} it comes {way:.2g} m), {stiffer}"
+            helps = f"substeps={needed} or more (in one of the current {substeps} it moves {way:.2g} m), {stiffer}"
         else:
             helps = f"{stiffer}, more than {substeps} substeps"
-        reach = "out of it points are pushed from" if self.closed else "it is touched from either side, down to"
+        reach = "points are pushed out of it up to a depth of" if self.closed else "contact acts up to a depth of"
         return (
             f"a point of {a} goes {self.deep:.3g} m deep into {b} near ({where}) m, at {self.speed:.3g} m/s; "
-            f"{reach} {self.most:.3g} m, so that it may come out on the wrong side; what would help: {helps}, "
+            f"{reach} {self.most:.3g} m, so that it may come out on the wrong side; remedies: {helps}, "
             "or a larger Contact(thickness=...)"
         )
 
 
 def _named(system: System, surfaces: TouchingSurfaces, body: int) -> str:
-    """Return what a body is called: by its group if one holds it and nothing else, or by its first particle."""
+    """Return a name for a body: the group that holds exactly its particles, else its first particle."""
     own = surfaces.body_of_particle == body
     for name in system.groups:
         if np.array_equal(system.group(name), own):

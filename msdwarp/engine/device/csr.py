@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 
 def rows(particle: NDArray[np.integer], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (order, first): entries sorted by particle, and the first place of each particle's entries.
+    """Return (order, first): entries sorted by particle, and the start of each particle's entries.
 
     Entries keep their order within a particle. Particle i has the entries order[first[i]] to
     order[first[i + 1] − 1]; `first` has shape [count + 1].

@@ -32,7 +32,7 @@ def find_device(name: str | None) -> Any:
 
 
 def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.array:
-    """Upload numbers; a uniform array takes one number of memory (a stride-0 view)."""
+    """Upload numbers; a uniform array stores a single number (a stride-0 view)."""
     if is_uniform(values):
         return view_of(wp.full(1, scalar(values[0]), dtype=scalar, device=device), len(values), (0,))
     return wp.array(values, dtype=scalar, device=device)

@@ -12,7 +12,7 @@ from .device import view_of
 Tables = dict[str, NDArray]
 """Tables by name, in the device's precision; coordinates of vectors and matrices are the last axes."""
 _ALIGNED = 4
-"""Tables begin at multiples of this many numbers, so that the device reads them fast."""
+"""Alignment of tables, in numbers, for fast reads on the device."""
 
 
 class InFrames:
@@ -88,7 +88,7 @@ class InFrames:
         self._holds = time
 
     def _copy(self) -> None:
-        """Let the device copy the host's tables."""
+        """Launch the device's copy of the host's tables."""
         wp.copy(self._there, self._here)
         if self._copied is not None:
             self._device.stream.record_event(self._copied)

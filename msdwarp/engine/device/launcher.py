@@ -5,7 +5,7 @@ from typing import Protocol
 
 
 class Launcher(Protocol):
-    """Shares launches among threads of the CPU; `CpuPartition` is one."""
+    """Divides launches among CPU threads; implemented by `CpuPartition`."""
 
     is_recording: bool
     """Whether launches are recorded for all threads."""

@@ -1,7 +1,7 @@
 """A pool of threads that replay the graphs of a frame at the same time, frame after frame.
 
-Graphs that wait for each other must all be running. So there is one pool for all simulations and threads, and it
-takes one frame at a time.
+The graphs of a frame wait for each other, so all must be running. So there is one pool for all simulations and
+threads, and it runs one frame at a time.
 """
 
 import os
@@ -34,8 +34,7 @@ class _Frame:
 class _Pool:
     """Threads that wait for frames. The first one begins a frame, and passes graphs to the others.
 
-    Signals such as Ctrl-C reach only Python's main thread, which is none of these: a frame that has begun is
-    finished.
+    Signals such as Ctrl-C reach only Python's main thread, not these: a frame that has begun is completed.
     """
 
     def __init__(self) -> None:
@@ -54,7 +53,7 @@ class _Pool:
 
     def _replay(self, frame: _Frame) -> None:
         others = range(1, len(frame.graphs))
-        while len(self._graphs) < len(others):  # before any graph waits for one that no thread can take
+        while len(self._graphs) < len(others):  # before any graph waits for another without a thread
             graphs = SimpleQueue[tuple[_Frame, int]]()
             _begin(self._follow, graphs)
             self._graphs.append(graphs)
@@ -83,8 +82,8 @@ _choosing = threading.Lock()
 def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
     """Replay graphs that wait for each other, each on a thread of its own; return when all are done.
 
-    `begin` is called before, and `give_up` if a graph cannot be replayed: it must make the others end. Exceptions
-    of the threads are raised here.
+    `begin` is called first. `give_up` is called if a graph cannot be replayed, and must make the others end.
+    Exceptions of the threads are raised here.
     """
     with _choosing:
         if not _pool:
@@ -97,7 +96,7 @@ def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Calla
 
 
 def _awaited(frame: _Frame) -> BaseException | None:
-    """Wait for a frame, through Ctrl-C too, which is raised when it is done."""
+    """Wait for a frame; a Ctrl-C meanwhile is raised when the frame is done."""
     try:
         return frame.done.get()
     except BaseException:
@@ -106,7 +105,7 @@ def _awaited(frame: _Frame) -> BaseException | None:
 
 
 def _forget() -> None:
-    """Forget the threads in a forked process, which has none of them."""
+    """Reset the pool in a forked process, which does not inherit the threads."""
     global _choosing
     _pool.clear()
     _choosing = threading.Lock()

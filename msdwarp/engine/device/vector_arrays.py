@@ -9,22 +9,22 @@ from ...kernels.records import record_length
 from .device import view_of
 
 ALIGNED = 64
-"""Arrays in one piece of memory begin at multiples of this many numbers: at lines of a GPU's cache."""
+"""Alignment of arrays in one allocation, in numbers: cache lines of a GPU."""
 MOST_NUMBERS = 2**31 - 1
-"""The most numbers in an array of Warp."""
+"""Maximal number of elements of a Warp array."""
 
 
 def in_records(count: int, dim: int, scalar: Any, device: Any) -> wp.array:
-    """Return zeros, `count` vectors."""
+    """Return an array of `count` zero vectors."""
     return records_together(1, count, dim, scalar, device)[0]
 
 
 def records_together(
     arrays: int, count: int, dim: int, scalar: Any, device: Any, margin: int = 0
 ) -> tuple[wp.array, ...]:
-    """Return several arrays of zeros, in one piece of memory, `_ref`, if Warp allows arrays that large.
+    """Return several arrays of zeros, in one allocation, `_ref`, if Warp allows an array that large.
 
-    Up to `margin` vectors may be read before the first and after the last one of each.
+    Up to `margin` vectors may be read before the start and after the end of each array.
     """
     length, size = record_length(dim), wp.types.type_size_in_bytes(scalar)
     each = -(-(count + 2 * margin) * length // ALIGNED) * ALIGNED

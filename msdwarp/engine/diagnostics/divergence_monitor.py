@@ -1,4 +1,4 @@
-"""Detects divergence of a run, and keeps the state that it can go back to.
+"""Detect divergence of a run, and keep a state to return to.
 
 `kernels/reductions/frozen_worlds.py` judges worlds of an ensemble, `simulation/divergence_error.py` has the error.
 """
@@ -18,31 +18,31 @@ from .readout import Found
 
 
 class Baseline(NamedTuple):
-    """The reference for the energy of a run: numbers, in an ensemble of shape [worlds]."""
+    """Reference for the energy of a run: numbers, or arrays of shape [worlds] in an ensemble."""
 
     energy: Any
-    """Energy at the start: kinetic, elastic, gravitational, and stored by effects, less the work of loads [J]."""
+    """Energy at the start: kinetic, elastic, gravitational, and stored by effects, minus the work of loads [J]."""
     scale: Any
-    """Kinetic and elastic energy at the start, and the weight times the system's size [J]."""
+    """Kinetic and elastic energy at the start, plus the weight times the system's size [J]."""
 
     @classmethod
     def of(cls, assembly: Assembly, state: State) -> Self:
         """Return the baseline of a run that starts in this state."""
         start, model = measure(assembly, state), assembly.model
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
-        # A body that starts in an obstacle drags along everything connected to it.
+        # Moving a body out of an obstacle adds energy.
         if assembly.colliders is not None:
             scale += model.of_each(assembly.colliders.brings_in(model))
         return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
 
 
 class DivergenceMonitor:
-    """Looks at a state from the device, and costs one pass over the particles.
+    """Checks a state on the device, by one pass over the particles.
 
-    The kinetic, elastic and gravitational energy of the start can only change form or turn to heat. So kinetic and
-    gravitational energy together may never exceed that sum plus the work of loads, drives and moving obstacles. If
-    they do so by `energy_limit` times the scale, the run has diverged. The scale is the kinetic and elastic energy
-    at the start plus the weight times the system's size.
+    The kinetic, elastic and gravitational energy of the start can only change form or turn to heat. So kinetic
+    plus gravitational energy can never exceed that sum plus the work of loads, drives and moving obstacles. If it
+    does by more than `energy_limit` times the scale, the run has diverged. The scale is the kinetic and elastic
+    energy at the start plus the weight times the system's size.
     """
 
     def __init__(
@@ -50,11 +50,11 @@ class DivergenceMonitor:
     ) -> None:
         self._model, self._state, self._energy_limit = assembly.model, state, energy_limit
         self.energy = 0.0
-        """Kinetic and gravitational energy of the state that was read last, less the work of loads [J]."""
+        """Kinetic and gravitational energy of the state read last, minus the work of loads [J]."""
         self.told = list[float]()
         """The latest numbers that were read."""
         self._sums = Sums(assembly, everything=False)
-        self._work, self._most_work = assembly.external_work, 0.0  # work of loads is no sign of divergence
+        self._work, self._most_work = assembly.external_work, 0.0  # work of loads is subtracted
         self.compare_with(baseline or Baseline.of(assembly, state))
 
     def compare_with(self, baseline: Baseline) -> None:
@@ -80,7 +80,7 @@ class DivergenceMonitor:
             work = float(self._work.before[0]) + told[columns.WORK]
             self.energy -= work
             self._most_work = max(self._most_work, abs(work))
-            most += self._most_work  # work is known to first order in the step only, also what has come back
+            most += self._most_work  # work is known only to first order in the step, even if it has returned
         return self._first < self._model.particle_count or not self.energy <= most
 
     @property
@@ -89,17 +89,17 @@ class DivergenceMonitor:
         return -int(self.told[columns.FIRST])
 
     def worst_particle(self) -> int:
-        """Return the first particle that is not finite, else the fastest, of the state that was read last."""
+        """Return the first non-finite particle of the state read last, else the fastest."""
         if self._first < self._model.particle_count:
             return self._first
         return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
 
 
 class Backup:
-    """Copies of the state at the start of a frame: all arrays that substeps pass on, and other ones.
+    """Copies of the state at the start of a frame: all arrays of the state, those that effects change, and others.
 
-    `kept` are vectors of particles, in the order of `live`. `changing` has pairs of an array and its copy: for the
-    arrays that effects change, and for the others.
+    `kept` are vectors of particles, in the order of `live`. `changing` has pairs of an array and its copy, for the
+    arrays that effects change and for `others`.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
@@ -111,7 +111,7 @@ class Backup:
         self.changing = [(live, wp.clone(live)) for live in (*changing, *others)]
 
     def live(self) -> list[wp.array]:
-        """Return the arrays that are kept, in the order of `kept`."""
+        """Return the state's arrays, in the order of `kept`."""
         compensation = self._state.compensation.v
         return moving(self._state.state_in) + ([compensation] if compensation.size else [])
 

@@ -17,7 +17,7 @@ from .readout import Sweep
 
 
 class Measures(NamedTuple):
-    """Sums over a state, in an ensemble arrays with a row for each world. Pinned particles do not count."""
+    """Sums over a state; in an ensemble arrays with a row for each world. Pinned particles are left out."""
 
     kinetic_energy: float
     """Σ m v²/2 [J]."""
@@ -51,7 +51,7 @@ def measure(
 ) -> Measures:
     """Return the measures of a state.
 
-    `velocity` are the velocities at the instant of the positions, by default the state's own. `x_lost` are the
+    `velocity` are the velocities at the time of the positions, by default the state's own. `x_lost` are the
     rounding errors of positions, in compensated precision.
     """
     model, work = assembly.model, assembly.external_work
@@ -81,7 +81,7 @@ class Sums:
     """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`.
 
     If `everything` is false, a pass over the particles computes only the columns that show divergence. The work of
-    loads is added up too, unless `with_work` is false.
+    loads is summed, too, unless `with_work` is false.
     """
 
     def __init__(self, assembly: Assembly, *, everything: bool = True, with_work: bool = True) -> None:
@@ -90,7 +90,7 @@ class Sums:
         self._shares = None if self._work is None else self._work.shares()
         count = max(model.particle_count, model.connection_count if everything else 0)
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
-        # Springs to second neighbours are strained even in a flat sheet, so only the others show its stretch.
+        # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.lengths_change or not everything
         between = None if plain else model.system.between_neighbours
         self._what = model.system.damper.law, assembly.fracture is not None, between is not None

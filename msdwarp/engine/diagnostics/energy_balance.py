@@ -1,4 +1,4 @@
-"""The energy balance of a run: an energy that the method itself conserves, so any growth shows at once."""
+"""The energy balance of a run: an energy that the method conserves exactly, so that any growth shows at once."""
 
 from typing import Any, NamedTuple
 
@@ -13,22 +13,22 @@ from .energies import Sums
 from .readout import Found
 
 FEW = 32**3
-"""With fewer particles each frame sums its balance: on a GPU that costs less than launches after some frames."""
+"""With fewer particles every frame sums its balance: on a GPU that costs less than separate launches."""
 
 
 class EnergyBalance(NamedTuple):
     """Energies of a state that show whether energy grows."""
 
     energy: float
-    """Kinetic, elastic, gravitational and other stored energy, as conserved by the method, less work [J]."""
+    """Kinetic, elastic, gravitational and other stored energy, as conserved by the method, minus work [J]."""
     swing: float
-    """The physical energy less the one that the method conserves [J]."""
+    """Physical energy minus the energy that the method conserves [J]."""
     inner: float
-    """Kinetic energy about the centre of mass, and elastic energy [J]."""
+    """Kinetic energy about the centre of mass plus elastic energy [J]."""
     kinetic: float
     """Kinetic energy [J]."""
     free: float
-    """Kinetic and gravitational energy, less work [J]."""
+    """Kinetic plus gravitational energy, minus work [J]."""
     strain: float
     """Largest |l / l0 − 1|."""
     work: float = 0.0
@@ -39,10 +39,10 @@ class EnergySums:
     """Computes the energy balance of a state, by sums that can be recorded.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
-    stability; docs/stability.md derives it. With the mean velocity v of both, this is K(v) + U less the swing,
-    ½ Σ m |v − v_(n−½)|². In methods of other kinds K + U itself can only fall.
+    stability; docs/stability.md derives it. With the mean v of both velocities, this is K(v) + U minus the swing,
+    ½ Σ m |v − v_(n−½)|². In other methods K + U itself can only decrease.
 
-    `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 if a method keeps them together.
+    `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 for methods without a lag.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:
@@ -53,14 +53,14 @@ class EnergySums:
         self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
-        """Launch the sums of the present balance and those of `DivergenceMonitor.look`; it may be recorded."""
+        """Launch the sums of the current balance, and those of `DivergenceMonitor.look`; it may be recorded."""
         now = self._state.state_in
         if self._lag:
             kicked(self._dynamics, self._state, self._lag, self._v)
         self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
 
     def balance(self, found: list[float]) -> EnergyBalance:
-        """Return the balance of the present state, from the sums in `found`."""
+        """Return the balance of the current state, from the sums in `found`."""
         model, kinetic, elastic = self._model, found[columns.MEAN_KINETIC], found[columns.ELASTIC]
         work = 0.0 if self._work is None else float(self._work.before[0]) + found[columns.WORK]
         free, swing = kinetic + found[columns.POTENTIAL] - work, found[columns.SWING]
@@ -91,7 +91,7 @@ def mass(model: Model) -> Any:
 def weight(model: Model) -> Any:
     """Return the weight of the free particles [N]."""
     falling = model.row_of("gravity")
-    if model.falling is not None:  # only its scale matters
+    if model.falling is not None:  # only the magnitude matters
         falling = model.falling.at(np.zeros(1), model.dim)
     return mass(model) * model.of_each(np.linalg.norm(falling, axis=1))
 
@@ -104,7 +104,7 @@ def potential(model: Model, state: State) -> float:
 
 
 def size(state: State) -> Any:
-    """Return the largest extent of a system [m], at least a metre for a single particle."""
+    """Return the largest extent of a system [m]; 1 m for a single particle."""
     extent = np.ptp(state.model.by_world(state.x.numpy()), axis=1).max(axis=1).astype(np.float64)
     return state.model.of_each(np.where(extent > 0, extent, 1.0))
 
@@ -112,8 +112,8 @@ def size(state: State) -> Any:
 def rounding_energy(model: Model, state: State) -> Any:
     """Return an allowance for rounding [J]: a thousand times the energy of springs stretched by rounded positions.
 
-    A thousand times, because rounding errors of many substeps add up. Compensated sums keep the rounding errors of
-    positions, so only the lengths of springs are rounded.
+    The factor allows for rounding errors of many substeps, which add up. Compensated sums keep the rounding errors
+    of positions, so only the lengths of springs are rounded.
     """
     place = np.abs(model.by_world(state.x.numpy())).max(axis=(1, 2)).astype(np.float64)
     if model.compensated and model.connection_count:

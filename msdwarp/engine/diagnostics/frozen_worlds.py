@@ -13,7 +13,7 @@ from .divergence_monitor import Backup, DivergenceMonitor
 from .readout import Found
 
 LEAST_THREADS, MOST_THREADS = 8, 2**20
-"""Threads that put a world back on a GPU, and the most for all worlds: most threads have nothing to do."""
+"""On a GPU, least number of threads that restore a world, and most for all worlds: most have nothing to do."""
 
 
 class WorldStatus(NamedTuple):
@@ -28,7 +28,7 @@ class WorldStatus(NamedTuple):
 
 
 class FrozenWorlds:
-    """Judges each world at the end of a frame, on the device alone, by the sums of a `DivergenceMonitor`.
+    """Judges each world at a frame's end, entirely on the device, by the sums of a `DivergenceMonitor`.
 
     The status of each world is in `frozen`, the launcher's own array (`Dynamics.frozen`).
     """
@@ -42,17 +42,17 @@ class FrozenWorlds:
         self._good_frames, self._particle = (wp.zeros_like(frozen) for _ in range(2))
         most_work = wp.zeros(model.worlds, dtype=wp.float64, device=model.device)
         self._own = [frozen, self._good_frames, self._particle, most_work]
-        # Effects' arrays of frozen worlds are put back, except those of contact between bodies.
+        # Effects' arrays of frozen worlds are restored, except those of contact between bodies.
         each = (one for one in assembly.all if one.by_world and one is not self._contact)
         self._put_back = {id(array) for one in each for array in one.changing}
 
     @property
     def changing(self) -> list[wp.array]:
-        """Arrays to restore if a frame must be repeated, which happens only if lists of contacts are too short."""
+        """Arrays to restore if a frame is repeated, which only contact between bodies may require."""
         return self._own if self._contact is not None else []
 
     def launch(self, found: Found, backup: Backup) -> None:
-        """Launch the judgement of the sums, and restore the backup in worlds that have diverged."""
+        """Launch the judgement of worlds by the sums, and the restoration of those that have diverged."""
         device, worlds = self._model.device, self._model.worlds
         wp.launch(judge, worlds, [found.state_out, *self._limits], self._own, device=device)
         arrays = [*zip(backup.live(), backup.kept, strict=True)]
@@ -77,7 +77,7 @@ class FrozenWorlds:
         )
 
     def tell_contact(self) -> None:
-        """Tell contact between bodies which worlds are frozen: their lists may be too short."""
+        """Tell contact between bodies which worlds are frozen: their neighbor lists may be invalid."""
         if self._contact is not None:
             self._contact.frozen = self._frozen.numpy() != RUNNING
 

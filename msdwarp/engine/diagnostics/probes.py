@@ -18,15 +18,15 @@ from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Stage
 
 MOST_THREADS = 65536
-"""Threads that sum on a GPU: enough to keep it busy, few enough to be added up soon."""
+"""Maximal number of summing threads on a GPU: enough to keep it busy, few enough to combine quickly."""
 FEW_EACH = 8
-"""Members per thread for a small group: with more threads, adding up their sums would take longer."""
+"""Members per thread for a small group: with more threads, combining their sums would take longer."""
 ROWS = 64
-"""Rows of sums that the host adds up, for a single world on a GPU."""
+"""Rows of partial sums that the host adds, for a single world on a GPU."""
 
 
 class Sensors:
-    """Measures the quantities of probes, by a few sums for each of the `readings` in a frame of `seconds`.
+    """Measures the quantities of probes, by sums in each of the `readings` per frame of `seconds`.
 
     `contact_forces` sums the contact forces, if a probe measures them.
     """
@@ -48,7 +48,7 @@ class Sensors:
             first += self._sums[-1].width
         asked = {one.what for one in self._sums}
         self.moves = VELOCITY in asked or FORCE in asked
-        """Whether it needs the velocities at the instant of the positions."""
+        """Whether it needs the velocities at the time of the positions."""
         self._force = model.vectors() if FORCE in asked else None
         self._contact_forces = contact_forces if CONTACT_FORCE in asked or BODY_CONTACT_FORCE in asked else None
         on_gpu = model.device.is_cuda
@@ -60,7 +60,7 @@ class Sensors:
     def launch(self, v: wp.array, k: int = 0) -> None:
         """Launch the sums of reading number k of a frame; it may be recorded.
 
-        v are velocities at the instant of the positions [m/s]; they are not read unless it `moves`.
+        v are velocities at the time of the positions [m/s]; they are read only if `moves` is true.
         """
         now, rows = self._state.state_in, self._rows[k]
         assert isinstance(rows, wp.array)
@@ -78,7 +78,7 @@ class Sensors:
             wp.copy(self._found, self._rows)
 
     def read(self) -> dict[str, NDArray[np.float64]]:
-        """Wait for the device, and return the readings of the frame launched last, by the names of probes.
+        """Wait for the device, and return the readings of the last launched frame, by the names of probes.
 
         Their shape is [readings, d], in an ensemble [readings, worlds, d].
         """
@@ -121,10 +121,10 @@ class _Sum:
         result = total = own.sum(axis=2)
         if self.what == STRAIN:
             count = total[..., probes.COUNT]
-            known = np.where(count > 0, count, np.nan)  # of nothing that holds still there is none
+            known = np.where(count > 0, count, np.nan)  # NaN if no connection is unbroken
             largest = np.where(count > 0, own[..., probes.LARGEST].max(axis=2), np.nan)
             result = np.stack([total[..., probes.SUM] / known, largest], axis=-1)
-        elif self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE):  # impulses are summed since the frame began
+        elif self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE):  # impulses are summed since the frame's start
             result = np.diff(total, axis=0, prepend=0.0) / seconds
         elif self.what == FORCE:
             each, gravity = np.arange(self._model.worlds), self._model.row_of("gravity")
@@ -133,7 +133,7 @@ class _Sum:
 
 
 class GroupMeans:
-    """The mean of a function over chosen particles, equally weighted, in each world; see `mean_of_function`."""
+    """Mean of a function over chosen particles, equally weighted, in each world; see `mean_of_function`."""
 
     def __init__(self, model: Model, function: Any, chosen: NDArray[np.bool_], width: int) -> None:
         self._model = model
@@ -143,7 +143,7 @@ class GroupMeans:
         self._means = wp.zeros((model.worlds, 1, max(width, 1)), dtype=wp.float64, device=model.device)
 
     def read(self, state: State, v: wp.array) -> NDArray[np.float64]:
-        """Return the means, shape [worlds, columns]; v are velocities at the instant of the positions [m/s]."""
+        """Return the means, shape [worlds, columns]; v are velocities at the time of the positions [m/s]."""
         model, lost = self._model, state.compensation
         inputs = [self._member, state.x, v, lost.x, lost.v, model.stride]
         wp.launch(self._kernel, self._shares.shape[:2], inputs, [self._shares], device=model.device)

@@ -1,4 +1,4 @@
-"""Bounds of a system's rates of oscillation and relaxation, in one pass (see `integrators.stability`)."""
+"""Bounds on a system's rates of oscillation and relaxation, in one pass (see `integrators.stability`)."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -26,11 +26,11 @@ class Rates(NamedTuple):
     damping: float
     """Largest eigenvalue of M⁻¹B [1/s]."""
     least_ratio: float
-    """Least damping over stiffness of a spring [s]; inf if no spring is stiff."""
+    """Smallest ratio of damping to stiffness of a spring [s]; inf if no spring has stiffness."""
     effect_stiffness: float = 0.0
-    """The part of `stiffness` by effects, which act explicitly in every method [1/s²]."""
+    """Contribution of effects to `stiffness` [1/s²]; every method treats them explicitly."""
     effect_damping: float = 0.0
-    """The part of `damping` by effects [1/s]."""
+    """Contribution of effects to `damping` [1/s]."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -40,13 +40,13 @@ class Rates(NamedTuple):
 
     @property
     def damping_ratio(self) -> float:
-        """ζ of the fastest mode, if K and B share modes: 1 is critical."""
+        """Damping ratio ζ of the fastest mode if K and B share modes: 1 is critical."""
         return self.damping / (2 * math.sqrt(self.stiffness)) if self.stiffness else math.inf
 
 
 @in_turn
 def rate_bounds(system: System, assembly: Assembly | None = None, state: State | None = None) -> Rates:
-    """Return upper bounds of a system's rates, in its own state or the given state of a device.
+    """Return upper bounds of a system's rates, in its own state or a given state on a device.
 
     The assembly is the system on a device with its effects. By default it is uploaded to the CPU in float64.
     """
@@ -73,7 +73,7 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
 
 
 def _least_ratio(model: Model, world: int) -> float:
-    """Return the least damping over stiffness of an unbroken spring [s]; inf if there is none."""
+    """Return the smallest ratio of damping to stiffness of an unbroken spring [s]; inf if there is none."""
     rows = [model.row_of(name) for name in ("stiffness", "damping")]
     springs, dampers = (values[world % len(values)] for values in rows)
     if is_uniform(springs) and is_uniform(dampers) and not model.system.tears:
@@ -83,12 +83,12 @@ def _least_ratio(model: Model, world: int) -> float:
         stiff = stiff & ~model.system.broken
     if not stiff.any():
         return math.inf
-    # Every other law has a slope of about 0 somewhere.
+    # Every nonlinear law has a slope of about 0 at some speed.
     return float(np.min(dampers[stiff] / springs[stiff])) if model.system.damper == LINEAR else 0.0
 
 
 def resists(assembly: Assembly) -> bool:
-    """Return whether rates depend on the speed of particles: whether any effect resists their motion."""
+    """Return whether rates depend on particles' speeds, because an effect resists their motion."""
     return any(one.overrides("add_resistance") for one in assembly.all)
 
 
@@ -121,7 +121,7 @@ def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> N
             effect.add_resistance(x, v, resistance)
         if resistance.any():
             damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))
-    if contact is not None:  # of all worlds at once
+    if contact is not None:  # for all worlds at once
         for block, each in zip(blocks, contact.blocks_of(model.different), strict=True):
             block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
     bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)

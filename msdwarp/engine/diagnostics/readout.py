@@ -1,4 +1,4 @@
-"""Found: numbers that a kernel computes from the state of each world, and their way to the host."""
+"""Found: numbers that a kernel computes from the state of each world, and their transfer to the host."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,16 +9,16 @@ from ...kernels.reductions import SUMMING_BLOCKS, columns
 from ..model.model import Model
 
 FEW = 64
-"""Up to this number of particles, or connections, in a world a small block sums over them."""
+"""Up to this number of particles or connections in a world, a small block sums over them."""
 MOST_BLOCKS = 512
-"""Blocks of threads that sum over a state on a GPU: a few for each multiprocessor."""
+"""Maximal number of blocks that sum over a state on a GPU: a few per multiprocessor."""
 
 
 class Found:
     """Numbers found about a state (`msdwarp.kernels.reductions.columns`).
 
-    For a single world the device writes them where the host reads. In an ensemble they stay on the device.
-    Kernels write `state_out`, an array of shape [worlds, COLUMNS].
+    For a single world the device writes them into host memory. In an ensemble they stay on the device. Kernels
+    write `state_out`, an array of shape [worlds, COLUMNS].
     """
 
     def __init__(self, model: Model) -> None:
@@ -34,23 +34,23 @@ class Found:
             self._written = wp.Event(self._device)
 
     def mark(self) -> None:
-        """Mark the launches so far as those that `wait` waits for."""
+        """Record an event after the launches so far, for `wait`."""
         if self._device.is_cuda:
             self._device.stream.record_event(self._written)
 
     def wait(self) -> None:
-        """Wait up to the mark."""
+        """Wait for the event of `mark`."""
         if self._device.is_cuda:
             wp.synchronize_event(self._written)
 
     def read(self) -> list[float]:
-        """Wait, and return the numbers of a single world, as Python's floats, which are faster on the host."""
+        """Wait, and return the numbers of a single world as Python floats, which are faster on the host."""
         self.wait()
         return self._seen.tolist()
 
 
 class Sweep:
-    """Launches kernels that pass over all worlds once, and add up the results of threads in the same launch.
+    """Launches kernels that pass over all worlds once and combine their threads' results in the same launch.
 
     A world has up to `count` particles or connections; `found` is the number of sums.
     """

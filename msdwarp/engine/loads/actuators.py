@@ -15,7 +15,7 @@ from ..model.model import Model
 from ..model.stage_tables import StageTables
 
 AHEAD = np.arange(600) / 60.0
-"""Times at which the bound of the rates evaluates the strains of muscles [s]."""
+"""Times at which the stability bound evaluates the strains of muscles [s]."""
 
 
 def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None":
@@ -25,7 +25,7 @@ def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None
 
 
 class ActuatedSprings(StageTables):
-    """Springs with rest lengths that are functions of time: the extra tension that this causes."""
+    """Springs whose rest lengths are functions of time, as an extra tension."""
 
     table = "strain"
 
@@ -77,10 +77,10 @@ class ActuatedSprings(StageTables):
         wp.launch(kernel, len(chosen), [*inputs, x], [stiffness], device=device)
 
     def _least(self, one: Actuator) -> float:
-        """Return the least strain of an actuator in the time ahead, or at the start if it is undefined later."""
+        """Return the least strain of an actuator at the times AHEAD, or at the start if it is undefined later."""
         try:
             return float(one.at(AHEAD).min())
-        except ValueError:  # it may be made for a shorter run
+        except ValueError:  # it may be defined for a shorter run only
             return float(one.at(np.zeros(1))[0])
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:

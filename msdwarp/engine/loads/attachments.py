@@ -16,7 +16,7 @@ from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
 ASIDE = 0.01
-"""A carrier's velocity is a difference of its poses this long before and after a stage, in substeps."""
+"""A carrier's velocity is the difference of its poses this many substeps before and after a stage."""
 
 
 def attachments_of(model: Model, loads: Sequence[Load]) -> "AttachmentSprings | None":
@@ -49,7 +49,7 @@ class AttachmentSprings(FrameTables):
         )
         self.piece = self._composed.piece
         data = self.data = self.piece.Data()
-        # A mouse spring may hold any particle, and as many as it has room for.
+        # A mouse spring may hold any particles, up to its capacity.
         held = [one.particles(model.system) for one in several]
         self.members = np.any(held, axis=0) if not self._hands else np.ones(model.particle_count, dtype=bool)
         size = sum(
@@ -66,7 +66,7 @@ class AttachmentSprings(FrameTables):
         self._fill_rows()
 
     def _fill_rows(self) -> None:
-        """Upload the attached particles, their points and their springs, by particle and then by load."""
+        """Upload the attached particles, their anchor points and springs, sorted by particle and then by load."""
         model, data = self._model, self.data
         several: list[Any] = [one for _, one in self._named]
         chosen = [np.flatnonzero(one.particles(model.system)) for one in several]
@@ -76,7 +76,7 @@ class AttachmentSprings(FrameTables):
             to = np.asarray(one.to, dtype=np.float64).reshape(-1, model.dim)
             if k < len(self._carriers) and getattr(one, "carried_by", None) is self._carriers[k][1]:
                 turns, shifts = self._poses(k, np.zeros(1))
-                to = (to - shifts[0]) @ turns[0]  # as the carrier was given: y = Rᵀ (p − o)
+                to = (to - shifts[0]) @ turns[0]  # in the carrier's given pose: y = Rᵀ (p − o)
                 carrier[n], k = k, k + 1
             points.append(to)
         order, first = rows(np.concatenate(chosen), model.particle_count)
@@ -109,7 +109,7 @@ class AttachmentSprings(FrameTables):
             except ValueError:  # before any row was filled
                 self._named, self._hands = before
                 raise
-            if self.done is not None:  # rows now belong to other springs: only the sum of their work counts
+            if self.done is not None:  # rows now belong to other springs: only their total work matters
                 done = np.zeros(self.done.shape)
                 done[0, 0] = self.done.numpy().sum()
                 self.done.assign(done)
@@ -136,10 +136,10 @@ class AttachmentSprings(FrameTables):
     def _write(self, tables: Tables, times: NDArray[np.float64]) -> None:
         """Write the poses and velocities of the carriers at these times.
 
-        If velocities lag behind positions, they are changes over the last substep, like those of particles.
+        If the method's velocities lag behind positions, these are changes over the last substep, too.
         """
         before, span = (1.0, 1.0) if self.steps.lagging else (ASIDE, 2 * ASIDE)
-        start = np.maximum(times - before * self.steps.dt, 0.0)  # a motion need not be defined before 0
+        start = np.maximum(times - before * self.steps.dt, 0.0)  # a motion may be undefined before 0
         span *= self.steps.dt
         at = np.concatenate([times, start, start + span])
         for k in range(len(self._carriers)):
@@ -155,7 +155,7 @@ class AttachmentSprings(FrameTables):
         return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half the stiffness and damping of each: the bound doubles them, as for springs with two ends."""
+        """Add half of each one's stiffness and damping: the bound doubles them, as for springs with two ends."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 

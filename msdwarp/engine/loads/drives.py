@@ -19,11 +19,11 @@ from ..model.state import State
 POINTS = 5
 """Points for a derivative, which is exact for polynomials of degree 4."""
 WINDOW = 1 / 16
-"""Share of a frame over which these points lie for a derivative at a frame's end."""
+"""Share of a frame that these points span, for a derivative at a frame's end."""
 
 
 def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
-    """Return the effect of the drives among loads bound to a start; None if no drive holds a particle."""
+    """Return the effect of the drives among bound loads; None if no drive holds a particle."""
     drives = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, Driven) and len(one.held)]
     return Drives(model, drives) if drives else None
 
@@ -63,7 +63,7 @@ class Drives(FrameTables):
         self._rows = pick[-len(rows) :]
         each = len(self.steps.stage_times)
         self.data.ahead = int(self.steps.lag > 0.0)
-        if self.steps.lag:  # the change over the substep that ends there; only the work uses the first row
+        if self.steps.lag:  # the change over the preceding substep; only the work uses the first row
             weights = np.diff(np.eye(len(self._at)), axis=0)
         else:
             weights = np.array([_derivative(self._at, one) for one in rows])
@@ -100,21 +100,21 @@ class Drives(FrameTables):
             away = float(np.abs(one.start @ turn.T + shift - one.start).max())
             if away > 1e-6 * max(1.0, float(np.abs(one.start).max())):
                 return (
-                    f"{name} has displaced its particles by {away:.3g} m at time 0: they begin there, away from "
-                    "what they are connected with; motion(0) should be no displacement"
+                    f"{name} has displaced its particles by {away:.3g} m at time 0: they start there, away from "
+                    "the particles that they are connected with; motion(0) should return 0"
                 )
         return None
 
     def fill(self, time: float, tables: Tables) -> None:
         """Write the poses of the frame that begins at `time`, and their rates."""
         steps, dim = self.steps, self._model.dim
-        times = np.maximum(time + steps.dt * self._at, 0.0)  # a motion need not be defined before 0
+        times = np.maximum(time + steps.dt * self._at, 0.0)  # a motion may be undefined before 0
         times[-1] = (round(time * steps.fps) + 1) / steps.fps
         for k, (name, one) in enumerate(self._drives):
             turn, shift = self._poses(name, one, times)
             self._check_speed(name, k, turn[self._substeps], shift[self._substeps], times[self._substeps])
             tables["turn"][:, k], tables["shift"][:, k] = turn[self._rows], shift[self._rows]
-            # From differences, so that particles at rest have exactly no velocity.
+            # From differences, so that the velocity of particles at rest is exactly 0.
             off = np.concatenate([(turn - turn[0]).reshape(len(turn), -1), shift - shift[0]], axis=1)
             rates = self._weights @ off
             tables["turning"][:, k] = rates[:, : dim * dim].reshape(-1, dim, dim)
@@ -128,7 +128,7 @@ class Drives(FrameTables):
             (_, _, tables["bending"][k]), (_, _, tables["push"][k]) = self._around(name, one, time, self.steps.fps)
 
     def _around(self, name: str, one: Driven, time: float, fps: float) -> tuple[list[NDArray], list[NDArray]]:
-        """Return turn and shift, with two derivatives, at `time`: a frame's end, or the start."""
+        """Return rotation and shift, each with two derivatives, at `time`: a frame's end, or the start."""
         step = WINDOW / (fps * (POINTS - 1))
         points = np.arange(POINTS - 1, -1, -1) * (-1 if round(time * fps) > 0 else 1)
         found = self._poses(name, one, time + step * points)
@@ -144,7 +144,7 @@ class Drives(FrameTables):
         return poses(name, motion, one.centre, times, self._furthest)
 
     def _check_speed(self, name: str, k: int, turn: NDArray, shift: NDArray, times: NDArray) -> None:
-        """Raise ValueError if a drive moves further in a substep than its shortest spring is long."""
+        """Raise ValueError if a drive moves further in a substep than the length of its shortest spring."""
         centre = turn @ self._drives[k][1].centre + shift
         # The largest singular value of a change of rotation occurs twice, in the plane of the turn.
         turned = np.sqrt((np.diff(turn, axis=0) ** 2).sum(axis=(1, 2)) / 2)
@@ -153,7 +153,7 @@ class Drives(FrameTables):
         if ways[n] > self._longest[k]:
             raise ValueError(
                 f"{name} moves by {ways[n]:.3g} m in the substep of {self.steps.dt:.3g} s at {times[n]:g} s, "
-                f"further than the shortest connection that it pulls is long, {self._longest[k]:.3g} m: "
+                f"more than the length of the shortest connection that it pulls, {self._longest[k]:.3g} m: "
                 "move it slower, or take more substeps"
             )
 

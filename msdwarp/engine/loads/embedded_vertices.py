@@ -1,4 +1,4 @@
-"""EmbeddedVertices: vertices of a surface that are mixtures of particles, for loads that act on the surface."""
+"""EmbeddedVertices: surface vertices that are weighted means of particles, for loads on the surface."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from ..model.model import Model
 
 
 def embedded_vertices_of(model: Model, loads: Sequence[Load]) -> "EmbeddedVertices | None":
-    """Return the effect that loads need if they act on a surface whose vertices are mixtures; else None."""
+    """Return the effect that loads on a surface with embedded vertices need; None if there are none."""
     on_facets = any(
         isinstance(one, Pressure | EnclosedGas) or (isinstance(one, Wind) and one.area is None) for one in loads
     )
@@ -21,7 +21,7 @@ def embedded_vertices_of(model: Model, loads: Sequence[Load]) -> "EmbeddedVertic
 
 
 class EmbeddedVertices(Effect):
-    """Computes the vertices of a surface before forces are evaluated: loads read them like particles."""
+    """Computes the vertices of a surface before forces are evaluated; loads read them like particles."""
 
     def __init__(self, model: Model) -> None:
         self._model, facets = model, facets_of(model.system)

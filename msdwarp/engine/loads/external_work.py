@@ -26,14 +26,14 @@ MOST_SHARES = 4096
 
 
 def _stored(effect: Effect) -> str:
-    """Return the name that an effect's work has in checkpoints: that of version 0.1."""
+    """Return the name of an effect's work in checkpoints: that of version 0.1."""
     return _STORED[type(effect).__name__]
 
 
 class Work(Effect):
-    """Sums the work of loads on each particle of a model [J], in float64, if any of it is `summed` so.
+    """Sums the work of loads on a model [J], in float64: by particle, if `summed`.
 
-    It adds the work of steady forces, which have a potential, and of effects that sum their work themselves.
+    It adds the work of steady forces, from their potential, and of effects that sum their work themselves.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Work(Effect):
         self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
         self.field = self.piece.field
         self.data, self.idle = self.piece.Data(), self.piece.Data()
-        """The data for kernels, and a version without weights, for evaluations of forces that do no work."""
+        """The data for kernels, and a copy with zero weights, for evaluations of forces that do no work."""
         self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
         self._last = wp.zeros(count, dtype=model.vector, device=model.device)
         if self._counts:
@@ -100,7 +100,7 @@ class Work(Effect):
             wp.launch(add_work, len(shares), [done.flatten(), model.worlds], [shares], device=self._device)
 
     def totals(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
-        """Return the work so far in each world [J], for present positions x and velocities v."""
+        """Return the work so far in each world [J], for current positions x and velocities v."""
         shares = self.shares()
         self.launch(x, v, shares)
         return self.before + shares.numpy().reshape(self._model.worlds, -1).sum(axis=1)

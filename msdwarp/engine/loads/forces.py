@@ -29,15 +29,15 @@ def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different combinations of forces on particles, and the number of each particle's combination.
+    """Return the distinct combinations of forces on particles, and the index of each particle's combination.
 
-    A combination has a share of each force, shape [combination_count, force_count]; in the first one all are 0.
+    A combination has the share of each force, shape [combination_count, force_count]; in the first all are 0.
     """
     chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
     sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]
     kinds, combination = np.unique(chosen, axis=0, return_inverse=True)
     nobody = np.zeros((1, len(forces)), dtype=bool)
-    if kinds[0].any():  # rows are sorted: nobody comes first
+    if kinds[0].any():  # rows are sorted: the one without forces comes first
         kinds, combination = np.concatenate([nobody, kinds]), combination + 1
     return kinds / np.array(sharing, dtype=np.float64), combination.ravel()
 
@@ -84,7 +84,7 @@ class Varying(StageTables):
 
 
 class Weight(StageTables):
-    """The weight of particles where gravity is a function of time."""
+    """The weight of particles under time-dependent gravity."""
 
     table = "gravity"
 
@@ -96,7 +96,7 @@ class Weight(StageTables):
 
 
 class ForceField(Effect):
-    """A force that is a function of place, speed and time, on the device."""
+    """A force that is a function of position, velocity and time, on the device."""
 
     def __init__(self, model: Model, force: Force, number: int) -> None:
         self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)

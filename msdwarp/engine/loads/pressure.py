@@ -23,7 +23,7 @@ THREADS = 256
 def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices | None) -> list[Effect]:
     """Return the effects of the pressures among a scene's loads: one for given pressures, one for gases.
 
-    `vertices` is the effect of the surface's vertices, if these are mixtures of particles.
+    `vertices` is the effect of the surface's vertices, if these are weighted means of particles.
     """
     given = [(f"loads[{k}].pressure", one) for k, one in enumerate(loads) if isinstance(one, Pressure)]
     gases = [one for one in loads if isinstance(one, EnclosedGas)]
@@ -32,7 +32,7 @@ def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices
 
 
 class SurfacePressure(Effect):
-    """The common part of given pressures and gases: the triangles that they act on."""
+    """Common base of given pressures and gases: the triangles that they act on."""
 
     def __init__(self, model: Model, pressures: Sequence[Pressure | EnclosedGas], compose: Any) -> None:
         self._model = model
@@ -44,7 +44,7 @@ class SurfacePressure(Effect):
         self.members = faces.members()
 
     def _turning(self, x: NDArray, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a bound of each particle's stiffness by turning area vectors [N/m], shape [particle_count].
+        """Return a bound of each particle's stiffness due to turning area vectors [N/m], shape [particle_count].
 
         ∂a/∂x_j is half the opposite edge (as a cross product). By Gershgorin each triangle of a particle adds at
         most p (|e_1| + |e_2| + |e_3|) / 6 to its row of the stiffness. Blocks hold half of this.
@@ -73,12 +73,12 @@ class GivenPressures(SurfacePressure, StageTables):
         return np.stack([one.at(times, name) for name, one in self.named], axis=1)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness by the largest pressures of a frame."""
+        """Add the stiffness due to the largest pressures of a frame."""
         self._add(stiffness, self._turning(x.numpy(), np.abs(self.now).max(axis=0)))
 
 
 class Gases(SurfacePressure):
-    """Enclosed gases: their pressures follow from their volumes, in each stage of a substep."""
+    """Enclosed gases: pressures are computed from volumes in each stage of a substep."""
 
     def __init__(self, model: Model, gases: Sequence[EnclosedGas], vertices: EmbeddedVertices | None) -> None:
         super().__init__(model, gases, gas_pressure)
@@ -102,10 +102,10 @@ class Gases(SurfacePressure):
         wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness by the gases.
+        """Add the stiffness due to gases.
 
-        Besides the turning of area vectors, a gas resists a change of volume with stiffness γ p / V: a matrix of
-        rank 1, whose eigenvalue over masses is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks hold half of it times the mass.
+        Besides turning area vectors, a gas resists volume changes with stiffness γ p / V: a matrix of rank 1,
+        whose mass-weighted eigenvalue is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks hold half of it times the mass.
         """
         model, faces = self._model, self._faces
         places = faces.facets.points(x.numpy())
@@ -116,7 +116,7 @@ class Gases(SurfacePressure):
         over, each = np.zeros(len(self._gases)), np.zeros(model.particle_count)
         for k, gas in enumerate(self._gases):
             corner = faces.corner[faces.ends[k] : faces.ends[k + 1]]
-            assert gas.volume is not None  # because it is bound to the start
+            assert gas.volume is not None  # gases are bound, so it is set
             now = max(volume(corner, places), 1e-6 * gas.volume)
             inside = (gas.pressure + gas.outside) * (gas.volume / now) ** gas.exponent
             over[k] = inside - gas.outside

@@ -1,4 +1,4 @@
-"""The triangles of a system's surface on a device, for loads that act on them."""
+"""Triangles of a system's surface on a device, for loads that act on them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,21 +13,21 @@ from ..model.model import Model
 
 
 class Faces:
-    """The triangles of a surface that several loads act on, load after load."""
+    """Triangles of a surface that several loads act on, concatenated by load."""
 
     def __init__(self, parts: Sequence[Facets], particle_count: int) -> None:
         self.facets, self._count = parts[0], particle_count
-        """Vertices, as mixtures of particles."""
+        """Vertices, as weighted means of particles."""
         self.mixed: bool = parts[0].mixed
-        """Whether vertices are mixtures of particles; else they are particles."""
+        """Whether vertices are weighted means of particles; else they are particles."""
         self.corner: NDArray[np.int32] = np.concatenate([one.corner for one in parts])
-        """The vertices of each, shape [triangle_count, 3]."""
+        """The vertices of each triangle, shape [triangle_count, 3]."""
         self.closed: NDArray[np.bool_] = np.concatenate([one.closed for one in parts])
-        """Whether each belongs to a closed surface, shape [triangle_count]."""
+        """Whether each triangle belongs to a closed surface, shape [triangle_count]."""
         self.of: NDArray[np.int64] = np.repeat(np.arange(len(parts)), [len(one.corner) for one in parts])
-        """The load that acts on each, shape [triangle_count]."""
+        """The load on each triangle, shape [triangle_count]."""
         self.ends: NDArray[np.int64] = np.cumsum([0, *(len(one.corner) for one in parts)])
-        """The first triangle of each load, and the number of all, shape [load_count + 1]."""
+        """The first triangle of each load, and the total number, shape [load_count + 1]."""
 
     def members(self) -> NDArray[np.bool_]:
         """Return a mask of the particles that carry a triangle, shape [particle_count]."""
@@ -49,7 +49,7 @@ class Faces:
         """Return the struct of this type that `msdwarp.kernels.loads.surface_triangles` reads."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)
-        if self.mixed:  # each particle in a triangle has the sum of its shares in the three corners
+        if self.mixed:  # a particle's weight in a triangle is the sum of those in the three corners
             entry = triangle[:, None] * np.int64(self._count) + self.facets.particle[particle]
             weight = self.facets.weight[particle] / 3
             different, number = np.unique(entry[weight != 0], return_inverse=True)

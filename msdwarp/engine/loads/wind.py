@@ -29,7 +29,7 @@ def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 class WindEffect(StageTables):
-    """The common part of wind on surfaces and on particles: the velocity of the air, by stage of a frame."""
+    """Common base of wind on surfaces and on particles: the velocity of the air, by stage of a frame."""
 
     table = "velocity"
 
@@ -61,7 +61,7 @@ class WindEffect(StageTables):
         self._take_coefficients()
 
     def place_table(self, name: str, table: wp.array) -> None:
-        """Put the table of velocities where kernels read it."""
+        """Store the table of velocities in the struct that kernels read."""
         setattr(self.data.winds, name, table)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -69,7 +69,7 @@ class WindEffect(StageTables):
         return super().at(times) if self._given else np.zeros((len(times), 1, self._model.dim))
 
     def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
-        """Return how steeply the force on areas [m²] rises with speed [N s/m]: ρ (C_d + C_l) A |u|."""
+        """Return the slope of the force on areas [m²] over speed [N s/m]: ρ (C_d + C_l) A |u|."""
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
         air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
@@ -102,7 +102,7 @@ class OnParticles(WindEffect):
         chosen = [one.particles(model.system) for _, one in winds]
         if np.sum(chosen, axis=0).max() > 1:
             second = winds[1][0].removesuffix(".velocity")
-            raise ValueError(f"{second}.on shares particles with another wind's; one at most blows on each")
+            raise ValueError(f"{second}.on shares particles with another wind's; at most one may act on each")
         self.members = np.logical_or.reduce(chosen)
         self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
         for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):

@@ -1,1 +1,1 @@
-"""A scene as arrays on a device, and the state that moves."""
+"""A scene as constant arrays on a device, and its changing state."""

@@ -1,6 +1,6 @@
 """The choice of the force algorithm; `msdwarp.kernels.springs` describes the algorithms.
 
-It affects speed only: results agree to rounding. It follows benchmarks/results/*/throughput.csv.
+It affects speed only: results agree to rounding. The thresholds are from benchmarks/results/*/throughput.csv.
 """
 
 from collections.abc import Iterator
@@ -16,21 +16,21 @@ from .lattice import Lattice, NotALattice, find_lattice
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 AUTO = "auto"
 FEW_CONNECTIONS = 300
-"""Up to this number scatter is faster: a thread for each connection ends sooner than one for each particle."""
+"""Up to this number scatter is faster: a thread per connection ends sooner than one per particle."""
 LEAST_PARTICLES = 32
-"""Up to this number lattices take a stencil nevertheless: it has several threads per particle."""
+"""Up to this number of particles a stencil is faster than scatter: it has several threads per particle."""
 FEW_PARTICLES = 20_000
-"""Up to this number most of the time is latency, which is least for a stencil."""
+"""Up to this number latency dominates, which is least for a stencil."""
 LEAST_USED = 0.4
 """Share of a lattice's neighbours that must exist for a stencil to be faster than a table."""
 MOST_TIES = 0.05
-"""Share of connections that may be ties, in no direction of a lattice."""
+"""Largest share of connections that may be ties, outside all lattice directions."""
 
 
 def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
     """Return the requested algorithm, or the fastest one, and for a stencil the system's lattice.
 
-    Raises ValueError if `force_algorithm` is unknown, or is a stencil and the system is not cut from lattices.
+    Raises ValueError if `force_algorithm` is unknown, or "stencil" for a system that is not cut from lattices.
     """
     checks.one_of("force_algorithm", force_algorithm, (AUTO, *FORCE_ALGORITHMS))
     if force_algorithm == AUTO:
@@ -49,9 +49,9 @@ _preference: list[str] = []
 
 @contextmanager
 def preferring(force_algorithm: str) -> Iterator[None]:
-    """Within this context "auto" takes the given algorithm, or gather if a stencil is not possible.
+    """Within this context "auto" means the given algorithm, or gather if a stencil is not possible.
 
-    For tests and measurements of all algorithms, in which other code makes the simulation.
+    It is for tests and measurements of all algorithms, where other code creates the simulation.
     """
     checks.one_of("force_algorithm", force_algorithm, FORCE_ALGORITHMS)
     _preference.append(force_algorithm)
@@ -87,7 +87,7 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
         return ("stencil", lattice) if lattice.uniform and not ties and not system.tears else ("scatter", None)
     if ties > MOST_TIES * system.connection_count:
         return "gather", None
-    # A stencil computes missing neighbours too, in vain.
+    # A stencil wastes time on missing neighbours.
     used = (system.connection_count - ties) / (len(lattice.steps) * system.particle_count)
     small = system.particle_count <= FEW_PARTICLES
     return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
@@ -96,7 +96,7 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
 def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
     """Return the algorithm for many worlds of a system: one whose sums are in a fixed order.
 
-    Lattices with ties take a table, because ties have constants of their own.
+    Lattices with ties use a table, because ties have their own constants.
     """
     force_algorithm = _preference[-1] if _preference else "stencil" if on_gpu else "scatter"
     if force_algorithm != "stencil":
@@ -108,10 +108,10 @@ def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
 
 
 def scatter_order(system: System) -> NDArray[np.int64] | None:
-    """Return an order of connections in which scattering seldom waits; None if their present order is one.
+    """Return an order of connections in which scattering seldom waits; None if the current order is suitable.
 
-    Successive connections are added at the same time; those that share a particle wait for each other. So a
-    connection's place among those of its first particle is the first sorting key, and that particle the second.
+    Successive connections are added at the same time; those that share a particle wait for each other. So
+    connections are sorted by their rank among those of their first particle, then by that particle.
     """
     first = system.connections[:, 0]
     if len(first) < 2 or np.count_nonzero(first[1:] == first[:-1]) < 0.2 * len(first):

@@ -1,8 +1,8 @@
-"""Finds the lattices that a system is cut from, so that its neighbours need no table.
+"""Find the lattices that a system is cut from, so that its neighbours need no table.
 
-A lattice's points lie side by side along x, row after row. A point's neighbours in the row (y, z) lie around one
-place in memory, `shift` particles further on; a bit mask says to which of them it is connected. Connections in no
-direction, such as those made by `join`, are left over as ties.
+A lattice's points are stored row after row along x. A point's neighbours in the row (y, z) are around one index,
+`shift` particles further; a bit mask tells to which of them it is connected. Connections that follow no direction,
+such as those made by `join`, are left over as ties.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ class Lattice(NamedTuple):
     """A system as lattices, the form that `msdwarp.kernels.springs.stencil` needs."""
 
     steps: tuple[tuple[int, int, int], ...]
-    """The directions: from a point to half of its neighbours."""
+    """The directions: steps from a point to half of its neighbours."""
     mask: NDArray[np.uint32]
     """The neighbours to which each particle is connected, as bits, shape [particle_count]."""
     shift: NDArray[np.int32]
@@ -28,12 +28,12 @@ class Lattice(NamedTuple):
     constants: dict[str, NDArray[np.float64]]
     """Rest length, stiffness and damping, each of shape [kind_count, direction_count]."""
     ties: NDArray[np.int32]
-    """The connections that are in no direction, shape [tie_count]; see `msdwarp.engine.springs.extra_springs`."""
+    """The connections that follow no direction, shape [tie_count]; see `msdwarp.engine.springs.extra_springs`."""
 
     def numbers(self, system: System) -> NDArray[np.int32]:
         """Return the connection in each direction from each particle, −1 for none.
 
-        `system` is the one in which the lattice was found. Shape [direction_count, particle_count].
+        `system` is the one that the lattice was found in. Shape [direction_count, particle_count].
         """
         found = np.full((len(self.steps), system.particle_count), -1, dtype=np.int32)
         for body in system.directions:
@@ -59,7 +59,7 @@ class Lattice(NamedTuple):
 
     @property
     def stride(self) -> int:
-        """Distance to the next layer in particles, if layers follow each other regularly; else 0."""
+        """Index distance to the next layer, if layers are evenly spaced; else 0."""
         if not self.uniform:
             return 0
         rows, _ = stencil_rows(self.steps)
@@ -72,12 +72,12 @@ class Lattice(NamedTuple):
 
     @property
     def margin(self) -> int:
-        """Number of particles beyond the first and the last that may be read, but are not used."""
+        """Number of particles before the first and after the last that may be read, but are not used."""
         return 2 + (2 + COLUMN) * (self.reach - 2)
 
     @property
     def reach(self) -> int:
-        """`margin` without columns, for particles that are advanced one by one."""
+        """`margin` without columns, for kernels over single particles."""
         return 2 + (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
 
 
@@ -109,7 +109,7 @@ class _Part(NamedTuple):
     along: int
     """Step along x."""
     there: int
-    """The row in which the second particle lies, seen from the first."""
+    """Row of the second particle, relative to the first."""
     back: int
     connections: slice
 
@@ -117,8 +117,8 @@ class _Part(NamedTuple):
 def find_lattice(system: System) -> Lattice:
     """Return a system's lattices by its named directions, and check each direction.
 
-    Raises NotALattice if no connection is in a direction, a direction's connections do not follow its step, or
-    their constants differ within a body.
+    Raises NotALattice if no connection is in a direction, if a direction's connections do not follow its step, or
+    if their constants differ within a body.
     """
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")
@@ -189,7 +189,7 @@ def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray
 def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32]:
     """Return the offset of each row from each particle, shape [row_count, particle_count]."""
     shift = np.zeros((row_count, system.particle_count), dtype=np.int32)
-    for check in (False, True):  # neighbours in the same row must agree: what was written last is what all wrote
+    for check in (False, True):  # neighbours in a row must agree: the last value written must equal all others
         for part in parts:
             i, j = system.connections[part.connections].T
             offset = j - i - part.along
@@ -229,7 +229,7 @@ def _constants(
                 bodies[part.body, k, part.direction] = values[0]
                 if (stored(values) != values[0]).any():
                     raise NotALattice(f"{name} differs among the connections of a direction")
-    named = sorted({part.body for part in parts})  # what has no directions has no constants that could differ
+    named = sorted({part.body for part in parts})  # bodies without directions have no constants that could differ
     kinds, kind = np.unique(bodies[named], axis=0, return_inverse=True)
     of_body = dict(zip(named, map(int, kind.ravel()), strict=True))
     return of_body, {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}

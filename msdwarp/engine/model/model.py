@@ -1,4 +1,4 @@
-"""Model: a system on a device, as far as substeps read it and never write it."""
+"""Model: the constant part of a system on a device."""
 
 from collections.abc import Mapping
 from math import lcm
@@ -22,30 +22,30 @@ from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algori
 Rows = Mapping[str, NDArray[np.float64]]
 """Parameters that differ between worlds, by name: world w has row w mod (number of rows)."""
 LINE = 8
-"""Particles in a line of the GPU's caches; each world begins with a new line."""
+"""Particles in a cache line of a GPU; each world begins with a new line."""
 MOST_RECORDS = 2**31 - 1
-"""Most particles of all worlds together, numbered with 32 bits."""
+"""Maximal number of particles of all worlds: 32-bit indices."""
 
 
 class Model:
-    """A system on a device, in one world or many, as far as substeps read it and never write it.
+    """The part of a system that substeps read but never write, on a device, in one world or many.
 
-    The vectors of many worlds lie one world after the other, `stride` particles apart. Constants that differ
-    between worlds are `rows`; all else is as in one world. An `Assembly` adds the effects on the system.
+    The vectors of many worlds are concatenated, `stride` particles apart. Constants that differ between worlds are
+    in `rows`; all else is shared. An `Assembly` adds the effects on the system.
 
-    `system` is the simulated system, the common one of many worlds. `gravity`, `device`, `precision` and
-    `force_algorithm` are as for `msdwarp.Simulation`; gravity that is a function of time is a load, `falling`.
-    `driven` is the mask of the particles that prescribed motions move.
+    `system` is the simulated system, common to all worlds. `gravity`, `device`, `precision` and `force_algorithm`
+    are as for `msdwarp.Simulation`; gravity that is a function of time is a load, `falling`. `driven` is the mask
+    of the particles that prescribed motions move.
 
     `rows` differ between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
     [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
     [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
 
-    Raises ValueError if an argument is out of its range, or the system is no lattice that a stencil can hold.
+    Raises ValueError if an argument is out of range, or a stencil is requested for a system that is no lattice.
     """
 
     generation = 0
-    """Rises when an argument of launches or a kernel is replaced: graphs recorded before are then void."""
+    """Increases when an argument of launches or a kernel is replaced: earlier recorded graphs are then invalid."""
 
     @in_turn
     def __init__(
@@ -85,8 +85,8 @@ class Model:
         self.force_algorithm, self.lattice = choose_force_algorithm(
             system, force_algorithm, on_gpu=self.device.is_cuda
         )
-        # A stencil reads around particles that have fewer neighbours, never past this many of them; in whole
-        # lines of the GPU's caches (128 bytes).
+        # A stencil also reads missing neighbours, at most this many particles beyond the ends; rounded to cache
+        # lines (128 bytes).
         self.margin = -(-self.lattice.margin // 8) * 8 if self.lattice else 0
 
         self.compensated = precision == "float32-compensated"
@@ -102,19 +102,19 @@ class Model:
 
         self.fall(with_potential(gravity))
         self.falling = Falling(gravity, on=np.isfinite(self.mass)) if callable(gravity) else None
-        """The weight of its particles as a load, if gravity changes with time."""
+        """The particles' weight as a load, if gravity changes with time."""
         self._check_masses()
         self.inverse_mass = self._upload(uniform_like(1.0 / self.mass, self.mass), "1 / mass")
         self.order = scatter_order(system) if self.device.is_cuda and self.force_algorithm == "scatter" else None
-        """The system's number of each connection on the device; None if both orders are equal."""
+        """Index in the system of each connection on the device; None if both orders are equal."""
         self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
         rest_length = system.rest_length
-        if self.lengths_change:  # each connection has its own
+        if self.lengths_change:  # a number for each connection
             rest_length = np.array(rest_length)
         self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
         self.stiffness = self._upload_unbroken(system.stiffness, "stiffness")
         self.damping = self._upload_unbroken(system.damping, "damping")
-        # An explicit step must be stable for the steepest slope of the dampers' law.
+        # An explicit step must be stable at the steepest slope of the damping law.
         slope = system.damper.steepest
         self.steepest_damping = self.damping
         if self.damper and slope != 1:
@@ -129,7 +129,7 @@ class Model:
             )
 
     def fall(self, gravity: ArrayLike) -> None:
-        """Set another gravity [m/s²], which callers must read again; raise ValueError if it is invalid."""
+        """Set gravity [m/s²]; callers that cached it must reread it. Raises ValueError if it is invalid."""
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
@@ -144,7 +144,7 @@ class Model:
 
     @property
     def stride(self) -> int:
-        """Distance from the first particle of a world to the first one of the next, in particles."""
+        """Index distance from the first particle of a world to that of the next."""
         return -(-(self.particle_count + self.margin) // LINE) * LINE if self.in_worlds else self.particle_count
 
     @property
@@ -154,7 +154,7 @@ class Model:
 
     @property
     def different(self) -> int:
-        """Number of worlds after which all parameters repeat."""
+        """Number of worlds after which the parameters repeat."""
         return lcm(*map(len, self.rows.values()))
 
     def row_of(self, name: str) -> NDArray[np.float64]:
@@ -173,7 +173,7 @@ class Model:
     def _check_masses(self) -> None:
         """Raise ValueError for a mass whose inverse is out of this precision's range: 0 would pin the particle."""
         mass, numbers = self.system.mass, np.finfo(self.dtype)
-        # Inverses must be normal numbers: some devices take smaller ones for 0.
+        # Inverses must be normal numbers: some devices flush smaller ones to 0.
         least, most = 1.0 / float(numbers.max), 1.0 / float(numbers.tiny)
         one = stored(mass)
         fits = np.isinf(one) | ((one >= least) & (one <= most))
@@ -206,12 +206,12 @@ class Model:
         return self.vectors_together(1)[0]
 
     def vectors_together(self, count: int) -> tuple[wp.array, ...]:
-        """Return `count` arrays like `vectors`, in one piece of memory, `_ref`, if Warp allows such a size."""
+        """Return `count` arrays like `vectors`, in one allocation, `_ref`, if Warp allows such a size."""
         each = self.worlds * self.stride  # with the margins between worlds
         return records_together(count, each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
-        """Return numbers of connections world after world, in the device's order."""
+        """Return numbers of connections, concatenated by world, in the device's order."""
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:

@@ -1,4 +1,4 @@
-"""Effects with numbers that are functions of time, in tables filled for each frame."""
+"""Effects whose numbers are functions of time, in tables that are filled for each frame."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,20 +13,20 @@ from .model import Model
 
 
 class FrameTables(Effect):
-    """An effect with tables for the present frame, which kernels read; it may have none."""
+    """An effect with tables for the current frame, which kernels read; it may have none."""
 
     _frames: InFrames | None = None
     varies = True
-    """Whether tables are filled for each frame; else they keep the values that `hold` has written."""
+    """Whether tables are filled for each frame; else they keep the values written by `hold`."""
 
     def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> None:
-        """Make tables of these shapes and Warp types, and put them into `data` by their names."""
+        """Make tables of these shapes and Warp types, and store them in `data` by name."""
         self._frames = InFrames(tables, scalar, device, self.fill)
         for name, array in self._frames.arrays.items():
             self.place_table(name, array)
 
     def place_table(self, name: str, table: Any) -> None:
-        """Put a table into `data`, where kernels read it."""
+        """Store a table in `data`, where kernels read it."""
         setattr(self.data, name, table)
 
     def fill(self, time: float, tables: Tables) -> None:
@@ -55,12 +55,12 @@ class StageTables(FrameTables):
     named: Sequence[tuple[str, Any]] = ()
     """Its loads, each with the name of its values in messages."""
     now: NDArray[np.float64]
-    """The rows of the present frame, or the one row that is held."""
+    """The rows of the current frame, or the single row set by `hold`."""
 
     def set_up(self, model: Model, width: int, dtype: Any, *, varies: bool) -> None:
         """Set up rows of `width` numbers or vectors of a Warp type."""
         self._model, self._width, self._dtype, self.varies = model, width, dtype, varies
-        self.now = self.at(np.zeros(1))  # a function that fails does so before anything runs
+        self.now = self.at(np.zeros(1))  # a function that fails should do so before anything runs
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows at these times, shape [time_count, width] or [time_count, width, d]."""

@@ -19,7 +19,7 @@ class Instant(NamedTuple):
     x: wp.array
     """Positions [m]."""
     v: wp.array
-    """Velocities [m/s]; between a frame's substeps at the integrator's own instants."""
+    """Velocities [m/s]; between a frame's substeps at the integrator's own times."""
     method_state: tuple[wp.array, ...]
     """The integrator's own arrays, kept from one substep to the next."""
     compensation: Any
@@ -27,9 +27,9 @@ class Instant(NamedTuple):
 
 
 class State:
-    """Positions, velocities and the integrator's own arrays: at present (`state_in`) and next (`state_out`).
+    """Positions, velocities and the integrator's own arrays: current (`state_in`) and next (`state_out`).
 
-    `method_state`: how many arrays the integrator keeps between substeps, besides positions and velocities.
+    `method_state`: number of arrays that the integrator keeps between substeps besides positions and velocities.
     """
 
     def __init__(self, model: Model, method_state: int = 0) -> None:
@@ -96,20 +96,20 @@ class State:
         return self.state_in.compensation
 
     def motion(self) -> dict[str, Any]:
-        """Return the arrays of a stage that takes a whole substep, by the names in its `Step`."""
+        """Return the arrays of a stage that advances a whole substep, by the names in its `Step`."""
         now, then = self.state_in, self.state_out
         return {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
 
     def empty_vectors(self, count: int) -> tuple[wp.array, ...]:
-        """Return `count` arrays of zeros, one vector a particle: an integrator's working memory."""
+        """Return `count` arrays of zeros, with a vector per particle, as working memory of an integrator."""
         return self.model.vectors_together(count)
 
     def flip(self) -> None:
-        """Make `state_out` the present instant."""
+        """Make `state_out` the current instant."""
         self.state_in, self.state_out, self._at_home = self.state_out, self.state_in, not self._at_home
 
     def settle(self) -> None:
-        """Copy the present state back to the arrays that first held it: graphs expect it there."""
+        """Copy the current state back to the original arrays, where graphs expect it."""
         if not self._at_home:
             self.flip()
             copy_vectors(moving(self.state_in), moving(self.state_out))
@@ -121,7 +121,7 @@ def moving(instant: Instant) -> list[wp.array]:
 
 
 def copy_vectors(to: Iterable[Any], source: Iterable[Any]) -> None:
-    """Copy arrays made by `Model.vectors_together`; each piece of memory is copied once and as a whole."""
+    """Copy arrays made by `Model.vectors_together`; each allocation is copied once, as a whole."""
     pieces = {id(one._ref): (other._ref, one._ref) for other, one in zip(to, source, strict=True)}
     for there, here in pieces.values():
         wp.copy(there, here)

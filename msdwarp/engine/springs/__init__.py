@@ -1,1 +1,1 @@
-"""Springs and dampers: the ways to sum their forces, plasticity and fracture."""
+"""Springs and dampers: force algorithms, plasticity and fracture."""

@@ -1,4 +1,4 @@
-"""Extra springs: springs in no direction of a lattice, which the stencil leaves out."""
+"""Extra springs: springs that follow no lattice direction, which the stencil leaves out."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from ..model.model import Model
 
 
 class ExtraSprings(Effect):
-    """The forces of the springs that a stencil leaves over (`Lattice.ties`).
+    """The forces of the springs that a stencil leaves out (`Lattice.ties`).
 
-    Energies, the bound of the rates and linearised products include them already, as springs of the system. So
-    this effect adds only their force.
+    Energies, the stability bound and linearised products include them already, as springs of the system. So this
+    effect adds only their forces.
     """
 
     def __init__(self, model: Model) -> None:

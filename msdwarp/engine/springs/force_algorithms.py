@@ -1,4 +1,4 @@
-"""The force algorithms of a model: the arrays that their kernels read, on the device.
+"""The force algorithms of a model, with the arrays that their kernels read.
 
 `data` is the struct that the functions of `force_algorithm` read; see `msdwarp.kernels.springs`.
 """
@@ -40,7 +40,7 @@ LANES = {
     ("gather", "many"): ((20_000, 8), (32_000, 4)),
     ("gather", "few"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (2_048, 1), (20_000, 4)),
 }
-"""Pairs (most particles, threads to a particle), by algorithm and number of neighbours; beyond them one thread.
+"""Pairs (maximal particle count, threads per particle), by algorithm and number of neighbours; beyond them one.
 
 From measurements on an H200. Some sizes in between have one thread per particle, because one block or cluster
 advances such systems for a whole frame.
@@ -48,7 +48,7 @@ advances such systems for a whole frame.
 
 
 class Scatter:
-    """The algorithm by springs."""
+    """The scattering algorithm: a thread per spring."""
 
     def __init__(self, model: Model, fracture: Fracture | None = None) -> None:
         storage, fields = stored_constants(model)
@@ -71,7 +71,7 @@ def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
 
 
 class Gather:
-    """The algorithm by particles, with a table of neighbours that is built on the device.
+    """The gathering algorithm: a thread per particle, with a table of neighbours built on the device.
 
     Several `lanes` (threads per particle) are for systems that do not tear, on a GPU.
     """
@@ -90,7 +90,7 @@ class Gather:
         if packed:
             kind, other = fields.pop("kind"), self.data.other
             wp.launch(tables.pack_kinds, len(connection), [connection, kind], [other], device=model.device)
-        if model.lengths_change:  # rest lengths change, and both ends must see it
+        if model.lengths_change:  # rest lengths change, and both ends must read the same ones
             fields["connection"] = connection
         for name, value in fields.items():
             by_connection = storage == "own" or name == "kind" or (storage, name) == ("lengths", "rest_length")
@@ -146,7 +146,7 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
         if len(values) == 0 or is_uniform(values):
             tables.append(values[:1] if len(values) else np.zeros(1))
             continue
-        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample has them all in most cases
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # usually a sample contains all of them
         place = np.zeros(len(values), dtype=np.uint8)
         while True:
             if count * len(different) > MOST_KINDS:
@@ -189,7 +189,7 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     def launch(kernel: Any, threads: int, inputs: list, outputs: list) -> None:
         wp.launch(kernel, threads, inputs, outputs, device=device)
 
-    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # half of it is for sorting
+    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # half is for sorting
     launch(tables.list_ends, model.connection_count, [model.connections], [particle, end])
     wp.utils.radix_sort_pairs(particle, end, ends)
     total = int(slots.sum())
@@ -201,7 +201,7 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 
 
 class Stencil:
-    """Forces by particles of lattices, which need no table; extra springs between lattices are an effect.
+    """The gathering algorithm for lattices, without a table; extra springs between lattices are an effect.
 
     Several `lanes` (threads per particle) are for uniform lattices that do not tear, on a GPU.
     """
@@ -239,7 +239,7 @@ class Stencil:
         upload_fields(data, device, shift=shift, kind=lattice.kind, **lattice.constants)
 
     def _share(self, model: Model, lattice: Lattice) -> None:
-        """Fill in the struct for lanes; mask bits are in the order in which lanes visit neighbours."""
+        """Fill the struct for lanes; mask bits are in the order in which lanes visit neighbours."""
         constants = np.ones((MOST_NEIGHBOURS, 3))
         _, own = lattice.neighbours()
         constants[: len(own)] = own

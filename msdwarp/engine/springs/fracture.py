@@ -1,4 +1,4 @@
-"""Fracture: springs that break permanently; the times at which they broke are state."""
+"""Fracture: springs that break permanently; the times of breaking are part of the state."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -20,8 +20,8 @@ JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
 class Fracture(Effect):
     """Lets springs of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
 
-    The force algorithms compute all lengths, so they also find springs that are too long. Each has an array of the
-    connected particles, and removes broken springs from it.
+    The force algorithms compute all lengths, so they also find springs that are too long. Each algorithm has an
+    array of connected particles, and removes broken springs from it.
     """
 
     piece = None
@@ -31,11 +31,11 @@ class Fracture(Effect):
         self.breaking = breaking(model.scalar)
         """The functions of breaking that the algorithms are composed with."""
         system, device = model.system, model.device
-        # Rounded so that broken springs stay broken.
+        # Limited so that rounding leaves broken springs broken.
         rounded = np.minimum(system.broken_at, np.finfo(np.float32).max)
         broken_at = np.where(system.broken, rounded, np.inf).astype(np.float32)
         self.broken_at = wp.array(model.of_each_world(broken_at[None]), dtype=wp.float32, device=device)
-        """The time each spring broke [s], inf if it is whole; in the device's order, world after world."""
+        """Time of breaking of each spring [s], inf if unbroken; in the device's order, concatenated by world."""
         data = self.data = self.breaking.Data()
         data.substep, data.start = NO_SUBSTEP, wp.zeros(1, dtype=wp.float64, device=device)
         data.number = wp.zeros(0, dtype=int, device=device)
@@ -81,7 +81,7 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Register an algorithm's array of connected particles, and remove springs that are broken already."""
+        """Register an algorithm's array of connected particles, and remove springs that are already broken."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()
@@ -96,7 +96,7 @@ class Fracture(Effect):
         self.data.h, self.data.substep = dt, NO_SUBSTEP
 
     def begin_frame(self, time: float) -> None:
-        """Note when the frame begins [s]."""
+        """Set the frame's start time [s]."""
         self.data.start.assign(np.array([time]))
 
     def begin_substep(self, substep: int) -> bool:
@@ -110,7 +110,7 @@ class Fracture(Effect):
         return [self.broken_at, *self._summed, *self._joined]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the time at which each spring of the system broke [s], inf if it is whole."""
+        """Return the time of breaking of each spring of the system [s], inf if unbroken."""
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
@@ -127,7 +127,7 @@ class Fracture(Effect):
 
 
 def _least_ratio(model: Model, rest_length: NDArray[np.float64], stretch: NDArray[np.float64]) -> float:
-    """Return a ratio of length to rest length below which no spring breaks, however far it yields."""
+    """Return a ratio of length to rest length below which no spring breaks, even after yielding."""
     system, whole = model.system, ~model.system.broken
     if not whole.any():
         return np.inf

@@ -26,7 +26,7 @@ class Plasticity(Effect):
         values = {name: model.ordered(np.array(getattr(model.system, name))) for name in STORED}
         upload_fields(self.data, model.device, **values)
         self.rest_length = model.rest_length
-        """The present rest lengths [m], in the device's order, world after world."""
+        """The current rest lengths [m], in the device's order, concatenated by world."""
         if model.in_worlds:
             self.by_world = ("rest_length",)
             each = model.of_each_world(model.row_of("rest_length"))
@@ -55,5 +55,5 @@ class Plasticity(Effect):
         self.rest_length.assign(self._model.ordered(arrays["rest_length"]))
 
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return the present rest lengths, and the original ones, which do not change."""
+        """Return the current rest lengths, and the original ones, which do not change."""
         return self.checkpoint() | {"original_length": self._model.system.original_length}

@@ -1,8 +1,8 @@
 """The forces of an ensemble: the algorithm of a single world, with constants of springs for each world.
 
-Springs with equal constants within every world form a class. The algorithm is first set up for a stand-in of the
-system, whose springs have the number of their class as stiffness. Wherever the algorithm stores this number, in a
-table, in an array or by direction, each world's constants of the class are put.
+Springs with equal constants within every world form a class. The algorithm is first set up for a stand-in system,
+whose springs have the number of their class as stiffness. Wherever the algorithm stores this number (in a table,
+in an array or by direction), it is replaced by the constants of the class in each world.
 """
 
 from math import lcm
@@ -28,10 +28,10 @@ class EnsembleForces(NamedTuple):
     """The struct for its kernels, which worlds share."""
     storage: str = ""
     """See `kernels.integrators.Differences`."""
-    how: dict[str, str] = {}  # noqa: RUF012 (a default that nobody changes)
+    how: dict[str, str] = {}  # noqa: RUF012 (a default that is never changed)
     """How each constant differs."""
     fields: dict[str, wp.array] = {}  # noqa: RUF012
-    """The arrays that kernels read by world."""
+    """The arrays that kernels index by world."""
 
 
 def ensemble_forces(
@@ -56,7 +56,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
         return EnsembleForces(forces.force_algorithm, forces.data)
     classes = Classes(model)
     forces = CLASSES[model.force_algorithm](_stand_in(model, classes), fracture)
-    if model.force_algorithm == "scatter":  # its array of sums serves all worlds
+    if model.force_algorithm == "scatter":  # its array of sums is for all worlds
         forces.data.f = model.vectors()
     if model.force_algorithm == "stencil":
         return _by_direction(model, forces, classes)
@@ -82,7 +82,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
 
 
 def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForces:
-    """Return forces with constants of their own for each spring, because rest lengths change."""
+    """Return forces with separate constants for each spring, because rest lengths change."""
     fields = {"rest_length": rest_length.reshape((model.worlds, model.connection_count))}
     how = {"rest_length": EACH}
     for name in ("stiffness", "damping"):
@@ -105,7 +105,7 @@ class Classes:
             _, self.of = np.unique(np.concatenate(apart), axis=1, return_inverse=True)
             self.of = self.of.ravel()
         self._member = np.unique(self.of, return_index=True)[1]
-        """A spring of each class."""
+        """One spring of each class."""
 
     def values(self, name: str) -> NDArray[np.float64]:
         """Return a constant of each class, shape [rows, class_count]."""
@@ -119,7 +119,7 @@ class Classes:
 
     @staticmethod
     def named(numbers: NDArray) -> NDArray[np.int64]:
-        """Return the classes that the numbers of a stand-in mean; 0 means none and gives an arbitrary class."""
+        """Return the classes for the numbers of a stand-in; 0 means none and gives an arbitrary class."""
         return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
 
 

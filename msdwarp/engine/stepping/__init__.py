@@ -1,1 +1,1 @@
-"""Advances a state: assembles effects, launches stages, takes substeps."""
+"""Advance a state: assemble effects, launch stages, take substeps."""

@@ -54,7 +54,7 @@ class Surroundings(NamedTuple):
     """What a scene adds to a system: colliders, loads, probes."""
 
     colliders: Sequence[Collider] = ()
-    """Obstacles, in the order in which a particle meets them."""
+    """Obstacles, in the order in which they act on a particle."""
     collider_rule: str = "coulomb"
     """The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`."""
     loads: Sequence[Load] = ()
@@ -171,7 +171,7 @@ class Assembly:
         return found
 
     def take_over(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
-        """Take over the sums of the same effects in an earlier run, now at positions x and velocities v."""
+        """Copy the sums of the same effects in an earlier run, for current positions x and velocities v."""
         if self.external_work is not None and other.external_work is not None:
             self.external_work.before += other.external_work.totals(x, v)
         for effect in self.all:
@@ -230,7 +230,7 @@ def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> 
 
 
 def _check_starts(model: Model, colliders: Sequence[Collider]) -> None:
-    """Raise ValueError if worlds start inside obstacles and differ there: all worlds share one depenetration."""
+    """Raise ValueError if worlds that differ start inside obstacles: all worlds share one depenetration."""
     if not colliders or not {"position", "rest_length", "mass"} & model.rows.keys():
         return
     positions = model.row_of("position")

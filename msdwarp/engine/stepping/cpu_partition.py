@@ -18,11 +18,11 @@ from ..model.model import Model
 from .assemble import Assembly
 
 LEAST_SHARE = 5_000
-"""The least springs of a thread: some 50 µs of work, against which the barriers are short."""
+"""Minimal number of springs per thread: about 50 µs of work, so that barriers cost little."""
 MOST_BY_ITSELF = 16
-"""The most threads of "auto"."""
+"""Maximal number of threads for "auto"."""
 THREADS = "MSDWARP_THREADS"
-"""Environment variable: the most threads of "auto"."""
+"""Environment variable with the maximal number of threads for "auto"."""
 
 
 class CpuPartition:
@@ -38,7 +38,7 @@ class CpuPartition:
         """Whether stages are launched in parts."""
         self._barrier = wp.zeros(2 * ABORT, dtype=int, device=model.device)
         self._launches: list[Callable[[int], None]] = []
-        """The launches of each thread, as functions of its number."""
+        """The launches of a thread, as functions of its index."""
         ends = np.asarray(model.system.connections).reshape(-1, 2)
         bounds = divided(model.particle_count, ends, threads)
         begun = np.linspace(0, len(ends), threads + 1).astype(int)
@@ -62,7 +62,7 @@ class CpuPartition:
         return in_partition(self._composition, method)
 
     def launch(self, method: Any, data: Any, steps: wp.array, count: int) -> None:
-        """Launch the first thread's part of `count` stages, and keep the others' for later."""
+        """Launch the first thread's part of `count` stages, and store the others' parts for later."""
         assert self.is_recording
         kernel = self.kernel(method)
         copy = scene(self._composition)()
@@ -76,7 +76,7 @@ class CpuPartition:
         self._launch(launch)
 
     def launch_parts(self, launch_part: Callable[[int, int], None]) -> None:
-        """Launch the first thread's part, `launch_part(0, threads)`, and keep the others' for later.
+        """Launch the first thread's part, `launch_part(0, threads)`, and store the others' parts for later.
 
         There is a barrier before the parts, and another one after them.
         """
@@ -124,7 +124,7 @@ class PartitionedGraph:
         replay_together(self._graphs, partial(self._barrier.fill, 0), self._abort)
 
     def _abort(self) -> None:
-        """End all waiting: a thread has failed."""
+        """End all waiting, because a thread has failed."""
         self._barrier[ABORT] = 1
 
 
@@ -134,7 +134,7 @@ def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDA
     Each thread gets consecutive particles with about the same number of spring ends (`ends`, shape
     [connection_count, 2]).
     """
-    work = 1 + np.bincount(ends.ravel(), minlength=particle_count)  # a particle without springs is work, too
+    work = 1 + np.bincount(ends.ravel(), minlength=particle_count)  # a particle without springs costs work, too
     done = np.concatenate(([0], np.cumsum(work)))
     return np.searchsorted(done, done[-1] * np.arange(threads + 1) / threads)
 
@@ -151,7 +151,7 @@ def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray
 
 
 def threads_for(assembly: Assembly, threads: int | str) -> int:
-    """Return the number of CPU threads for a body. "auto": one for each core, fewer for small bodies.
+    """Return the number of CPU threads for a body. "auto": one per core, fewer for small bodies.
 
     Raises ValueError if `threads` is neither "auto" nor a whole number of at least 1, or more than 1 on a GPU.
     """
@@ -173,7 +173,7 @@ def threads_for(assembly: Assembly, threads: int | str) -> int:
 def _work_to_share(assembly: Assembly) -> int:
     """Return the number of springs and contact points that threads can share."""
     points = sum(one.shared_points for one in assembly.all)
-    if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # one thread takes the stages
+    if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # a single thread runs the stages
         return points
     return assembly.model.connection_count + points
 
@@ -195,10 +195,10 @@ def _quota() -> int:
 
 
 def address_of_yield() -> int:
-    """Return the address of the system's function that yields the core to a waiting thread, if there is one.
+    """Return the address of the system function that yields the core to a waiting thread, or 0.
 
-    A sleeping thread would wake some 70 µs late, which is longer than most waits. A thread that kept the core
-    might wait for one that needs it: two runs at the same time were 10 times slower.
+    A sleeping thread would wake about 70 µs late, which is longer than most waits. A busy thread might block the
+    thread that it waits for: without yielding, two simultaneous runs were 10 times slower.
     """
     if os.name == "nt":
         function: Any = ctypes.WinDLL("kernel32").SwitchToThread

@@ -33,9 +33,9 @@ from .stages import Solve, Stage, StageArrays
 from .world_differences import differences, fill_world_data, threads_at_a_time
 
 MOST_SELECTIVE = 8
-"""Bits of the mask that says which selective effects act on a particle."""
+"""Number of bits in the mask of the selective effects that act on a particle."""
 MOST_IN_SECOND_PASS = 0.25
-"""The largest share of masked particles for which a second launch advances them."""
+"""Largest share of masked particles for which a second launch advances them."""
 
 
 class Dynamics:
@@ -46,7 +46,7 @@ class Dynamics:
     threads
         CPU threads that share the particles.
     partition
-        Shares the stages of recorded frames among the threads; None if there is one thread.
+        Divides the stages of recorded frames among the threads; None if there is one thread.
     frozen
         Status of each world, shape [worlds]: worlds stop when it is not 0. None outside of ensembles.
     """
@@ -118,7 +118,7 @@ class Dynamics:
         return masked > 0 and self.launches_before_forces
 
     def _fill_scene(self, forces: Any, effect_mask: NDArray[np.uint8]) -> None:
-        """Fill in the struct that kernels take."""
+        """Fill the struct that kernels take."""
         model, composition, data = self.model, self.composition, self.scene
         data.forces, data.inverse_mass, data.gravity = forces.data, model.inverse_mass, model.gravity
         if composition.differs is not None:
@@ -133,7 +133,7 @@ class Dynamics:
             data.spring_force = model.vectors()
 
     def _bind(self, effect: Effect) -> None:
-        """Put the present data of an effect into the struct that kernels take."""
+        """Copy the current data of an effect into the struct that kernels take."""
         if isinstance(effect, Fracture):
             self.scene.forces.breaking = effect.data
             return
@@ -194,8 +194,8 @@ class Dynamics:
 
     @contextmanager
     def measuring(self, substep: int) -> Iterator[None]:
-        """Set effects to the end of a substep while forces are measured: they do no work, and no stage counts."""
-        if self.composition.timed:  # the next substep begins there
+        """Set effects to a substep's end while forces are measured. These do no work and count as no stage."""
+        if self.composition.timed:  # the end is the start of the next substep
             self.scene.stage = (substep + 1) * len(self._steps.stage_times)
         work = self.assembly.external_work
         if work is not None:
@@ -227,7 +227,7 @@ class Dynamics:
         self.go_to_substep(substep)
 
     def end_substep(self, state: State, substep: int) -> None:
-        """End substep number `substep` of a frame: launch what effects change of its end, `state.state_out`."""
+        """End substep number `substep` of a frame: launch effects' changes of its result, `state.state_out`."""
         for effect in self._ending:
             effect.end_substep(state.state_in, state.state_out, substep)
 
@@ -240,15 +240,15 @@ class Dynamics:
             self.scene.stage = substep * len(self._steps.stage_times)
 
     def stop_fracture(self) -> None:
-        """Let no spring break before the next substep: springs break in the first stage only."""
+        """Stop breaking until the next substep: springs break in the first stage only."""
         if self.composition.force_algorithm.tears:
             self.scene.forces.breaking.substep = NO_SUBSTEP
 
     def run(self, stage: Stage | Solve) -> None:
         """Run a stage: launch what effects need before forces, then advance all particles.
 
-        Particles are advanced by a GPU thread for each (`PerStage`), by CPU threads that share them
-        (`CpuPartition`), or by one CPU thread (`launch_persistent`).
+        Particles are advanced by a GPU thread per particle (`PerStage`), by several CPU threads (`CpuPartition`),
+        or by one CPU thread (`launch_persistent`).
         """
         if isinstance(stage, Solve):
             stage.launch(self)
@@ -263,7 +263,7 @@ class Dynamics:
             steps = self._stage_arrays.array_of(step, partition.kernel(method), self.model.device)
             partition.launch(method, self.scene, steps, 1)
         elif forced and self._one_thread:
-            kernel = self.persistent(method, 1, 1)  # a thread for each particle would copy its arguments first
+            kernel = self.persistent(method, 1, 1)  # a thread per particle would copy its arguments first
             steps = self._stage_arrays.array_of(step, kernel, self.model.device)
             launch_persistent(kernel, self.model, self.scene, steps, 1, self.model.worlds, 1)
         else:

@@ -11,14 +11,14 @@ from ...kernels.springs import COLUMN
 from ..model.model import Model
 
 LEAST_IN_COLUMNS = 100_000
-"""Fewer particles make too few columns to keep a GPU busy."""
+"""With fewer particles there are too few columns to keep a GPU busy."""
 
 
 class PerStage:
     """Launches one stage at a time.
 
-    If effects act on few particles, a second launch (`each_masked`) advances these, and launches before forces run
-    on a side stream in parallel with the first one.
+    If effects act on few particles, a second launch (`each_masked`) advances these. Launches before forces then
+    run on a side stream, in parallel with the first launch.
     """
 
     def __init__(self, model: Model, composition: Composition, launches_before_forces: bool) -> None:

@@ -13,7 +13,7 @@ MOST_IN_ONE_BLOCK = 350
 CLUSTER = 8
 """Blocks in a cluster: the largest number that every GPU with clusters allows."""
 MOST_IN_CLUSTER = {"scatter": 12_000, "gather": 2_048, "stencil": 4_096}
-"""With more connections, or particles, a launch for each stage is faster."""
+"""With more connections, or particles, a launch per stage is faster."""
 
 
 def launch_persistent(
@@ -26,7 +26,7 @@ def launch_persistent(
 
 
 def persistent_blocks(model: Model, lanes: int = 1) -> tuple[int, int] | None:
-    """Return (blocks, threads in each) for one launch of all stages; None if a launch for each stage is faster.
+    """Return (blocks, threads per block) for one launch of all stages; None if a launch per stage is faster.
 
     `lanes` threads share a particle.
     """

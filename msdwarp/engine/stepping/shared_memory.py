@@ -17,9 +17,9 @@ from .world_differences import power_of_two, threads_at_a_time
 LEAST_BYTES = 1024
 """Smallest size [bytes] of shared memory; there is a kernel for each power of two."""
 RESIDENT_IN_COLUMNS = 512
-"""Threads of a multiprocessor for which the registers suffice with columns of particles."""
+"""Threads per multiprocessor for which the registers suffice, with columns of particles."""
 MOST_THREADS = 512
-"""Larger worlds have a thread for each column of particles, or do not stay in shared memory."""
+"""Larger worlds use a thread per column of particles, or do not stay in shared memory."""
 
 
 class Chip(NamedTuple):
@@ -28,7 +28,7 @@ class Chip(NamedTuple):
     threads: int
     """Threads of a block; a block advances a world."""
     in_columns: bool
-    """Whether a thread advances a column of particles instead of one."""
+    """Whether a thread advances a column of particles instead of a single one."""
     steps: wp.array
     """The stages of a substep; their array pointers are byte offsets in shared memory."""
     addresses: wp.array
@@ -36,7 +36,7 @@ class Chip(NamedTuple):
     words: int
     """Length of an array for one world, in words of four bytes."""
     spacing: int
-    """Distance of arrays in shared memory [words]."""
+    """Distance between arrays in shared memory [words]."""
     margin: int
     """Readable words before and after an array."""
     size: int
@@ -96,11 +96,11 @@ def on_chip(dynamics: Dynamics, state: State, method: Any, stages: list[Any]) ->
 
 
 def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
-    """Return a world's threads, the number of particles that they read beyond it, and whether it has columns."""
+    """Return a world's threads, how far they read beyond its particles, and whether it has columns."""
     count, lattice = model.particle_count, model.lattice
     if lattice is None:
         return count, 0, False
-    few = 2 * len(lattice.steps) <= MANY_NEIGHBOURS  # columns are then no faster than the cache
+    few = 2 * len(lattice.steps) <= MANY_NEIGHBOURS  # then columns are no faster than reads from the cache
     if count <= MOST_THREADS or few or force_algorithm.column_forces is None or lattice.stride <= 0:
         return count, lattice.reach, False
     columns = -(-count // (COLUMN * lattice.stride)) * lattice.stride

@@ -16,13 +16,13 @@ from ..model.state import State
 from .assemble import Assembly
 
 COARSE = 1e-3
-"""The largest ratio of the spacing of float32 numbers to the shortest rest length that hardly rounds strains."""
+"""Spacing of float32 numbers over the shortest rest length up to which the rounding of strains is negligible."""
 TORN = 2.0
 """A body would be torn if depenetration stretched a spring by more than this factor."""
 
 
 def starting_state(system: System, assembly: Assembly, method_state: int, time: float, fps: float) -> State:
-    """Return the state of a system at `time` [s], with driven particles where they then must be.
+    """Return the state of a system at `time` [s], with driven particles at their prescribed positions.
 
     See `State` for `method_state`.
     """
@@ -33,7 +33,7 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
 
 
 def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | None:
-    """Warn about a doubtful start; return text about an overlap with an obstacle or between bodies.
+    """Warn about a doubtful start; return a message about an overlap with an obstacle or between bodies.
 
     The warning names the line two calls up. ValueError is raised if depenetration would tear a body.
     """
@@ -57,7 +57,7 @@ def start_inside(
     *,
     depenetrates: bool = True,
 ) -> str | None:
-    """Return text about the particle that starts deepest in an obstacle; None if all are outside or touch one.
+    """Return a message about the particle that starts deepest in an obstacle; None if all are outside or touching.
 
     Pinned and driven particles may be anywhere. The rule "report" has no depenetration.
     """
@@ -91,8 +91,8 @@ def check_swallowed(
 ) -> None:
     """Raise ValueError for a body that starts wholly inside an obstacle and would be torn on the way out.
 
-    Each particle leaves by its own nearest way. In the middle of a box or of a wall, one half of a body would
-    leave by one side, the other half by the opposite side.
+    Each particle is moved out by its own shortest way. In the middle of a box or wall, one half of a body would
+    leave on one side, and the other half on the opposite side.
     """
     free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not system.connection_count or not free.any():
@@ -120,10 +120,10 @@ def check_swallowed(
 
 
 def start_far(model: Model) -> str | None:
-    """Return text about a system so far from the origin that float32 rounds its strains; None if it is near."""
+    """Return a message about a system too far from the origin for float32 strains; None if it is near."""
     system = model.system
     if model.precision != "float32" or not system.connection_count:
-        return None  # compensated sums keep the rounding errors
+        return None  # compensated sums carry the rounding errors
     most = float(max(system.position.max(), -system.position.min()))
     apart, shortest = float(np.spacing(np.float32(most))), float(stored(system.rest_length).min())
     if apart <= COARSE * shortest:

@@ -1,4 +1,4 @@
-"""Stepper: takes the substeps of a frame, with a launch for each stage or one for all."""
+"""Stepper: takes the substeps of a frame, with a launch per stage or one for all."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -15,20 +15,20 @@ from .stages import Solve, Stage
 from .world_differences import threads_of_world
 
 Blocks = tuple[int, int] | Literal["auto"] | None
-"""Blocks of threads, and threads in each, that take all substeps of a frame in one launch."""
+"""Number of blocks, and of threads per block, for one launch of all substeps of a frame."""
 
 
 class Stepper:
-    """Takes substeps with a launch for each stage or, if the launches would take most of the time, one for all.
+    """Takes substeps with a launch per stage or, if launches would dominate the time, with one launch for all.
 
     Parameters
     ----------
     stages
-        Returns the stages of a substep from the present `state.state_in`.
+        Function that returns the stages of a substep from the current `state.state_in`.
     after_substep
-        Launches measurements after each substep, given its number in the frame; None for none.
+        Function that launches measurements after each substep, given its index in the frame; None for none.
     blocks
-        See `Blocks`; None for a launch for each stage, "auto" for the faster way. For an ensemble the threads of a
+        See `Blocks`; None for a launch per stage, "auto" for the faster option. For an ensemble, the threads of a
         world's block.
     """
 
@@ -62,7 +62,7 @@ class Stepper:
         launches_between = after_substep is not None or dynamics.launches_before_forces
         one_launch = len(stages_only) == len(both) and not launches_between
         self.blocks: tuple[int, int] | None = blocks if one_launch else None
-        """Blocks of threads, and threads in each, of the only launch; None if each stage is a launch."""
+        """Blocks, and threads per block, of the single launch; None for a launch per stage."""
         if self.blocks is None and not (model.in_worlds and one_launch and chosen):
             return
         self._method, self._per_substep = stages_only[0].method, len(stages_only) // 2
@@ -95,7 +95,7 @@ class Stepper:
         self._state.settle()
 
     def _launch_all(self, blocks: int, threads: int, stages: int, first: int) -> None:
-        """Take stages from substep number `first` on in one launch, or one for each CPU thread."""
+        """Take stages from substep number `first` on in one launch, or in one per CPU thread."""
         dynamics, partition = self._dynamics, self._dynamics.partition
         dynamics.go_to_substep(first)
         if partition is not None and partition.is_recording:

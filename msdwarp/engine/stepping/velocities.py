@@ -36,7 +36,7 @@ class Velocities:
         return kicked(self._dynamics, self._state, self._lag, self._v) if self._staggered else self._state.v
 
     def change_lag(self, lag: float) -> None:
-        """Shift the state's velocities for a start of substeps with another lag [s].
+        """Shift the state's velocities for substeps with another lag [s].
 
         Without the shift each change of the step would change the energy: (h/2) Σ v·f is up to 0.8 of the energy
         of the fastest mode.
@@ -54,7 +54,7 @@ def kicked(dynamics: Dynamics, state: State, seconds: float, v_out: wp.array) ->
     The forces are those at the state's positions, without contact.
     """
     start = state.state_in
-    v = start.method_state[0] if start.method_state else start.v  # dampers use these
+    v = start.method_state[0] if start.method_state else start.v  # the velocities that dampers use
     fields = {"compensation": start.compensation, "x": start.x, "v": v, "v_half": start.v, "v_out": v_out}
     dynamics.run(Stage(kick, {"h": seconds, **fields}))
     return v_out

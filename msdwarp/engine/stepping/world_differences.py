@@ -1,4 +1,4 @@
-"""Differences between the worlds of an ensemble, for kernels, and the threads that advance a world."""
+"""Differences between the worlds of an ensemble, for kernels, and the number of threads per world."""
 
 from typing import Any
 
@@ -10,11 +10,11 @@ from ..springs.spring_constants_by_world import EnsembleForces
 from .assemble import Assembly
 
 MOST_IN_BLOCK = {"float32": 1024, "float32-compensated": 1024, "float64": 512}
-"""Threads of a block, and of a multiprocessor, for which the registers suffice."""
+"""Threads per block, and per multiprocessor, for which the registers suffice."""
 FEW_WORLDS_BLOCK, MANY_WORLDS_BLOCK = 1024, 512
-"""Threads of the largest block if each world has a multiprocessor of its own, and if there are more worlds."""
+"""Threads of the largest block: if each world has its own multiprocessor, and if there are more worlds."""
 MOST_IN_SMALL_WORLD, MOST_IN_WORLD = 512, 4096
-"""Larger worlds take a launch for each stage: limits [particles] for few worlds and for many."""
+"""Larger worlds use a launch per stage: limits [particles] for few worlds and for many."""
 
 
 def differences(assembly: Assembly, forces: EnsembleForces) -> Differences:
@@ -52,15 +52,15 @@ def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, froze
 
 
 def threads_at_a_time(assembly: Assembly) -> int:
-    """Return the number of threads for a multiprocessor; solid obstacles take more registers."""
+    """Return the number of threads per multiprocessor; solid obstacles take more registers."""
     solids = assembly.colliders is not None and not assembly.colliders.planes_only
     return MOST_IN_BLOCK[assembly.model.precision] // (2 if solids else 1)
 
 
 def threads_of_world(assembly: Assembly, threads: int | str | None) -> int | None:
-    """Return the threads that take all substeps of a world in one launch; None if each stage is a launch.
+    """Return the number of threads for one launch of all substeps of a world; None for a launch per stage.
 
-    The request `threads` is a number, None or "auto"; ValueError is raised if that many threads are not possible.
+    `threads` is the requested number, None or "auto"; ValueError is raised if the number is not possible.
     """
     model, launches_between = assembly.model, any(one.precedes for one in assembly.all)
     if isinstance(threads, str):
