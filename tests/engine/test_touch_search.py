@@ -320,8 +320,8 @@ def test_precisions_agree(device):
     exact = ran(scene(device, precision="float64"), 10)
     for precision in ("float32", "float32-compensated"):
         # Places of 0.5 m are rounded to 3e-8, of which springs of 1000 N/m on 0.02 kg make 2e-3 m/s² in each of
-        # 100 substeps of 1.7 ms, 3e-6 m/s each. Contacts amplify that by a factor that varies: 1e-5 to 2e-4 m/s were
-        # seen with 10 to 20 substeps a frame.
+        # 100 substeps of 1.7 ms, 3e-6 m/s each. Contacts amplify that by a factor that varies: with 10 to 20
+        # substeps a frame 1e-5 to 2e-4 m/s were seen.
         np.testing.assert_allclose(ran(scene(device, precision=precision), 10), exact, rtol=0, atol=1e-3)
 
 
