@@ -1,4 +1,8 @@
-"""The force law of springs; `reductions/measure.py` has their energy, `springs/linearised.py` their stiffness."""
+"""The force law of springs.
+
+`reductions/measure.py` has their energy, `springs/linearised.py` their stiffness, and
+`msdwarp/engine/diagnostics/rate_bounds.py` the bound of the time step.
+"""
 
 import functools
 

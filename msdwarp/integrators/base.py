@@ -1,4 +1,4 @@
-"""Integrator: a method of time stepping as data."""
+"""Integrator: a method of time stepping as data; `symplectic_euler.py` is the shortest example."""
 
 import math
 from abc import ABC, abstractmethod

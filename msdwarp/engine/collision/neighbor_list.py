@@ -1,4 +1,7 @@
-"""NeighborList: the facets near each point of bodies that touch, in lists that hold for some substeps."""
+"""NeighborList: the facets near each point of bodies that touch, in lists that are valid for some substeps.
+
+`simulation/stepping.py` repeats a frame whose lists were not valid or had no room.
+"""
 
 import math
 from collections.abc import Callable

@@ -1,5 +1,6 @@
 """Detect divergence of a run, and keep a state to return to.
 
+Slow growth of energy is found by `energy_balance.py` and judged by `simulation/substep_controller.py`.
 `kernels/reductions/frozen_worlds.py` judges worlds of an ensemble, `simulation/divergence_error.py` has the error.
 """
 

@@ -1,4 +1,7 @@
-"""The energy balance of a run: an energy that the method conserves exactly, so that any growth shows at once."""
+"""The energy balance of a run: an energy that the method conserves exactly, so that any growth shows at once.
+
+`simulation/substep_controller.py` judges it.
+"""
 
 from typing import Any, NamedTuple
 
