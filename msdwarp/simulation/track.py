@@ -17,7 +17,8 @@ class Track:
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self.backup = Backup(assembly, state, others)  # the state at the start of the frame
         self.found = Found(state.model)  # the check of the state at its end
-        self.graphs: dict[bool, Any] = {}  # the recorded frame, by whether it sums its energy balance
+        # The recorded frames, by whether they sum their energy balance, and by their search intervals:
+        self.graphs: dict[tuple[bool, tuple[int, ...]], Any] = {}
         self.sums_balance = False  # whether the last launched frame did so
 
 

@@ -255,7 +255,7 @@ class NeighborList:
         chosen = [MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]
         moved, way, longest, body_pairs, pairs = flags.max(axis=0)[chosen].tolist()
         # `way` is that of all substeps between two searches; `moved` lacks the last one, but for a frame's end.
-        lacking, before = int(self.planes is None), self.rebuild_interval
+        lacking = int(self.planes is None)
         # Contact forces act before the last substep of a list, near pairs after it.
         held = max(moved, 0.0 if lacking else way) <= 0.5 * self._skin_now
         per_substep = max(
@@ -278,8 +278,6 @@ class NeighborList:
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
         overflown |= self.planes is not None and pairs > len(self.planes.pairs.vertices)
         self._make_room(int(longest), int(body_pairs), int(pairs))
-        if self.rebuild_interval != before:
-            self._model.generation += 1  # it launches more searches in a frame, or fewer
         return not held or overflown
 
     def _make_room(self, longest: int, body_pairs: int, near_pairs: int) -> bool:

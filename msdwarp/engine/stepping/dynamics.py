@@ -226,6 +226,11 @@ class Dynamics:
         self._stage = 0
         self.go_to_substep(substep)
 
+    @property
+    def search_intervals(self) -> tuple[int, ...]:
+        """The numbers of substeps between searches: a recorded frame is valid for these alone."""
+        return tuple(effect.rebuild_interval for effect in self._searching)
+
     def end_substep(self, state: State, substep: int) -> None:
         """End substep number `substep` of a frame: launch effects' changes of its result, `state.state_out`."""
         for effect in self._ending:
