@@ -28,30 +28,22 @@ class Divergence(NamedTuple):
 class SimulationDiverged(RuntimeError):
     """The run cannot continue: a number is no longer finite, or the energy has grown without a cause."""
 
-    def __init__(
-        self,
-        message: str,
-        *,
-        time: float,
-        substep: int,
-        particle: int,
-        connection: int | None,
-        strain: float,
-        substeps_needed: int,
-    ) -> None:
+    time: float
+    """When it happened [s]."""
+    substep: int
+    """The substep of its frame, from 1."""
+    particle: int
+    """The first particle concerned."""
+    connection: int | None
+    """Its most strained connection just before, if it has any."""
+    strain: float
+    """The strain of that connection."""
+    substeps_needed: int
+    """Substeps per frame that are stable for the last good frame; 0 where none are."""
+
+    def __init__(self, message: str, **details: float | None) -> None:
         super().__init__(message)
-        self.time = time
-        """When it happened [s]."""
-        self.substep = substep
-        """The substep of its frame, from 1."""
-        self.particle = particle
-        """The first particle concerned."""
-        self.connection = connection
-        """Its most strained connection just before, if it has any."""
-        self.strain = strain
-        """The strain of that connection."""
-        self.substeps_needed = substeps_needed
-        """Substeps per frame that are stable for the last good frame; 0 where none are."""
+        vars(self).update(details)
 
 
 def describe(
