@@ -10,6 +10,8 @@ from .diagnostics.divergence_monitor import (
     Backup as Backup,
     Baseline as Baseline,
     DivergenceMonitor as DivergenceMonitor,
+    FrozenWorlds as FrozenWorlds,
+    WorldStatus as WorldStatus,
 )
 from .diagnostics.energies import (
     Measures as Measures,
@@ -26,7 +28,6 @@ from .diagnostics.energy_balance import (
     size as size,
     weight as weight,
 )
-from .diagnostics.frozen_worlds import FrozenWorlds as FrozenWorlds, WorldStatus as WorldStatus
 from .diagnostics.probes import GroupMeans as GroupMeans, Sensors as Sensors, sensors_of as sensors_of
 from .diagnostics.rate_bounds import (
     Rates as Rates,
