@@ -1,5 +1,6 @@
 """Checks of users' arguments: each error names the argument, its value and the allowed values."""
 
+import importlib
 import math
 import re
 import sys
@@ -288,6 +289,14 @@ def colour(name: str, colour: str) -> tuple[float, float, float]:
         raise ValueError(f"{name} is {colour!r}; it must be a colour of the form '#rrggbb'")
     red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue
+
+
+def imported(name: str, missing: str) -> Any:
+    """Return an optional package, imported; raise ValueError with the message `missing` if it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ValueError(missing) from error
 
 
 def free_memory() -> int | None:

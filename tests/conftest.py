@@ -21,13 +21,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 import warp as wp
+from routes import preferring
 
-from msdwarp.engine.model import force_algorithm as routes
+from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS
 from msdwarp.runtime import start_warp
 
 wp.config.log_level = wp.LOG_ERROR
 start_warp()
-GPU_ROUTES = routes.FORCE_ALGORITHMS if wp.is_cuda_available() else ()
+GPU_ROUTES = FORCE_ALGORITHMS if wp.is_cuda_available() else ()
 """By which a GPU is tested; where there is none, thousands of tests need not even be collected."""
 # What these assert is told as what tests assert is.
 pytest.register_assert_rewrite(
@@ -158,7 +159,7 @@ def own_key(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFa
 def device(request: pytest.FixtureRequest) -> Iterator[str]:
     """Each device in turn, by each algorithm."""
     name, *force_algorithm = request.param.split()
-    with routes.preferring(*force_algorithm) if force_algorithm else contextlib.nullcontext():
+    with preferring(*force_algorithm) if force_algorithm else contextlib.nullcontext():
         yield name
 
 

@@ -103,7 +103,7 @@ def test_it_is_safe_where_standard_error_is_closed_or_replaced(state, tmp_path):
 def test_threads_that_start_it_together_leave_standard_error_as_it_was():
     code = """
 import os, sys, threading
-from msdwarp.engine.device.device import find_device
+from msdwarp.runtime import find_device
 before, seen = os.fstat(2), []
 threads = [threading.Thread(target=lambda: seen.append(find_device("cpu"))) for _ in range(8)]
 [thread.start() for thread in threads]

@@ -14,7 +14,7 @@ from msdwarp import Simulation
 from msdwarp.cli.options import ViewOptions
 from msdwarp.cli.scene_files import find_scene
 from msdwarp.cli.view import SHELF, view_of
-from msdwarp.live import Browser, View, messages
+from msdwarp.live import Browser, View, guard
 
 PATIENCE = 300.0
 """How long the view may take to do what waits for it [s]."""
@@ -25,15 +25,15 @@ SIZE, FRAMES = 5, 10
 def main() -> None:
     """Serve a cube on this machine; answer each line of standard input with a line of JSON."""
     heard: Counter[str] = Counter()
-    passes = messages.Filter.passes
+    passes = guard.Filter.passes
 
-    def counted(self: messages.Filter, raw: Any) -> bool:
+    def counted(self: guard.Filter, raw: Any) -> bool:
         passed = passes(self, raw)
         heard["heard"] += 1
         heard["passed"] += passed
         return passed
 
-    messages.Filter.passes = counted
+    guard.Filter.passes = counted
     origin = find_scene("cube")._replace(parameters={"size": SIZE})
     view = view_of(origin, origin.scene(), ViewOptions(browser=True, device="cpu"))
     (page,) = view.screens

@@ -3,7 +3,6 @@
 from .collide import (
     NO_COLLIDERS as NO_COLLIDERS,
     ColliderTerm as ColliderTerm,
-    NoColliders as NoColliders,
     collider_contact as collider_contact,
 )
 from .contact_forces import mean_forces as mean_forces, sum_impulses as sum_impulses

@@ -1,13 +1,7 @@
 """Sums and extremes over particles and connections, for each world."""
 
 from . import columns as columns
-from .frozen_worlds import (
-    ENERGY as ENERGY,
-    NOT_FINITE as NOT_FINITE,
-    RUNNING as RUNNING,
-    judge as judge,
-    put_back as put_back,
-)
+from .frozen_worlds import RUNNING as RUNNING, judge as judge, put_back as put_back
 from .measure import (
     SUMMING_BLOCKS as SUMMING_BLOCKS,
     fold as fold,

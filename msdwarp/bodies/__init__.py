@@ -40,18 +40,8 @@ from .space import (
     rotations as rotations,
 )
 from .surface import Surface as Surface
-from .system import (
-    System as System,
-    counted as counted,
-    headline as headline,
-    particles_meant as particles_meant,
-)
-from .torn_surfaces import (
-    Bare as Bare,
-    Edges as Edges,
-    broken_before as broken_before,
-    laid_bare as laid_bare,
-)
+from .system import System as System, counted as counted, headline as headline, particles_meant as particles_meant
+from .torn_surfaces import Bare as Bare, Edges as Edges, broken_before as broken_before, laid_bare as laid_bare
 from .uniform import (
     is_uniform as is_uniform,
     joined as joined,

@@ -10,6 +10,8 @@ from .diagnostics.divergence_monitor import (
     Backup as Backup,
     Baseline as Baseline,
     DivergenceMonitor as DivergenceMonitor,
+    FrozenWorlds as FrozenWorlds,
+    WorldStatus as WorldStatus,
 )
 from .diagnostics.energies import (
     Measures as Measures,
@@ -26,7 +28,6 @@ from .diagnostics.energy_balance import (
     size as size,
     weight as weight,
 )
-from .diagnostics.frozen_worlds import FrozenWorlds as FrozenWorlds, WorldStatus as WorldStatus
 from .diagnostics.probes import GroupMeans as GroupMeans, Sensors as Sensors, sensors_of as sensors_of
 from .diagnostics.rate_bounds import (
     Rates as Rates,
@@ -40,7 +41,7 @@ from .model.model import Model as Model
 from .model.state import State as State
 from .springs.linearised import add_linearised as add_linearised, write_diagonal_blocks as write_diagonal_blocks
 from .stepping.assemble import Assembly as Assembly, assemble as assemble, assemble_worlds as assemble_worlds
-from .stepping.cpu_partition import THREADS as THREADS, cores as cores, threads_for as threads_for
+from .stepping.cpu_partition import THREADS as THREADS, threads_for as threads_for
 from .stepping.dynamics import Dynamics as Dynamics
 from .stepping.stages import Solve as Solve, Stage as Stage
 from .stepping.start_checks import starting_state as starting_state, warn_of_start as warn_of_start

@@ -14,7 +14,6 @@ from .stability import (
     UnstableStep as UnstableStep,
     choose_forced as choose_forced,
     choose_stable as choose_stable,
-    choose_substeps as choose_substeps,
     match_stiffness as match_stiffness,
     stability_limit as stability_limit,
 )

@@ -99,30 +99,22 @@ def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: in
 def choose_stable(
     rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
 ) -> StepChoice:
-    """Return `choose_substeps`, and raise UnstableStep also if the given substeps are too few."""
-    choice = choose_substeps(rates, integrator, fps, substeps, safety)
-    if choice.substeps < choice.least:
-        raise UnstableStep(
-            f"substeps is {choice.substeps}; at least {choice.least} a frame are stable here, "
-            f"{math.ceil(choice.least / safety)} with a margin"
-        )
-    return choice
-
-
-def choose_substeps(
-    rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
-) -> StepChoice:
     """Return the least number of substeps per frame within `safety` of the limit, or the given number.
 
     Raises
     ------
     UnstableStep
-        If no step is stable, or more than MOST_SUBSTEPS would be needed.
+        If the given substeps are too few, no step is stable, or more than MOST_SUBSTEPS would be needed.
     """
     choice = choose_forced(rates, integrator, fps, substeps or 1)
     if choice.limit <= 0.0:
         raise UnstableStep(f"{integrator} is stable at no step here: a spring has no linear damper beside it")
     if substeps is not None:
+        if substeps < choice.least:
+            raise UnstableStep(
+                f"substeps is {substeps}; at least {choice.least} a frame are stable here, "
+                f"{math.ceil(choice.least / safety)} with a margin"
+            )
         return choice
     wanted = 1.0 / (fps * choice.limit * safety)
     if wanted > MOST_SUBSTEPS:

@@ -32,7 +32,6 @@ MOST_WAITING = 20
 """While more commands than this wait for the view, messages wait at their senders."""
 LATE, OFTEN = 1.0, 3
 """A link is too slow for triangles if it has this delay [s] this many times in a row."""
-MISSING = "the page needs viser: pip install 'msdwarp[view]'"
 
 
 class Browser:
@@ -45,12 +44,9 @@ class Browser:
     takes_images = True
 
     def __init__(self, host: str = HOST, port: int | None = None, allow_origin: Sequence[str] = ()) -> None:
-        try:
-            import viser
+        viser = checks.imported("viser", "the page needs viser: pip install 'msdwarp[view]'")
+        from .guard import allow_any_thread, guarded  # these need packages that come with viser
 
-            from .guard import allow_any_thread, guarded  # these need packages that come with viser
-        except ImportError as error:
-            raise ValueError(MISSING) from error
         if port is not None and not 1 <= checks.count("port", port, 1) <= 65535:
             raise ValueError(f"port is {port}; it must be from 1 to 65535")
         if port is not None and _is_taken(host, port):  # viser would use the next free one

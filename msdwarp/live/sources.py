@@ -5,12 +5,12 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import Frame
 from ..files import Trajectory
 from ..pictures import outermost
+from ..runtime import find_device
 from ..simulation import Simulation
 from ..world import Scene
 from .handling import Handling
@@ -116,7 +116,7 @@ class Played:
             raise ValueError(f"{trajectory.path} has no frames to play")
         self.scene, self.title, self.fps = scene, title, trajectory.fps
         self._trajectory, self._k = trajectory, 0
-        self.device = wp.get_preferred_device().alias
+        self.device = find_device(None).alias
         self.frame_count = len(trajectory)
 
     @property

@@ -3,7 +3,6 @@
 import importlib.util
 import itertools
 import math
-import os
 import struct
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -14,16 +13,13 @@ from queue import Full, Queue
 from typing import Any
 
 import numpy as np
+from isal import isal_zlib as zlib
 from numpy.typing import NDArray
 from PIL import Image
 
 from .. import checks
 from ..disk import replacing
-
-try:
-    from isal import isal_zlib as zlib
-except ImportError:  # missing for this processor: slower, but the same pictures
-    import zlib
+from ..runtime import cores
 
 MOST_WRITERS, WAITING = 8, 3
 """Maximal number of threads that write frames, and of pictures that wait for the film: limits of memory."""
@@ -67,8 +63,8 @@ def write_film(
 
 
 def _written(images: Iterable[Picture], folder: Path | None) -> Generator[Picture]:
-    """Pass pictures on, and write them as PNG in threads, as many at a time as there are processors."""
-    workers = max(1, min(MOST_WRITERS, processors()))
+    """Pass pictures on, and write them as PNG in threads, as many at a time as there are cores."""
+    workers = min(MOST_WRITERS, cores())
     pending: deque[Future[int]] = deque()
     with ThreadPoolExecutor(workers) as pool:  # writes all finished pictures, even if drawing fails
         for k, image in enumerate(images):
@@ -131,11 +127,6 @@ def png(image: Picture) -> bytes:
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits of red, green and blue each
     body = zlib.compress(filtered.data, level=1)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
-
-
-def processors() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _Reel(Image.Image):

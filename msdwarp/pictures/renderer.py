@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..runtime import in_turn, start_warp
+from ..runtime import find_device, in_turn, start_warp
 from ..world import Scene
 from .arrows import LONGEST, Arrows
 from .drawing import ColourScale, Drawing
@@ -80,7 +80,7 @@ class Renderer:
         start_warp()
         self.backend = _chosen(backend, device)
         """The renderer in use: "raster", "raycast" or "opengl"."""
-        self.drawing = Drawing(scene, colouring, _device(device) if self.backend == "raycast" else "cpu")
+        self.drawing = Drawing(scene, colouring, find_device(device).alias if self.backend == "raycast" else "cpu")
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
@@ -196,17 +196,6 @@ def _chosen(backend: str, device: str | None) -> str:
     if backend == "opengl" and (why := no_opengl()) is not None:
         raise RuntimeError(f"backend is 'opengl', which cannot draw here; it must be 'raster' or 'raycast': {why}")
     return backend
-
-
-def _device(device: str | None) -> str:
-    """Return the device that the ray caster draws on; raise ValueError if there is none of that name."""
-    if device is None:
-        return wp.get_preferred_device().alias
-    try:
-        return wp.get_device(device).alias
-    except Exception as error:  # its type depends on the mistake in the name
-        known = ", ".join(one.alias for one in wp.get_devices())
-        raise ValueError(f"device is {checks.repr_short(device)}; it must be one of {known}") from error
 
 
 def _on_host(value: NDArray | wp.array) -> NDArray:

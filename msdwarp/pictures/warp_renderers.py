@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.pictures import raster, raycast, shading
-from ..runtime import in_turn
+from ..runtime import cores, in_turn
 from .arrows import Arrows
 from .drawing import Drawing
-from .film import processors
 from .light import CORNERS, FILL, HEAD, KEY, SHADED, SHADOW, SHININESS, SOFTNESS, across, spread
 from .shadow_map import ShadowMap
 from .stage import UNSEEN, VIEW_ANGLE, Camera, Stage
@@ -43,7 +42,7 @@ class Rasteriser:
         self._drawing, self._stage, self._arrows = drawing, stage, arrows
         shape = (stage.height, stage.width)
         self._map, self._view = ShadowMap(drawing, stage.camera.light), _surroundings_of(drawing, stage)
-        self._pool = ThreadPoolExecutor(min(MOST_THREADS, processors()))
+        self._pool = ThreadPoolExecutor(min(MOST_THREADS, cores()))
         self._body = _body_of(drawing)
         self._over = None if arrows is None else _body_of(arrows)
         self._nearest = wp.zeros((4 * shape[0], shape[1]), dtype=wp.uint64, device="cpu")

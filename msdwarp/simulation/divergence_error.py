@@ -28,30 +28,22 @@ class Divergence(NamedTuple):
 class SimulationDiverged(RuntimeError):
     """The run cannot continue: a number is no longer finite, or the energy has grown without a cause."""
 
-    def __init__(
-        self,
-        message: str,
-        *,
-        time: float,
-        substep: int,
-        particle: int,
-        connection: int | None,
-        strain: float,
-        substeps_needed: int,
-    ) -> None:
+    time: float
+    """Time of the divergence [s]."""
+    substep: int
+    """The substep of its frame, from 1."""
+    particle: int
+    """The first particle concerned."""
+    connection: int | None
+    """The particle's most strained connection just before; None if it has none."""
+    strain: float
+    """The strain of that connection."""
+    substeps_needed: int
+    """Substeps per frame that are stable for the last good frame; 0 if no number is."""
+
+    def __init__(self, message: str, **details: float | None) -> None:
         super().__init__(message)
-        self.time = time
-        """Time of the divergence [s]."""
-        self.substep = substep
-        """The substep of its frame, from 1."""
-        self.particle = particle
-        """The first particle concerned."""
-        self.connection = connection
-        """The particle's most strained connection just before; None if it has none."""
-        self.strain = strain
-        """The strain of that connection."""
-        self.substeps_needed = substeps_needed
-        """Substeps per frame that are stable for the last good frame; 0 if no number is."""
+        vars(self).update(details)
 
 
 def describe(

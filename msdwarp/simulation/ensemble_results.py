@@ -13,7 +13,6 @@ from ..engine import GroupMeans, Sensors, measure
 from ..runtime import in_turn
 from ..world import FORCE, FRAME, POSITION, STRAIN, VELOCITY, Probe
 
-MISSING = "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'"
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
 """Observations of all particles: the field of `Frame`, and its unit."""
@@ -156,8 +155,4 @@ def dataset(ensemble: Any, observed: list[Observation], times: list[float]) -> A
 
 def import_xarray() -> Any:
     """Return xarray; raise ValueError if it is not installed."""
-    try:
-        import xarray
-    except ImportError as error:
-        raise ValueError(MISSING) from error
-    return xarray
+    return checks.imported("xarray", "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'")

@@ -3,9 +3,8 @@
 from .accuracy import cheapest as cheapest, tune as tune
 from .fit import fit as fit
 from .fit_result import FitResult as FitResult
-from .frames import particle_energies as particle_energies, system_in as system_in
 from .grid import as_scalar as as_scalar, check_size as check_size, points as points, values_of as values_of
-from .history import write_history as write_history
+from .history import particle_energies as particle_energies, system_in as system_in, write_history as write_history
 from .measured import TrackedPoints as TrackedPoints
 from .sweep import complete as complete, sweep as sweep
 from .sweep_ensembles import ENSEMBLE as ENSEMBLE, ensemble_summary as ensemble_summary

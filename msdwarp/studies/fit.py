@@ -20,7 +20,6 @@ from .least_squares import ABOVE_FLOOR, DIFFERENCE, LOSSES, Linear, Problem
 from .measured import Channel, TrackedPoints, channels_of, frame_rate
 from .parameters import parameters_of
 
-MISSING = "fitting needs SciPy: pip install 'msdwarp[fit]'"
 GROWING, WHOLE = "growing", "whole"
 SHORTEST = 1 / 32
 """The first horizon, as a share of the measured time; each further one is twice as long."""
@@ -155,10 +154,7 @@ def fit(
     the covariance includes the scatter of the jumps about that model.
     """
     checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-    try:
-        import scipy.optimize  # noqa: F401
-    except ImportError as error:
-        raise ValueError(MISSING) from error
+    checks.imported("scipy.optimize", "fitting needs SciPy: pip install 'msdwarp[fit]'")
     checks.one_of("loss", loss, LOSSES)
     checks.one_of("precision", precision, DIFFERENCE)
     checks.between("tolerance", tolerance, 1e-15, 1.0)

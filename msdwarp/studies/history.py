@@ -1,4 +1,7 @@
-"""History: energies, momentum and heights of a trajectory over time, from its file alone, and their plot."""
+"""History: energies, momentum and heights of a trajectory over time, from its file alone, and their plot.
+
+Also the system in a single frame, and the energies of its particles.
+"""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -7,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..bodies import AXES, counted
+from ..bodies import AXES, System, broken_before, counted
 from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
-from .frames import changes_made, system_in
 from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, new_figure, output_path
 from .table import COLUMNS, GrowingTable
 
@@ -131,3 +133,53 @@ def _plot(trajectory: Trajectory, table: NDArray[np.void], path: Path) -> None:
 
 def _axes(trajectory: Trajectory) -> list[str]:
     return ["xyz"[axis] for axis in AXES[trajectory.system.dim]]
+
+
+def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> list[Change]:
+    """Return the changes made before frame k was simulated, in order."""
+    fps = trajectory.attributes.get("options", {}).get("fps", trajectory.fps)  # a file may hold every n-th frame
+    before = round(trajectory.times[k] * fps) - 1
+    ordered = sorted(schedule, key=lambda change: change.time)
+    return [change for change in ordered if change.is_due(before, fps)]
+
+
+def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -> System:
+    """Return the system in frame k of a trajectory.
+
+    It includes the changes of the schedule. If rest lengths change, they are computed from the strains; ValueError
+    is raised if these are not in the file.
+    """
+    system = start = trajectory.system
+    frame = trajectory.frame(k)
+    for change in changes_made(trajectory, k, schedule):
+        system = change.applied_to(system)
+    system = system.replace(position=frame.position, velocity=frame.velocity)
+    if start.tears:
+        broken_at = trajectory.broken_at
+        system = system.replace(broken_at=np.where(broken_before(broken_at, frame.time), broken_at, np.inf))
+    if not (start.yields or schedule):
+        return system
+    rest_length = recovered_rest_length(system, trajectory.strains[k])
+    return system.replace(rest_length=rest_length, original_length=start.original_length)
+
+
+def recovered_rest_length(system: System, strain: NDArray) -> NDArray[np.float64]:
+    """Return rest lengths [m], shape [connection_count], from the strains of the springs.
+
+    A spring between coincident particles keeps the system's rest length, which its strain does not determine.
+    """
+    ratio = 1.0 + strain.astype(np.float64)
+    return np.divide(system.length, ratio, out=np.array(system.rest_length), where=ratio > 0)
+
+
+def particle_energies(system: System) -> NDArray[np.float64]:
+    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half that of its springs.
+
+    Pinned particles have no kinetic energy.
+    """
+    mass = np.where(system.pinned, 0.0, system.mass)
+    energy = 0.5 * mass * (system.velocity**2).sum(axis=1)
+    half = 0.25 * np.where(system.broken, 0.0, system.stiffness) * (system.length - system.rest_length) ** 2
+    for end in system.connections.T:
+        energy += np.bincount(end, weights=half, minlength=system.particle_count)
+    return energy

@@ -163,12 +163,9 @@ WORDS = ("status", "message", "run")
 
 def import_xarray() -> Any:
     """Return xarray; raise ValueError that says how to get it if it or h5netcdf is not installed."""
-    try:
-        import h5netcdf  # noqa: F401  # pyright: ignore[reportMissingImports]
-        import xarray  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise ValueError("results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'") from error
-    return xarray
+    missing = "results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'"
+    checks.imported("h5netcdf", missing)
+    return checks.imported("xarray", missing)
 
 
 def write_results(

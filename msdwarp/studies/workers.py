@@ -13,8 +13,8 @@ from typing import Any
 import warp as wp
 
 from .. import checks
-from ..engine import THREADS, cores
-from ..runtime import start_warp
+from ..engine import THREADS
+from ..runtime import cores, start_warp
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 

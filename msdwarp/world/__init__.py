@@ -52,7 +52,6 @@ from .probes import (
 from .scene import Scene as Scene
 from .schedule import Change as Change, at as at
 from .stored_scene import (
-    Stored as Stored,
     known_until as known_until,
     scene_as_stored as scene_as_stored,
     scene_from_stored as scene_from_stored,

@@ -163,7 +163,7 @@ def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp
         (["--mass", "0"], 1, "mass is 0; it must be above 0"),
         (["--size", "1"], 1, "size is 1; it must be a whole number of at least 2"),
         (["--size", "many"], 1, "size is 'many'; it must be a whole number"),
-        (["--device", "tpu"], 1, "device 'tpu' is not available"),
+        (["--device", "tpu"], 1, "device is 'tpu'; it must be one of"),
         (["--duration", "0"], 1, "duration is 0"),
         (["--duration", "-2"], 1, "duration is -2"),
         (["--duration", "nan"], 1, "duration is nan"),

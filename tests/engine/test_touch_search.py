@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import warp as wp
 from problems import EPS32, EPS64
+from routes import preferring
 from scipy.spatial import cKDTree
 from surfaces import nearest_distances, winding_number
 
 from msdwarp import RK4, Contact, Leapfrog, Plane, Probe, Simulation, System, box, chain, icosphere, sheet, shell
 from msdwarp.engine.collision import neighbor_list as nearby
 from msdwarp.engine.collision.body_contact import BodyContact
-from msdwarp.engine.model.force_algorithm import preferring
 
 # In `scene` a corner of the die is pressed through the coarse cloth, which is none of these tests' matter.
 pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.TunnellingWarning")

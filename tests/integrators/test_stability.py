@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from msdwarp import SymplecticEuler, System, box, chain, sheet
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
-from msdwarp.integrators.stability import choose_substeps
+from msdwarp.integrators.stability import choose_stable
 
 ROUNDING = 1e-12  # eigenvalues of matrices of some hundred rows
 
@@ -115,7 +115,7 @@ def test_nothing_that_moves_has_no_rate():
     lone = System(position=[[0.0, 0.0]])
     for system in (lone, chain(4, damping=1.0).pin(slice(None)), chain(4, stiffness=0.0)):
         assert rate_bounds(system)[:2] == (0.0, 0.0)
-        assert choose_substeps(rate_bounds(system), SymplecticEuler(), 60).substeps == 1
+        assert choose_stable(rate_bounds(system), SymplecticEuler(), 60).substeps == 1
 
 
 def test_coincident_particles_are_no_obstacle():
@@ -127,6 +127,6 @@ def test_coincident_particles_are_no_obstacle():
 def test_substeps_leave_the_margin():
     system = box((4, 4, 4), stiffness=1e5, damping=20.0)
     limit = SymplecticEuler().stable_step(rate_bounds(system))
-    n = choose_substeps(rate_bounds(system), SymplecticEuler(), 60, safety=0.8).substeps
+    n = choose_stable(rate_bounds(system), SymplecticEuler(), 60, safety=0.8).substeps
     assert 1 / (60 * n) <= 0.8 * limit < 1 / (60 * (n - 1))
-    assert choose_substeps(rate_bounds(system), SymplecticEuler(), 60, safety=0.4).substeps in (2 * n - 1, 2 * n)
+    assert choose_stable(rate_bounds(system), SymplecticEuler(), 60, safety=0.4).substeps in (2 * n - 1, 2 * n)

@@ -158,7 +158,7 @@ def test_a_viser_that_cannot_be_guarded_is_refused(monkeypatch):
     import websockets
     from websockets.asyncio import server
 
-    from msdwarp.live import messages
+    from msdwarp.live import guard
 
     # It has a server of its own, such as one that it has imported under another name.
     own = SimpleNamespace(server=SimpleNamespace(**vars(server)))
@@ -166,7 +166,7 @@ def test_a_viser_that_cannot_be_guarded_is_refused(monkeypatch):
         patch.setattr("viser.infra._infra.websockets", SimpleNamespace(**vars(websockets) | {"asyncio": own}))
         with pytest.raises(ValueError, match=r"viser .* in a way that msdwarp cannot guard"):
             Browser()
-    monkeypatch.setitem(messages.RULES, "ViewerCameraMessage", {"unheard_of": lambda value: True})
+    monkeypatch.setitem(guard.RULES, "ViewerCameraMessage", {"unheard_of": lambda value: True})
     with pytest.raises(ValueError, match="ViewerCameraMessage has no field unheard_of"):
         Browser()
 

@@ -44,7 +44,7 @@ def test_threads_change_nothing(monkeypatch):
     images = []
     for threads in (1, 3):
         monkeypatch.setattr("msdwarp.pictures.warp_renderers.MOST_THREADS", threads)
-        monkeypatch.setattr("msdwarp.pictures.warp_renderers.processors", lambda: 8)
+        monkeypatch.setattr("msdwarp.pictures.warp_renderers.cores", lambda: 8)
         renderer = msd.Renderer(scene, body.position, resolution=SIZE, backend="raster")
         images.append(renderer.image(body.position))
     np.testing.assert_array_equal(*images)

@@ -352,8 +352,8 @@ def test_the_device_is_named(device):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"device": "abacus"}, "device 'abacus' is not available; there is: .*cpu"),
-        ({"device": "cuda:99"}, "device 'cuda:99' is not available; there is: .*cpu"),
+        ({"device": "abacus"}, "device is 'abacus'; it must be one of .*cpu"),
+        ({"device": "cuda:99"}, "device is 'cuda:99'; it must be one of .*cpu"),
         ({"precision": "float16"}, "precision is 'float16'.*'float32', 'float32-compensated', 'float64'"),
         ({"fps": 0}, "fps is 0"),
         ({"fps": -60.0}, "fps is -60"),

@@ -13,7 +13,7 @@ from msdwarp.engine.diagnostics.energies import Measures
 from msdwarp.files.writer import TrajectoryWriter
 from msdwarp.simulation.readback import Readback
 from msdwarp.studies import history
-from msdwarp.studies.frames import particle_energies, recovered_rest_length
+from msdwarp.studies.history import particle_energies, recovered_rest_length
 from msdwarp.studies.table import COLUMNS
 
 G = 9.82

@@ -1,4 +1,4 @@
-"""Devices, precisions, and numbers uploaded to a device."""
+"""Precisions, and numbers uploaded to a device."""
 
 from typing import Any
 
@@ -7,28 +7,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import is_uniform
-from ...runtime import start_warp
 
 PRECISIONS = {
     "float32": (wp.float32, np.float32),
     "float32-compensated": (wp.float32, np.float32),
     "float64": (wp.float64, np.float64),
 }
-
-
-def find_device(name: str | None) -> Any:
-    """Return the Warp device called `name`; by default the first CUDA device, else the CPU.
-
-    Raises ValueError that lists the existing devices if there is none of this name.
-    """
-    start_warp()
-    if name is None:
-        return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
-    try:
-        return wp.get_device(name)
-    except Exception as error:
-        known = ", ".join(device.alias for device in wp.get_devices())
-        raise ValueError(f"device {name!r} is not available; there is: {known}") from error
 
 
 def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.array:

@@ -13,8 +13,7 @@ from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.stage_tables import StageTables
-from .embedded_vertices import EmbeddedVertices
-from .surface_triangles import Faces, area_vectors
+from .surface_triangles import EmbeddedVertices, Faces, area_vectors
 
 THREADS = 256
 """Threads that sum a volume."""

@@ -1,14 +1,18 @@
-"""Triangles of a system's surface on a device, for loads that act on them."""
+"""Triangles of a system's surface on a device, and their vertices, for loads that act on them."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import Facets
+from ...bodies import Facets, facets_of
+from ...kernels.loads import mix_vertices, mixed_vertices
+from ...world import EnclosedGas, Load, Pressure, Wind
 from ..device.csr import rows
 from ..device.device import upload_fields
+from ..model.effect import Effect
 from ..model.model import Model
 
 
@@ -66,3 +70,32 @@ def area_vectors(corner: NDArray[np.int32], x: NDArray) -> NDArray[np.float64]:
     """Return the area vector of each triangle [m²], shape [triangle_count, 3], for vertices at x [m]."""
     a, b, c = (np.asarray(x[corner[:, k]], dtype=np.float64) for k in range(3))
     return 0.5 * np.cross(b - a, c - a)
+
+
+def embedded_vertices_of(model: Model, loads: Sequence[Load]) -> "EmbeddedVertices | None":
+    """Return the effect that loads on a surface with embedded vertices need; None if there are none."""
+    on_facets = any(
+        isinstance(one, Pressure | EnclosedGas) or (isinstance(one, Wind) and one.area is None) for one in loads
+    )
+    return EmbeddedVertices(model) if on_facets and facets_of(model.system).mixed else None
+
+
+class EmbeddedVertices(Effect):
+    """Computes the vertices of a surface before forces are evaluated; loads read them like particles."""
+
+    def __init__(self, model: Model) -> None:
+        self._model, facets = model, facets_of(model.system)
+        self.by_world = ("x", "v")
+        self.piece = mixed_vertices(model.dim, model.scalar)
+        self._mix = mix_vertices(model.dim, model.scalar, model.compensated)
+        self._particle = wp.array(facets.particle, dtype=int, device=model.device)
+        self._weight = wp.array(facets.weight, dtype=model.scalar, device=model.device)
+        self.data = self.piece.Data()
+        for name in ("x", "v"):
+            count = model.worlds * len(facets.particle)
+            setattr(self.data, name, wp.zeros(count, dtype=model.vector, device=model.device))
+
+    def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
+        """Launch the kernel that computes vertices' positions and velocities from particles' x and v."""
+        inputs = [self._particle, self._weight, self._model.stride, compensation, x, v]
+        wp.launch(self._mix, len(self.data.x), inputs, [self.data], device=self._model.device)

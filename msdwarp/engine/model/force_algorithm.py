@@ -3,9 +3,6 @@
 It affects speed only: results agree to rounding. The thresholds are from benchmarks/results/*/throughput.csv.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,43 +31,13 @@ def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool
     """
     checks.one_of("force_algorithm", force_algorithm, (AUTO, *FORCE_ALGORITHMS))
     if force_algorithm == AUTO:
-        return _preferred(system) or automatic_force_algorithm(system, on_gpu=on_gpu)
+        return automatic_force_algorithm(system, on_gpu=on_gpu)
     if force_algorithm != "stencil":
         return force_algorithm, None
     try:
         return force_algorithm, find_lattice(system)
     except NotALattice as error:
         raise ValueError(f"algorithm is 'stencil', which this system cannot take: {error}") from error
-
-
-_preference: list[str] = []
-"""Algorithms requested by `preferring`, the innermost last."""
-
-
-@contextmanager
-def preferring(force_algorithm: str) -> Iterator[None]:
-    """Within this context "auto" means the given algorithm, or gather if a stencil is not possible.
-
-    It is for tests and measurements of all algorithms, where other code creates the simulation.
-    """
-    checks.one_of("force_algorithm", force_algorithm, FORCE_ALGORITHMS)
-    _preference.append(force_algorithm)
-    try:
-        yield
-    finally:
-        _preference.remove(force_algorithm)
-
-
-def _preferred(system: System) -> tuple[str, Lattice | None] | None:
-    """Return the preferred algorithm, if any, and for a stencil the system's lattice."""
-    if not _preference:
-        return None
-    if _preference[-1] != "stencil":
-        return _preference[-1], None
-    try:
-        return "stencil", find_lattice(system)
-    except NotALattice:
-        return "gather", None
 
 
 def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
@@ -98,9 +65,8 @@ def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
 
     Lattices with ties use a table, because ties have their own constants.
     """
-    force_algorithm = _preference[-1] if _preference else "stencil" if on_gpu else "scatter"
-    if force_algorithm != "stencil":
-        return force_algorithm
+    if not on_gpu:
+        return "scatter"
     try:
         return "gather" if len(find_lattice(system).ties) else "stencil"
     except NotALattice:

@@ -13,9 +13,9 @@ from ...bodies import System, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
 from ...kernels.records import record_length
 from ...kernels.springs import CONSTANTS as CONSTANTS
-from ...runtime import in_turn
+from ...runtime import find_device, in_turn
 from ...world import Falling, Gravity, with_potential
-from ..device.device import PRECISIONS, find_device, scalar_array, view_of
+from ..device.device import PRECISIONS, scalar_array, view_of
 from ..device.vector_arrays import records_together
 from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
 

@@ -34,9 +34,7 @@ class EnsembleForces(NamedTuple):
     """The arrays that kernels index by world."""
 
 
-def ensemble_forces(
-    model: Model, fracture: Fracture | None = None, rest_length: wp.array | None = None
-) -> EnsembleForces:
+def ensemble_forces(model: Model, fracture: Fracture | None, rest_length: wp.array | None) -> EnsembleForces:
     """Return the forces of an ensemble by its model's algorithm; springs that yield pass `rest_length` by world.
 
     Raises ValueError if the algorithm is a stencil, and constants differ among the springs of a direction.

@@ -36,10 +36,10 @@ from ..collision.surface_contact import SurfaceContact, surface_contact_of
 from ..loads.actuators import actuators_of
 from ..loads.attachments import attachments_of
 from ..loads.drives import Drives, drives_of
-from ..loads.embedded_vertices import embedded_vertices_of
 from ..loads.external_work import Work
 from ..loads.forces import Steady, forces_of_loads
 from ..loads.pressure import pressures_of
+from ..loads.surface_triangles import embedded_vertices_of
 from ..loads.wind import winds_of
 from ..model.effect import Effect
 from ..model.model import CONSTANTS, Model, Rows

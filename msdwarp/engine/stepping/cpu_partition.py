@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ... import checks
 from ...kernels.integrators import ABORT, Composition, PartOfParticles, in_partition, scene, wait_for_all
-from ...runtime import record
+from ...runtime import cores, record
 from ..device.thread_pool import replay_together
 from ..model.model import Model
 from .assemble import Assembly
@@ -176,22 +176,6 @@ def _work_to_share(assembly: Assembly) -> int:
     if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # a single thread runs the stages
         return points
     return assembly.model.connection_count + points
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(found, _quota())
-
-
-def _quota() -> int:
-    """Return the CPU quota of this container in cores, from Linux's control groups."""
-    try:
-        with open("/sys/fs/cgroup/cpu.max", encoding="ascii") as file:
-            share, period = file.read().split()
-        return max(1, int(share) // int(period))
-    except (OSError, ValueError):  # no such file, or "max": no limit
-        return os.cpu_count() or 1
 
 
 def address_of_yield() -> int:

@@ -38,10 +38,10 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
     The warning names the line two calls up. ValueError is raised if depenetration would tear a body.
     """
     model, obstacles, drives = assembly.model, assembly.colliders, assembly.drives
-    depenetrates = obstacles is None or obstacles.leads_out
+    depenetrates, free = obstacles is None or obstacles.leads_out, np.isfinite(model.mass)
     if depenetrates:
-        check_swallowed(model.system, colliders, model.driven)
-    inside = start_inside(model.system, colliders, model.driven, depenetrates=depenetrates)
+        check_swallowed(model.system, colliders, free)
+    inside = start_inside(model.system, colliders, free, depenetrates=depenetrates)
     displaced = None if drives is None else drives.displaced()
     contacts = filter(None, (assembly.body_contact, assembly.surface_contact))
     overlapping = [effect.overlapping() for effect in contacts]
@@ -51,17 +51,12 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
 
 
 def start_inside(
-    system: System,
-    colliders: Sequence[Collider],
-    driven: NDArray[np.bool_] | None = None,
-    *,
-    depenetrates: bool = True,
+    system: System, colliders: Sequence[Collider], free: NDArray[np.bool_], *, depenetrates: bool
 ) -> str | None:
     """Return a message about the particle that starts deepest in an obstacle; None if all are outside or touching.
 
-    Pinned and driven particles may be anywhere. The rule "report" has no depenetration.
+    Pinned and driven particles, which are not `free`, may be anywhere. The rule "report" has no depenetration.
     """
-    free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not free.any():
         return None
     depths = start_depths(system.position[free], colliders)
@@ -86,15 +81,12 @@ def start_inside(
     )
 
 
-def check_swallowed(
-    system: System, colliders: Sequence[Collider], driven: NDArray[np.bool_] | None = None
-) -> None:
+def check_swallowed(system: System, colliders: Sequence[Collider], free: NDArray[np.bool_]) -> None:
     """Raise ValueError for a body that starts wholly inside an obstacle and would be torn on the way out.
 
     Each particle is moved out by its own shortest way. In the middle of a box or wall, one half of a body would
     leave on one side, and the other half on the opposite side.
     """
-    free = ~system.pinned if driven is None else ~(system.pinned | driven)
     if not colliders or not system.connection_count or not free.any():
         return
     depths = start_depths(system.position, colliders)
