@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 from .. import checks
@@ -47,6 +47,8 @@ MOST_PATIENCE = 4096
 """Patience doubles, up to this, when fewer substeps were too few."""
 EASING = 1.25
 """Divisor of the substeps when fewer are tried."""
+KEPT = 0.9
+"""From this share of the substeps on, fewer that are required change nothing: frames would be recorded again."""
 
 
 class StepControlFailed(Exception):
@@ -212,7 +214,10 @@ class StepController:
 
     def follow(self, stepping: Stepping, choice: StepChoice) -> Stepping:
         """Return the `Stepping` for the substeps that stability requires now."""
-        return self._with_choice(stepping, choice.refined(self.refinement))
+        choice, now = choice.refined(self.refinement), stepping.choice.substeps
+        if KEPT * now <= choice.substeps < now:
+            choice = replace(choice, substeps=now)
+        return self._with_choice(stepping, choice)
 
     def _is_due(self, stepping: Stepping) -> bool:
         """Return whether the frame is checked: by count, or because its energies are new."""

@@ -49,13 +49,15 @@ MOST_ROOM = 2**30
 """Numbers in all rows, at most."""
 LEAST_SKIN = 0.25
 """The skin at first, and at least, by how far off bodies touch."""
-SKIN_BY_WAY = 3.0
+SKIN_BY_WAY = 2.5
 """The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
-WIDEST_SKIN = (0.5, 0.4)
-"""The skin at most, by how far off bodies touch and by the least spacing: with more, rows are long."""
+WIDEST_SKIN = 0.5
+"""The skin at most, by how far off bodies touch, unless the next is more."""
+SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.9
+"""The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 16.0
 """A body that moves further in a substep, by how far off bodies touch, is flying apart."""
-PATIENCE = 4
+PATIENCE = 1
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 32
 """That doubles, up to this, when it was too early: when searches were needed again within as many frames."""
@@ -95,10 +97,9 @@ class NeighborList:
         """From how far a facet may push a point [m]."""
         self._around = max(farthest, float(surfaces.data.depth.numpy().max()))
         spacing = on_host.spacing[on_host.spacing > 0]
-        off, by_spacing = WIDEST_SKIN
-        self._widest = max(
-            off * farthest, by_spacing * float(spacing.min(initial=np.inf)) if len(spacing) else 0.0
-        )
+        spacings = SPACINGS_OF_SKIN_ON_GPU if device.is_cuda else SPACINGS_OF_SKIN
+        least_spacing = float(spacing.min()) if len(spacing) else 0.0
+        self._widest = max(WIDEST_SKIN * farthest, spacings * least_spacing)
         self._least_skin = LEAST_SKIN * farthest
         self.rebuild_interval = 8
         """Substeps from one search to the next."""
