@@ -255,6 +255,11 @@ class Ensemble(Present):
         return np.array(STATUS)[self._world_status().status]
 
     @property
+    def held_back(self) -> NDArray[np.float64]:
+        """The furthest that contact held a particle of each world back in a substep of the last frame [m]."""
+        return self._held_back().copy()
+
+    @property
     def diverged_at(self) -> NDArray[np.float64]:
         """End of the last good frame of each diverged world [s], where it stopped; NaN for the others."""
         frames = self._world_status().good_frames

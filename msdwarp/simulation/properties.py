@@ -1,5 +1,6 @@
 """Properties of simulations and ensembles that can be read between two frames."""
 
+import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
@@ -34,6 +35,11 @@ class Present:
     def __del__(self) -> None:
         """Free the device memory at a time when no thread records a graph."""
         release_in_turn(self.__dict__)
+
+    def _held_back(self) -> NDArray[np.float64]:
+        """Return the furthest that contact held a particle of each world back in the last frame [m]."""
+        contact = self.assembly.body_contact
+        return np.zeros(self.model.worlds) if contact is None else contact.held_back
 
     def _set_up_steps(
         self,
@@ -156,8 +162,7 @@ class PresentWorld(Present):
 
         If impulses between bodies do not suffice, paths are shortened, which does not conserve momentum.
         """
-        contact = self.assembly.body_contact
-        return 0.0 if contact is None else float(contact.held_back[0])
+        return float(self._held_back()[0])
 
     @in_turn
     def contact_force(self) -> NDArray:

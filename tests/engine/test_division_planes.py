@@ -240,12 +240,14 @@ def test_each_world_is_as_if_it_were_alone(plain_device):
     system = held_sheet() + grains(x, np.array([[0.5, 0.0, -20.0]]))
     options = {"contact": rules, "gravity": 0.0, "device": plain_device, "fps": 240.0, "force_algorithm": "gather"}
     ensemble = Ensemble(system, 2, **options)
+    np.testing.assert_array_equal(ensemble.held_back, [0.0, 0.0])
     alone = Simulation(system, substeps=ensemble.substeps, **options)
     for _ in range(3):
         ensemble.step()
         alone.step()
         for world in range(2):
             np.testing.assert_array_equal(ensemble.frame().position[world], alone.frame().position)
+            assert ensemble.held_back[world] == alone.held_back
     assert alone.frame().velocity[SIZE, 2] > 18.0
 
 
@@ -275,5 +277,8 @@ def test_a_driven_end_that_meets_a_wall_of_cloth_is_held_back_and_told():
     simulation = Simulation(held_sheet() + moved, loads=[down], **how)
     simulation.step()
     assert simulation.held_back > 0.1
+    thrown_apart = thrown(1.0)
+    thrown_apart.step()
+    assert thrown_apart.held_back == 0.0
     simulation.step(3)
     assert simulation.frame().position[SIZE:, 2].min() > 0
