@@ -13,13 +13,17 @@ from queue import Full, Queue
 from typing import Any
 
 import numpy as np
-from isal import isal_zlib as zlib
 from numpy.typing import NDArray
 from PIL import Image
 
 from .. import checks
 from ..disk import replacing
 from ..runtime import cores
+
+try:
+    from isal import isal_zlib as zlib
+except ImportError:  # there is none for this processor: slower, the same pictures
+    import zlib
 
 MOST_WRITERS, WAITING = 8, 3
 """Maximal number of threads that write frames, and of pictures that wait for the film: limits of memory."""
