@@ -24,7 +24,7 @@ SPACING, SQUEEZED, TIMES = 0.05, 0.7, 4
 BENDING = (1e-3, 4e-3)
 """Flexural rigidity [N m]."""
 THICKNESS = (None, 0.02)
-PERIODS = (1.5, 1.0, 0.75)
+PERIODS = (1.5, 1.0, 0.75, 0.35, 0.2, 0.13)
 """How long it takes to fold the strip and to unfold it [s]."""
 
 

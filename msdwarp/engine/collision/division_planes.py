@@ -35,9 +35,11 @@ MOST_IN_CLUSTER = 2**15
 CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
 LANES = 8
-"""Threads on a GPU that share a vertex or an edge when pairs are listed."""
-MEASURING_THREADS = 2**16
-"""Threads on a GPU that measure the gaps of pairs, at most."""
+"""Threads on a GPU that share a vertex or an edge when pairs are listed, if these are few."""
+MOST_THREADS_LISTING = 2**18
+"""With more threads than this in all, each vertex or edge has one."""
+PAIR_THREADS = 2**16
+"""Threads on a GPU that share the pairs, at most: with more, launches take longer where nothing comes near."""
 
 
 class DivisionPlanes(Effect):
@@ -105,11 +107,11 @@ class DivisionPlanes(Effect):
             array.zero_()
         if self.tangles and not within:
             self._find_tangles()
-        lanes = LANES if model.device.is_cuda else 1
+        many = len(self._contact.surfaces.x) + len(data.edge)
+        lanes = LANES if model.device.is_cuda and LANES * many <= MOST_THREADS_LISTING else 1
         kernel = find_pairs(model.scalar, self.tangles, lanes, model.in_worlds)
         inputs = [self._contact, data, neighbors.tree.id, *neighbors.boxes, *neighbors.limits, neighbors.buffer]
-        many = lanes * (len(self._contact.surfaces.x) + len(data.edge))
-        neighbors.share(kernel, many, [*inputs, self._apart], [neighbors.flags])
+        neighbors.share(kernel, lanes * many, [*inputs, self._apart], [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
         """Leave out what crosses at the start, or is inside another body, until it is apart."""
@@ -132,7 +134,7 @@ class DivisionPlanes(Effect):
             wp.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs, device=model.device)
         measured = [self._contact, self.pairs, before.x, after.x, self._least_gap, self._apart, substep + 1]
         kernel = measure_pairs(model.scalar, model.in_worlds)
-        neighbors.share(kernel, len(self.pairs.vertices), measured, [], MEASURING_THREADS)
+        neighbors.share(kernel, len(self.pairs.vertices), measured, [], PAIR_THREADS)
         self._keep_apart(before, after, substep)
         if substep + 1 == steps.substeps:  # a search within the frame finds it for the substeps before
             neighbors.now = steps.substeps * steps.dt
@@ -142,7 +144,7 @@ class DivisionPlanes(Effect):
         model, device, neighbors = self._model, self._model.device, self.neighbors
         small = not device.is_cuda or len(self.pairs.vertices) <= MOST_IN_CLUSTER
         blocks = CLUSTER if small and device.is_cuda and device.arch >= 90 else 1
-        threads = (blocks * MOST_THREADS if small else len(self.pairs.vertices) // 4) if device.is_cuda else 1
+        threads = (blocks * MOST_THREADS if small else PAIR_THREADS) if device.is_cuda else 1
         kernel = keep_apart(model.scalar, blocks, model.in_worlds)
         inputs = [self._contact, self.pairs, before.x, self.steps.dt, self._per_unit, self._apart, model.stride]
         outputs = [after.x, after.v, neighbors.flags]
