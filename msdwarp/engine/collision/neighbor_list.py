@@ -53,12 +53,8 @@ SKIN_BY_WAY = 2.5
 """The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
 WIDEST_SKIN = 0.5
 """The skin at most, by how far off bodies touch, unless the next is more."""
-SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_OF_FEW = 0.4, 0.9
-"""The skin at most, by the least spacing. A wider one means longer rows and fewer searches.
-
-The second one is for so few points on a GPU (`FEW_POINTS`) that it waits more than it computes.
-"""
-FEW_POINTS = 2**15
+SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.9
+"""The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 16.0
 """A body that moves further in a substep, by how far off bodies touch, is flying apart."""
 PATIENCE = 1
@@ -101,8 +97,7 @@ class NeighborList:
         """From how far a facet may push a point [m]."""
         self._around = max(farthest, float(surfaces.data.depth.numpy().max()))
         spacing = on_host.spacing[on_host.spacing > 0]
-        few = device.is_cuda and self._points <= FEW_POINTS
-        spacings = SPACINGS_OF_SKIN_OF_FEW if few else SPACINGS_OF_SKIN
+        spacings = SPACINGS_OF_SKIN_ON_GPU if device.is_cuda else SPACINGS_OF_SKIN
         least_spacing = float(spacing.min()) if len(spacing) else 0.0
         self._widest = max(WIDEST_SKIN * farthest, spacings * least_spacing)
         self._least_skin = LEAST_SKIN * farthest
