@@ -239,9 +239,10 @@ def throw(seed: int, closed: bool = False) -> Throw:
     distance, speed = sum(reach) + 0.05, sound * 10 ** rng.uniform(-1.0, math.log10(5.0))
     place = -distance * towards + rng.uniform(0, 0.5) * reach[0] * aside
     thrown = thrown.translate(tuple(place)).with_velocity(tuple(speed * towards))
-    # The surface of a cloth with an outline is finer than its thickness: it would start in contact with itself.
+    # Surfaces finer than the thickness would start in contact with themselves: that of a cloth with an outline,
+    # and that of a ball where the thickness is of grains.
     contact = {"restitution": rng.uniform(0.05, 1.0), "friction": rng.uniform(0.0, 1.0)}
-    contact["self_contact"] = "outline" not in kinds
+    contact["self_contact"] = "outline" not in kinds and set(kinds) != {"ball", "grains"}
     if "grains" in kinds:
         contact |= {"thickness": rng.uniform(0.01, 0.03), "stiffness": 10 ** rng.uniform(2.3, 3.3)}
     method = str(rng.choice(list(METHODS)))

@@ -69,8 +69,8 @@ def test_grains_bounce_off_a_sheet(device, speed):
 
 def seeds() -> list:
     """Return the numbers of the pairs of bodies that are thrown at each other."""
-    # Number 6 has a cloth with an outline, some of whose vertices have a negative weight: planes take their ways for
-    # shorter than they are.
+    # Number 6 has a cloth with an outline, some of whose vertices have negative weights: planes take their ways
+    # for shorter than these are.
     crosses = pytest.mark.xfail(reason="vertices with a negative weight go through planes")
     return [pytest.param(6, marks=crosses) if seed == 6 else seed for seed in range(24)]
 
