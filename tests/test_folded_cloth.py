@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
+from benchmarks.accuracy.crossings import crossings
 
+pytest.importorskip("ipctk")
 PERIOD = 1.5
 """How long it takes to squeeze the cloth once, and to let go again [s]."""
 
 
 def crossing_frames(times: int, contact: msd.Contact | None, bending: float = 4e-3) -> list[int]:
     """Squeeze a cloth so many times; return the frames in which triangles of it go through each other."""
-    # An oracle that shares no code with msdwarp: the Incremental Potential Contact Toolkit, ipctk.xyz.
-    ipctk = pytest.importorskip("ipctk")
     spacing = 0.05
     cloth = msd.sheet((13, 7), spacing, mass=0.002, stiffness=60.0, damping=0.05, bending=bending)
     cloth = cloth.translate(tuple(np.array([0, 0, 0.01]) - cloth.position.min(axis=0)))
@@ -30,15 +30,7 @@ def crossing_frames(times: int, contact: msd.Contact | None, bending: float = 4e
         contact=contact,
     )
     simulation = msd.Simulation.from_scene(scene, device="cpu")
-    assert cloth.surface is not None
-    triangles = np.unique(np.sort(cloth.surface.particle[cloth.surface.triangles], axis=1), axis=0)
-    mesh = ipctk.CollisionMesh(cloth.position, ipctk.edges(triangles), triangles)
-    found = []
-    for frame in range(round(times * PERIOD * simulation.fps)):
-        simulation.step()
-        if ipctk.has_intersections(mesh, simulation.frame().position.astype(np.float64)):
-            found.append(frame)
-    return found
+    return crossings(simulation, round(times * PERIOD * simulation.fps))
 
 
 @pytest.mark.slow

@@ -10,14 +10,13 @@ Incremental Potential Contact Toolkit (ipctk.xyz). Writes results/<device>/conta
 
 import math
 import sys
-import warnings
 
-import ipctk
 import numpy as np
 
-from msdwarp import Contact, Plane, PrescribedMotion, Scene, Simulation, TunnellingWarning, sheet
+from msdwarp import Contact, Plane, PrescribedMotion, Scene, Simulation, sheet
 
 from ..common import arguments, machine, table, write_csv
+from .crossings import crossings, overruns
 
 SPACING, SQUEEZED, TIMES = 0.05, 0.7, 4
 """Of the particles [m]; by how much of its length the strip is shortened; and how often."""
@@ -26,21 +25,6 @@ BENDING = (1e-3, 4e-3)
 THICKNESS = (None, 0.02)
 PERIODS = (1.5, 1.0, 0.75, 0.35, 0.2, 0.13)
 """How long it takes to fold the strip and to unfold it [s]."""
-
-
-def crossings(simulation: Simulation, frames: int) -> tuple[list[int], bool]:
-    """Take so many frames; return those in which triangles cross, and whether a contact was overrun."""
-    system = simulation.system
-    assert system.surface is not None
-    triangles = np.unique(np.sort(system.surface.particle[system.surface.triangles], axis=1), axis=0)
-    mesh, crossing = ipctk.CollisionMesh(system.position, ipctk.edges(triangles), triangles), []
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        for frame in range(frames):
-            simulation.step()
-            if ipctk.has_intersections(mesh, simulation.frame().position.astype(np.float64)):
-                crossing.append(frame)
-    return crossing, any(issubclass(one.category, TunnellingWarning) for one in said)
 
 
 def fold(bending: float, thickness: float | None, period: float, device: str) -> dict:
@@ -61,7 +45,8 @@ def fold(bending: float, thickness: float | None, period: float, device: str) ->
     )
     simulation = Simulation.from_scene(scene, device=device)
     frames = round(TIMES * period * simulation.fps)
-    crossing, overrun = crossings(simulation, frames)
+    with overruns() as said:
+        crossing = crossings(simulation, frames)
     return {
         "bending": bending,
         "thickness": float("nan") if thickness is None else thickness,  # nan: what it has by itself
@@ -70,7 +55,7 @@ def fold(bending: float, thickness: float | None, period: float, device: str) ->
         "frames": frames,
         "crossing": len(crossing),
         "first": crossing[0] if crossing else -1,
-        "overrun": int(overrun),
+        "overrun": int(bool(said)),
     }
 
 
