@@ -1,4 +1,7 @@
-"""Signed distances of points from solids, below 0 inside, and the directions out of the solids."""
+"""Signed distances of points from solids, below 0 inside, and the directions out of the solids.
+
+The response of particles is in `collide.py` and `contact_rule.py`.
+"""
 
 import functools
 

@@ -1,8 +1,9 @@
 """Division planes: what did not cross when a substep began does not cross when it ends.
 
-Near pairs of a vertex and a triangle, or of two edges, are listed. As a substep begins there is a plane between
-the two of each pair. After the substep it is found whether any pair has lost more than half of its gap, and is
-nearer than a fraction of the thickness. If so,
+So cloth does not pass through itself or other bodies. Near pairs of a vertex and a triangle, or of two edges, are
+listed. When a substep begins, a plane separates the vertex from the triangle, or one edge from the other. When it
+ends, `pair_gaps` finds whether any pair has lost more than half of its gap and is nearer than a fraction of the
+thickness. If so,
 
 1. these pairs exchange impulses, in a few rounds. All pairs act at a time, so that each takes a particle to be as
    many times as light as there are pairs that push it;
@@ -182,7 +183,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         phase: int,
         k: int,
     ):
-        """Do a phase's part for a pair."""
+        """Count the pushes of a pair, apply its impulses or shorten ways to its plane, by the phase."""
         if phase == wp.static(PHASES - 2):
             shorten(data, pairs, x, x_out, apart, k)
         elif pairs.gap[k] > zero:

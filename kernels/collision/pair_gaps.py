@@ -60,7 +60,11 @@ def measure_pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def gap_along(normal: V, b: V, c: V, d: V, edges: bool) -> scalar:
-        """Return how far apart the two of a pair are along a direction [m]; its first vertex is at 0."""
+        """Return the gap along a normal [m], negative if the two overlap.
+
+        It is between vertex a and triangle bcd, or between edges ab and cd (`edges`). a is the origin; the normal
+        points from the second one to the first one.
+        """
         lowest = zero
         highest = wp.max(wp.dot(normal, c), wp.dot(normal, d))
         if edges:

@@ -240,7 +240,7 @@ class Trajectory:
     def substeps(self) -> NDArray[np.int32] | None:
         """Number of substeps of each frame, shape [frame_count]; None in old files without it.
 
-        For the first frame it is the number for the next one; 0 is unknown.
+        Entry 0, the start, repeats the number of frame 1; 0 is unknown.
         """
         kept = self._file[OWN].get(SUBSTEPS)
         if kept is None:

@@ -1,4 +1,8 @@
-"""Checkpoints: arrays and numbers from which a simulation continues bit for bit."""
+"""Checkpoints: arrays and numbers from which a simulation continues bit for bit.
+
+`saved` has the state, the effects, the system, the substeps and the baseline. `Simulation.checkpoint` adds what
+the simulation itself keeps: frame index, changes, gravity, method, history of substeps, step controller.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

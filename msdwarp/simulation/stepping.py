@@ -227,7 +227,8 @@ class Stepping:
                     self._take_frame(next_time, ahead)
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
-        while sum(effect.is_void() for effect in self.assembly.all):  # every effect is asked
+        # Every effect is asked. A neighbour list that was too short or too old has made room: repeat the frame.
+        while sum(effect.is_void() for effect in self.assembly.all):
             self.go_back()
             self._take_frame(time, track)
             fine = self._is_fine(track)

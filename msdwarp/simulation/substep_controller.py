@@ -66,7 +66,7 @@ _STORED = {"quiet_frames": "calm", "coarsen_after": "patience", "rechoose": "ane
 
 
 def _stored(name: str) -> str:
-    """Return the name of a field in checkpoints: that of version 0.1."""
+    """Return the name of a field in checkpoints, the same as in version 0.1, whose files still load."""
     return f"pace.{_STORED.get(name, name)}"
 
 

@@ -16,11 +16,11 @@ class Actuator(Load):
     """A muscle: connections whose rest length is a function of time.
 
     At time t a connection has the rest length l0 (1 + s(t − delay)) instead of l0. If several actuators act on a
-    connection, their strains add up. The body keeps its algorithm.
+    connection, their strains add up. The algorithm that sums spring forces stays the same.
 
     `Measures.external_work` includes the work of muscles on the body, −∮ F dl over a cycle, for tension F and
-    length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. So for a muscle
-    that is held at both ends the two have opposite signs.
+    length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. The
+    energy stored in a muscle of constant strain is, up to a constant, `elastic_energy` minus `external_work`.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """NeighborList: the facets near each point of bodies that touch, in lists that are valid for some substeps.
 
-`simulation/stepping.py` repeats a frame whose lists were not valid or had no room.
+`judge` chooses how many substeps lie between two searches. `simulation/stepping.py` repeats a frame whose lists
+were not valid or had no room.
 """
 
 import math

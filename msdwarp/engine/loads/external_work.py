@@ -26,7 +26,7 @@ MOST_SHARES = 4096
 
 
 def _stored(effect: Effect) -> str:
-    """Return the name of an effect's work in checkpoints: that of version 0.1."""
+    """Return the name of an effect's work in checkpoints, the same as in version 0.1, whose files still load."""
     return _STORED[type(effect).__name__]
 
 

@@ -102,7 +102,7 @@ class Effect:
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace loads, the keys, by others of the same kind, the values; `hold` is called next.
 
-        Graphs may have recorded only the loads' arrays. See `msdwarp.world.exchange`.
+        Graphs may have recorded only the loads' arrays. See `differ_in_values` in `msdwarp/world/loads.py`.
         """
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
