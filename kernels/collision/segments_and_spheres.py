@@ -43,7 +43,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
 
     @wp.func
     def find_nearest(data: Data, point: Point, first: int, other: int, buffer: scalar):
-        """Return the nearest facet of a body, the squared distance [m²], and the weight of its second end."""
+        """Return body `other`'s nearest facet, its squared distance [m²], and the weight of its second end."""
         p = point.number
         best = far
         near = far

@@ -64,7 +64,7 @@ def wait_for_all(share: PartOfParticles):
 
 @functools.cache
 def in_partition(composition: Composition, method: Any):
-    """Compose the kernel that takes many steps, as `persistent` does, for one part of the particles.
+    """Compose the kernel that runs many stages, as `persistent` does, for one part of the particles.
 
     It is launched once per part, all at the same time. A particle's forces are summed in the same order as by a
     single thread. If forces are scattered, each thread has its own array for the connections of its particles.

@@ -41,7 +41,7 @@ class FrameArray:
         return np.asarray(self[:], dtype=dtype)
 
     def __getitem__(self, key: Any) -> NDArray:
-        """Return a part of it, as a new array."""
+        """Return the indexed part of the array on disk, as a new array."""
         keys = key if isinstance(key, tuple) else (key,)
         dots = [k for k, one in enumerate(keys) if one is Ellipsis]
         if len(keys) - len(dots) > self.ndim or len(dots) > 1:

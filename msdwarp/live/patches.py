@@ -20,9 +20,9 @@ MOST_DIVISIONS = 16
 class Patch(NamedTuple):
     """Triangles of one colour.
 
-    `weights` are the barycentric coordinates of its vertices, shape [vertex_count, 3], in triangles of the
-    drawing's vertices `corners`, of this shape. If `weights` is None, the vertices are the drawing's `corners`,
-    shape [vertex_count]. `faces` are triangles of its own vertices, shape [face_count, 3].
+    Each vertex of the patch is a mean of three vertices of the drawing, the indices `corners`, by barycentric
+    `weights`, both of shape [vertex_count, 3]. If `weights` is None, each is the drawing's vertex `corners`, shape
+    [vertex_count]. `faces` are triangles of the patch's vertices, shape [face_count, 3].
     """
 
     corners: NDArray[np.integer]

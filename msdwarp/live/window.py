@@ -180,7 +180,7 @@ class Window:
     def _paint(
         self, name: str, what: Any, paint: Callable[[], Image.Image | None], at: tuple[float | None, float]
     ) -> None:
-        """Paint a panel, unless it shows this already.
+        """Show the image that `paint` returns as panel `name`, unless the panel shows `what` already.
 
         `at` is its distance from the lower left corner, or if negative from the right or upper edge; None centres.
         """

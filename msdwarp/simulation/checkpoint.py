@@ -98,9 +98,9 @@ def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
 
 
 def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int]]]:
-    """Return the frame index, the number of changes made, and the substep history; raise ValueError if invalid.
+    """Return the frame index, the number of scheduled changes made, and the substep history.
 
-    The history is empty for older checkpoints.
+    The history is empty for older checkpoints. Raises ValueError if one of them is missing or invalid.
     """
     frame_index, changes = (
         checks.count(name, checks.member("checkpoint", numbers, name), 0) for name in ("frame_index", "changes")
@@ -120,7 +120,7 @@ def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change]) -> An
 
 
 def saved_drives(loads: Sequence[Load], model: Model) -> dict[str, NDArray]:
-    """Return the particles that are still driven, if any were at the start."""
+    """Return the indices of the particles that are still driven, under "driven"; nothing without drives."""
     return {"driven": np.flatnonzero(model.driven)} if any(isinstance(one, Driven) for one in loads) else {}
 
 

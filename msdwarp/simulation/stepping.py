@@ -177,7 +177,7 @@ class Stepping:
         self._shift_baseline(added_energy, max(0.0, added_energy))
 
     def _shift_baseline(self, energy: float, scale: float) -> None:
-        """Add to the baseline's energy [J] and scale of energies [J]."""
+        """Add `energy` [J] to the baseline's energy, and `scale` [J] to its scale of energies."""
         baseline = self.watch.baseline
         self.watch.compare_with(Baseline(baseline.energy + energy, baseline.scale + scale))
 

@@ -213,7 +213,7 @@ class StepController:
             fine = stepping.advance(time)
 
     def follow(self, stepping: Stepping, choice: StepChoice) -> Stepping:
-        """Return the `Stepping` for the substeps that stability requires now."""
+        """Return the `Stepping` for the stable `choice`, times the refinement, if substeps must change."""
         choice, now = choice.refined(self.refinement), stepping.choice.substeps
         if KEPT * now <= choice.substeps < now:
             choice = replace(choice, substeps=now)
@@ -233,7 +233,7 @@ class StepController:
         return balance.energy <= self.least + self._allowed(balance)
 
     def _allowed(self, balance: EnergyBalance | None = None) -> float:
-        """Return the allowed excess of the energy over the least [J]."""
+        """Return by how much the energy may exceed its least value so far [J]."""
         return SHARE * self._scale_of(balance)
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:

@@ -62,7 +62,7 @@ class Worlds:
         self.refine(1.0)
 
     def refine(self, times: float) -> None:
-        """Multiply the substeps of later runs."""
+        """Multiply the number of substeps of later runs by `times`."""
         self.substeps = math.ceil(times * self.substeps)
         self._options["substeps"] = self.substeps
 

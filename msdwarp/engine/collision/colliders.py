@@ -196,7 +196,7 @@ def _put_out(model: Model, colliders: Sequence[Collider]) -> NDArray[np.float64]
 
 
 def _with_a_past(poses: NDArray) -> NDArray:
-    """Prepend a pose so that the second difference stays the same."""
+    """Prepend the pose of the substep before, extrapolated by a parabola through the first three."""
     return np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
 
 

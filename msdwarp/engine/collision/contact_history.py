@@ -28,7 +28,7 @@ class ContactHistory:
     """Bodies that points or facets touch, displacements along them, and the overlap that is still allowed.
 
     The arrays are fields of the struct `data`, for `count` points or facets; `more` gives the types of further
-    ones. In checkpoints their names begin with `prefix`.
+    arrays. In checkpoints their names begin with `prefix`.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ContactHistory:
         self.data.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
 
     def forget(self) -> None:
-        """Clear all but the initial overlap."""
+        """Clear contacts and displacements, but not the initial overlap that is still allowed."""
         for name in self._names:
             getattr(self.data, name).fill_(-1 if name == "contact_body" else 0)
 
@@ -86,7 +86,7 @@ class ContactHistory:
 
 
 class WithHistory(Effect):
-    """An effect whose only changing data are its history."""
+    """An effect whose only changing data are its contact history."""
 
     history: ContactHistory
 

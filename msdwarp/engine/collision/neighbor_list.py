@@ -71,7 +71,7 @@ BETWEEN = (1, 2, 4, 8, 16, 32)
 class NeighborList:
     """Lists the facets near each point.
 
-    A list holds until something has moved by half of its skin. Lists are made again before every few substeps,
+    A list is valid until a vertex has moved by half of its skin. Lists are made again before every few substeps,
     as often as the fastest motion needs; a frame in which that was too seldom must be repeated. Facets that are
     listed and not touched change nothing: results depend neither on the skin nor on how often lists are made.
 
@@ -153,9 +153,10 @@ class NeighborList:
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
-        """Launch a kernel whose threads share `many` items: a thread for each, on the CPU one for each part.
+        """Launch a kernel whose threads share `many` items: on a GPU a thread for each, but at most `most`.
 
-        There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
+        On the CPU a part has a single thread, since each thread would copy the arguments, 2 kB. `block` is the
+        number of threads of a GPU's block.
         """
         device = self._model.device
         threads = min(many, most) if device.is_cuda else 1
@@ -166,7 +167,7 @@ class NeighborList:
         self.launch_parts(launch)
 
     def launch_parts(self, launch: Callable[[int, int], None]) -> None:
-        """Call `launch(part, parts)` for each thread of the CPU that shares a frame; for one `launch(0, 1)`."""
+        """Call `launch(part, parts)` for each CPU thread that shares a frame; on a GPU only `launch(0, 1)`."""
         if self.partition is not None and self.partition.is_recording:
             self.partition.launch_parts(launch)
         else:
@@ -175,9 +176,10 @@ class NeighborList:
     def place(
         self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, listing: bool = False
     ) -> None:
-        """Launch the placing of vertices where particles are at x; without `compensation` x is all there is.
+        """Launch the placing of vertices where particles are at x, corrected by `compensation` if given.
 
-        Where lists are made here (`listing`), motion is measured from there on.
+        If lists are made for these positions (`listing`), later motion is measured from them. `moved` takes the
+        furthest motion of a vertex since the last search [m].
         """
         model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
@@ -283,9 +285,9 @@ class NeighborList:
         return not held or overflown
 
     def _make_room(self, longest: int, body_pairs: int, near_pairs: int) -> bool:
-        """Make room for more than the longest row, the most bodies beside one, and pairs; return whether any grew.
+        """Make room for rows, bodies near one body, and near pairs as found; return whether any room grew.
 
-        Some is kept to spare: between frames rows are found too, and nothing is repeated there.
+        Some room is kept to spare: searches between frames cannot be repeated.
         """
         data, extended = self.data, self.planes is not None and self.planes.extend(near_pairs)
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
@@ -317,7 +319,7 @@ def room_for(many: int) -> int:
 
 
 def pieces(owner: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return pieces of at most PIECE facets of one body each: its body, the first, and the one behind the last."""
+    """Return pieces of at most PIECE facets of one body each, as rows (body, first facet, last facet + 1)."""
     begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
     ends = np.append(begins[1:], len(owner))
     firsts = np.concatenate([np.arange(a, b, PIECE) for a, b in zip(begins, ends, strict=True)])

@@ -26,7 +26,7 @@ ROWS = 64
 
 
 class Sensors:
-    """Measures the quantities of probes, by sums in each of the `readings` per frame of `seconds`.
+    """Measures the quantities of probes by sums on the device, `readings` times in a frame of `seconds`.
 
     `contact_forces` sums the contact forces, if a probe measures them.
     """

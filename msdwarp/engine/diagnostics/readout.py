@@ -15,7 +15,7 @@ MOST_BLOCKS = 512
 
 
 class Found:
-    """Numbers found about a state (`msdwarp.kernels.reductions.columns`).
+    """Sums and extremes of the state of each world; `msdwarp.kernels.reductions.columns` lists them.
 
     For a single world the device writes them into host memory. In an ensemble they stay on the device. Kernels
     write `state_out`, an array of shape [worlds, COLUMNS].
