@@ -71,10 +71,10 @@ def catch_up(scalar: type):
     @kernel
     def follow(
         pairs: Pairs,
-        x: wp.array(dtype=V),  # where the substep begins
-        h: scalar,  # its length [s]
+        x: wp.array(dtype=V),  # positions at the substep's start [m]
+        h: scalar,  # length of the substep [s]
         least: scalar,  # the least distance from a plane [m]
-        # In and out: where it ends
+        # In and out: positions and velocities at its end
         x_out: wp.array(dtype=V),
         v_out: wp.array(dtype=V),
     ):
@@ -184,7 +184,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         phase: int,
         k: int,
     ):
-        """Run one phase for pair k: count it at its particles, add its impulses, or find how far they may go."""
+        """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
         if phase == wp.static(PHASES - 2):
             shorten(data, pairs, x, x_out, apart, k)
         elif pairs.gap[k] > zero:
@@ -198,8 +198,8 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
     def keep(
         data: Data,
         pairs: Pairs,
-        x: wp.array(dtype=V),  # where the substep began
-        h: scalar,  # its length [s]
+        x: wp.array(dtype=V),  # positions at the substep's start [m]
+        h: scalar,  # length of the substep [s]
         per_unit: wp.float64,  # units of impulse times substep [1/(kg m)]
         apart: scalar,  # beyond this distance pairs are left alone [m]
         particles: int,  # number of particles in each world
@@ -207,7 +207,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         first_phase: int,
         last_phase: int,
         threads: int,
-        # In and out: where it ends
+        # In and out: positions and velocities at its end
         x_out: wp.array(dtype=V),
         v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),

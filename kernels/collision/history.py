@@ -31,7 +31,7 @@ def memories(scalar: type, worlds: bool):
     class Memory:
         body_0: int
         body_1: int
-        moved_0: V  # along the first [m]
+        moved_0: V  # tangential displacement along body_0 [m]
         moved_1: V
 
     @wp.func

@@ -177,7 +177,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
         apart: scalar,  # [m]
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
         flags: wp.array(dtype=float),
     ):
         reach = doubt * (buffer[0] + apart)
@@ -279,7 +279,7 @@ def find_tangles(scalar: type, worlds: bool = False):
         facets: wp.uint64,  # tree of the boxes around facets
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
     ):
         edge_count = pairs.edge.shape[0]
         n = first_of_part(wp.tid(), part)

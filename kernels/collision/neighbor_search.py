@@ -28,7 +28,7 @@ def find_candidates(scalar: type, worlds: bool = False):
         most: wp.array(dtype=wp.vec3),
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
     ):
         e = first_of_part(wp.tid(), part)
         while e < data.neighbors.candidate_count.shape[0]:

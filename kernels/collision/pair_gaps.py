@@ -122,14 +122,14 @@ def measure_pairs(scalar: type, worlds: bool = False):
     def find(
         data: Data,
         pairs: Pairs,
-        x: wp.array(dtype=V),  # where the substep begins
-        x_out: wp.array(dtype=V),  # where it ends
+        x: wp.array(dtype=V),  # positions at the substep's start [m]
+        x_out: wp.array(dtype=V),  # positions at its end [m]
         least: scalar,  # the least distance from a plane [m]
         apart: scalar,  # beyond this distance pairs are left alone [m]
         substep: int,  # from 1 in each frame
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
     ):
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         k = first_of_part(wp.tid(), part)

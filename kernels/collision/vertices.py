@@ -38,7 +38,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         listing: bool,  # whether a search follows
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
         way: wp.array(dtype=float),  # longest path of a vertex [m], at the first flag of its world
     ):
         i = first_of_part(wp.tid(), part)

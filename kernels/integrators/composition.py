@@ -45,7 +45,7 @@ class Composition(NamedTuple):
 
     @property
     def timed(self) -> bool:
-        """Whether anything depends on time."""
+        """Whether the force of any effect depends on time."""
         return any(piece.timed for piece in self.pieces)
 
 

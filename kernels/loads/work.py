@@ -118,7 +118,7 @@ def add_work(
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
-    """Store the work that other effects have summed themselves in the shares of the sum of all work."""
+    """Add the work that effects sum themselves, `done`, to the threads' shares of the work in each world."""
     share = wp.tid()
     threads = shares.shape[0] / worlds
     count = done.shape[0] / worlds

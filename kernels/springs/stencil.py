@@ -16,7 +16,7 @@ from .law import spring_damper
 
 
 class Neighbour(NamedTuple):
-    """One of the neighbours that a lattice point may have."""
+    """A neighbour that a lattice point may have: its place in the row, and its bit in the mask."""
 
     along: int
     """Its position in its row, relative to the point: −1, 0 or 1; from −2 to 2 with second neighbours."""

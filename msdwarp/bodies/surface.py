@@ -80,7 +80,7 @@ class Surface:
         return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
 
     def behind(self, first: "Surface | None", particles: int) -> "Surface":
-        """Return both surfaces as one; this one comes second, with its particle indices shifted by `particles`."""
+        """Return `first`, if any, and then this surface as one, whose particle indices grow by `particles`."""
         own = replace(self, particle=self.particle + np.int32(particles))
         if first is None:
             return own

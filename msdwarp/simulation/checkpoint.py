@@ -175,7 +175,7 @@ def restore_arrays(stepping: Stepping, arrays: Arrays) -> None:
 
 
 def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
-    """Return the effects that a checkpoint holds.
+    """Return the effects whose state a checkpoint holds.
 
     Older versions did not sum the work of moving obstacles, and had no contact of surfaces with obstacles.
     """

@@ -67,7 +67,7 @@ class Worlds:
         self._options["substeps"] = self.substeps
 
     def scene(self, values: NDArray[np.float64]) -> Scene:
-        """Return the scene with these values."""
+        """Return the scene with these values of the fitted parameters."""
         return scene_with(self._scene, self.parameters, values)
 
     def predict(self, values: NDArray[np.float64], end: float) -> list[NDArray[np.float64]]:

@@ -146,7 +146,7 @@ class Plane(Collider):
         return {"a": self.unit_normal(dim), "radius": self.offset}
 
     def centre(self, dim: int) -> NDArray[np.float64]:
-        """Return the point of the plane next to the origin [m]."""
+        """Return the point of the plane nearest to the origin [m], about which it turns."""
         return self.offset * self.unit_normal(dim)
 
 
@@ -242,7 +242,7 @@ class Capsule(Collider):
 
 @dataclass(frozen=True, repr=False)
 class Cone(Collider):
-    """A solid cone with a flat base; in two dimensions a triangle. On a plane the same holds as for a `Box`.
+    """A solid cone with a flat base; in two dimensions a triangle. For a cone on a plane see `Box`.
 
     Parameters
     ----------

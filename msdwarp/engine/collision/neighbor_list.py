@@ -216,7 +216,7 @@ class NeighborList:
         self._bodies.refit()
 
     def _find_rows_with_room(self) -> None:
-        """List the facets near each point until there is room for all."""
+        """List the facets near each point, and repeat with more room until all fit."""
         while True:
             self.flags.zero_()
             self._find_rows()

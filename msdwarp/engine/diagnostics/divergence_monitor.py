@@ -128,7 +128,7 @@ class Backup:
             wp.copy(kept, live)
 
     def restore(self) -> None:
-        """Go back to the state kept."""
+        """Copy the kept state back into the state's arrays and those of effects."""
         copy_vectors(self.live(), self.kept)
         for live, kept in self.changing:
             wp.copy(live, kept)

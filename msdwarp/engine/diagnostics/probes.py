@@ -89,7 +89,7 @@ class Sensors:
 
 
 class _Sum:
-    """The sums of one probe, in columns from `first` on."""
+    """The sums that one probe needs: the columns from `first` on in the table of all probes' sums."""
 
     def __init__(self, model: Model, name: str, probe: Probe, first: int, tears: bool) -> None:
         self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model

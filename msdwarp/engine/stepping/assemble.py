@@ -65,7 +65,7 @@ class Surroundings(NamedTuple):
     """Whether the contact force on each particle is requested."""
 
     def asks_for(self, *quantities: str) -> bool:
-        """Return whether a probe measures one of these, or all contact forces are requested."""
+        """Return whether a probe measures one of these quantities, or all contact forces are requested."""
         return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
