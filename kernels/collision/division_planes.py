@@ -104,7 +104,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
 
     @wp.func
     def shorten(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
-        """Lower the share of their displacement that the particles of pair k may make, to stay off its plane."""
+        """Lower the shares of displacement that particles of pair k may make, so that none reaches its plane."""
         normal = pairs.normal[k]
         gap = pairs.gap[k]
         if gap <= zero:

@@ -56,7 +56,7 @@ def pair_impulses(scalar: type, worlds: bool):
 
     @wp.func
     def push(data: Data, pairs: Pairs, k: int, way: V, lack: scalar, per_unit: wp.float64):
-        """Add the impulses of pair k; it divides the mass of each particle by the number of pairs that push it.
+        """Add the impulses of pair k, with each particle's mass divided by the number of pairs that push it.
 
         They reduce the approach by `lack` for restitution 0, reverse it for restitution 1, and cause friction.
         """

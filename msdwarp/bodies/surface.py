@@ -148,7 +148,7 @@ def _whole(name: str, value: ArrayLike, allowed: str, shape: tuple[int, ...] | N
 def _widened(
     particle: NDArray[np.int32], weights: NDArray[np.float64], width: int
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Pad the particles of each vertex to `width`: the first one is repeated, with weight 0."""
+    """Pad the particles of each vertex to `width`: its first particle is repeated, with weight 0."""
     more = width - particle.shape[1]
     repeated = np.repeat(particle[:, :1], more, axis=1)
     return np.hstack([particle, repeated]), np.hstack([weights, np.zeros((len(weights), more))])

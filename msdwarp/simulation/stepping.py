@@ -209,7 +209,7 @@ class Stepping:
             self._velocities.start()
 
     def advance(self, time: float, next_time: float | None = None) -> bool:
-        """Advance by the frame that begins at `time` [s]; return whether it went well.
+        """Advance by the frame that begins at `time` [s]; return False if it diverged.
 
         If another frame follows immediately, at `next_time` [s], the host prepares it while the device works, and
         if possible launches it before it judges the current one. Omit `next_time` if the caller acts between the
@@ -237,7 +237,7 @@ class Stepping:
         return fine
 
     def _is_fine(self, track: Track) -> bool:
-        """Wait for a frame and return whether it went well. An ensemble waits only if bodies touch."""
+        """Wait for a frame; return False if it diverged. An ensemble waits only if bodies touch."""
         if self.frozen is None:
             return not self.watch.finds_trouble(track.found)
         if self.assembly.body_contact is not None:

@@ -60,7 +60,7 @@ class Actuator(Load):
 
     @property
     def varies(self) -> bool:
-        """Whether it is a function of time."""
+        """Whether the strain is a function of time."""
         return callable(self.strain)
 
     def at(self, times: NDArray[np.float64], name: str = "strain") -> NDArray[np.float64]:
@@ -74,7 +74,7 @@ class Actuator(Load):
         return values
 
     def connections(self, system: System) -> NDArray[np.intp]:
-        """Return the indices of its connections; raise ValueError if there are none, or one may yield or break."""
+        """Return the indices of the muscle's connections; raise ValueError if none, or one may yield or break."""
         chosen = np.ones(system.connection_count, dtype=bool)
         if self.along is not None:
             known = dict.fromkeys(name for body in system.directions for name in body)
@@ -106,6 +106,6 @@ class Actuator(Load):
         return np.round(each[system.connections[connections]].mean(axis=1), 9)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         self.delays(system, self.connections(system))
         self.at(np.zeros(1))

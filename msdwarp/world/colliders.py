@@ -87,7 +87,7 @@ class Collider:
         return _wrong_length(name, getattr(self, name), dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return its numbers for `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
+        """Return the numbers for `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
         points = {letter: getattr(self, name) for letter, name in zip("ab", self.places, strict=False)}
         return points | {name: getattr(self, name) for name in self.lengths}
 
@@ -96,7 +96,7 @@ class Collider:
         return min((getattr(self, name) for name in self.lengths), default=math.inf)
 
     def centre(self, dim: int) -> NDArray[np.float64]:
-        """Return the point about which it turns [m], shape [dim]."""
+        """Return the point about which `motion` turns the obstacle [m], shape [dim]."""
         return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
 
     def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

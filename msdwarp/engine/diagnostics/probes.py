@@ -58,7 +58,7 @@ class Sensors:
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
 
     def launch(self, v: wp.array, k: int = 0) -> None:
-        """Launch the sums of reading number k of a frame; it may be recorded.
+        """Launch the sums of reading number k of a frame; a graph may record it.
 
         v are velocities at the time of the positions [m/s]; they are read only if `moves` is true.
         """

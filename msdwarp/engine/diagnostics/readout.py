@@ -71,6 +71,6 @@ class Sweep:
         ]
 
     def launch(self, kernel: Callable[[int], Any], inputs: list[Any], found: wp.array) -> None:
-        """Launch a kernel, composed for the threads of a block; it may be recorded."""
+        """Launch a kernel, composed for the threads of a block; a graph may record it."""
         inputs = [*inputs, *self._between]
         wp.launch(kernel(self.block), self._threads, inputs, [found], device=self._device, block_dim=self.block)
