@@ -48,7 +48,7 @@ class Part:
         self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
 
     def follow(self, x: wp.array, time: float) -> None:
-        """Move to particles at x, an array of vec3, and to `time` [s]."""
+        """Place the part's vertices for particles at x, an array of vec3, and for colliders at `time` [s]."""
 
     def _place_vertices(self, x: wp.array) -> None:
         """Place each vertex at its particles, or at `radius` from there along its normal."""

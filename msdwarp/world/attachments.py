@@ -120,7 +120,7 @@ class MouseSpring(Load):
     room: int = 64
 
     def __post_init__(self) -> None:
-        """Check the arguments, and sort them by particle."""
+        """Check the arguments; sort particles, points and constants by the particles' indices."""
         checks.count("room", self.room, 1)
         held = checks.array("on", () if self.on is None else self.on).astype(np.int64).reshape(-1)
         if len(held) > self.room:

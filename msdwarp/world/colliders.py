@@ -100,7 +100,7 @@ class Collider:
         return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
 
     def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o): at `time` a point y of it in the given pose is at R y + o.
+        """Return (R, o): a point at y in the given pose of the obstacle is at R y + o at `time` [s].
 
         Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
         """

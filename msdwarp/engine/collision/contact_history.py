@@ -68,7 +68,7 @@ class ContactHistory:
         return [getattr(self.data, name) for name in (*self._names, "initial_overlap")]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the history, by its names in checkpoints."""
+        """Return the arrays of the contact history, by their names in checkpoints."""
         names = (*self._names, *("initial_overlap",) * self.overlapping_at_start)
         arrays = {f"{self._prefix}.{STORED[name]}": getattr(self.data, name).numpy().copy() for name in names}
         if self.overlapping_at_start:
@@ -76,7 +76,7 @@ class ContactHistory:
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore what `checkpoint` returned."""
+        """Restore the arrays that `checkpoint` returned."""
         self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
         self._model.generation += 1  # other kernels are needed
         for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
@@ -101,9 +101,9 @@ class WithHistory(Effect):
         return self.history.changing
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the history, by its names in checkpoints."""
+        """Return the arrays of the contact history, by their names in checkpoints."""
         return self.history.checkpoint()
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore what `checkpoint` returned."""
+        """Restore the arrays that `checkpoint` returned."""
         self.history.restore(arrays)

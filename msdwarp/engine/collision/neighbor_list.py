@@ -227,7 +227,7 @@ class NeighborList:
         self.flags.zero_()
 
     def _find_rows(self, within: bool = False) -> None:
-        """Launch the search of the facets near each point, by the present boxes."""
+        """Launch the search of the facets near each point, by the current bounding boxes, and of near pairs."""
         contact, device, kinds = self._contact, self._model.device, (self._model.scalar, self._model.in_worlds)
         around = [self._around, self.buffer]
         inputs = [contact, self._bodies.id, *self.boxes, *around, self.flags, self.data.active_count]

@@ -126,7 +126,7 @@ class SurfaceContact(WithHistory):
         self._substep = 0
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Take over the arrays of the obstacles' poses."""
+        """Let kernels read the obstacles' poses in a frame from the arrays of `Colliders`."""
         self._last = substeps - 1
         if self._contact.moves:
             for name in ("turn", "shift", "turning", "speed"):

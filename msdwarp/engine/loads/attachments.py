@@ -99,7 +99,7 @@ class AttachmentSprings(FrameTables):
                 wp.copy(array, source, count=len(numbers))
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Replace mouse springs by others."""
+        """Replace mouse springs, the keys of `others`, by its values."""
         if any(one in others for one in self._hands):
             before = self._named, self._hands
             self._named = exchanged(self._named, others)

@@ -32,7 +32,7 @@ class Solve(NamedTuple):
 
 
 class StageArrays:
-    """Arrays of stages for recorded launches; keeps their memory alive."""
+    """Makes the arrays of stages that recorded launches read, and keeps their memory alive."""
 
     def __init__(self) -> None:
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
