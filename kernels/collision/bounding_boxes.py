@@ -104,7 +104,7 @@ def find_roots():
 def box_neighbours(scalar: type, worlds: bool = False):
     """Compose the kernel, over bodies, that lists the bodies each may touch, and finds a box around all of these.
 
-    A point outside of this box touches none of them. Most points of a large body are, and need no further test.
+    A point outside this box touches none of them. Most points of a large body are outside: no further test.
     """
     Data, margin = BodyContactData(scalar, worlds), margin_of_boxes(scalar)
     find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)

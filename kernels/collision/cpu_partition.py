@@ -87,5 +87,5 @@ def add_whole(numbers: wp.array2d(dtype=wp.int64), i: int, k: int, value: wp.int
 
 @wp.func_native(CLAIM)
 def claim(numbers: wp.array(dtype=wp.float64), at: int) -> bool:
-    """Add 1 to numbers[at], and tell whether it was 0: this is true for one thread only."""
+    """Add 1 to numbers[at], and tell whether it was 0 before: this is true for the first thread only."""
     ...

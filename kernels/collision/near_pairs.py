@@ -69,7 +69,7 @@ def NearPairs(scalar: type):
         contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not asked for
         restitution: wp.array(dtype=scalar)  # of each contact rule
         tangles: wp.array(dtype=int)  # whether any edge crosses a triangle, shape [1]
-        tangled: wp.array(dtype=int)  # whether each vertex is marked by `find_tangles` since the start
+        tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
         alarm: wp.array(dtype=int)  # in which substep of a frame a pair last came too near, from 1
 
     return NearPairs
@@ -79,10 +79,10 @@ def NearPairs(scalar: type):
 def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
     """Compose the kernel that lists the near pairs: those that may come too near before the next search.
 
-    Each side of a pair moves by half of a skin at most until then. So a pair with a distance of more than a skin
-    and `apart`, beyond which pairs are left alone, need not be listed; listing it changes no result. `lanes`
-    threads share a vertex or an edge. A pair of edges is found from the body with shorter edges, near which fewer
-    facets are.
+    Each side of a pair moves by half of a skin at most until then, and pairs beyond the distance `apart` are left
+    alone. So a pair beyond a skin plus `apart` need not be listed; listing it changes no result. `lanes` threads
+    share a vertex or an edge. A pair of edges is found from the body with shorter edges, near which fewer facets
+    are.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     (place_of, place_on, nearest_to), on_segments = places(scalar), nearest_on_segments(scalar)

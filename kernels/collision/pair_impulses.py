@@ -23,7 +23,7 @@ def pair_impulses(scalar: type, worlds: bool):
     """Compose (may_lose, lacks, count_pushes, push, apply).
 
     `may_lose` returns by how much the gap of a pair may shrink in a substep [m]. `lacks` returns the displacement
-    of the first side relative to the second in the substep [m], and by how much more the gap shrinks [m].
+    of the first side relative to the second in the substep, and how much more than allowed the gap shrinks [m].
     In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
     """
     V, Units = vector(3, scalar), wp.types.vector(3, wp.int64)

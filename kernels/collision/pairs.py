@@ -83,7 +83,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the largest distance at which a facet pushes a point [m], before it or inside a closed body."""
+        """Return the distance up to which a facet pushes a point in front of it, or inside a closed body [m]."""
         reach = thickness_of(data, rule, mine, other)
         if data.surfaces.closed[other] != 0 and mine != other:
             reach = wp.max(reach, data.surfaces.depth[other])

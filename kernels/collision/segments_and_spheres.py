@@ -32,7 +32,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
 
     @wp.func
     def share_of(x: wp.array(dtype=V), corner: wp.vec3i, p: V) -> scalar:
-        """Return the weight of the second end at the point of a segment nearest to p; 0 for a grain."""
+        """Return the weight of a segment's second end at the segment's point nearest to p; 0 for a grain."""
         start = place_on(x, corner, V(one, zero, zero))
         along = place_on(x, corner, V(zero, one, zero)) - start
         squared = wp.length_sq(along)

@@ -213,7 +213,10 @@ class StepController:
             fine = stepping.advance(time)
 
     def follow(self, stepping: Stepping, choice: StepChoice) -> Stepping:
-        """Return the `Stepping` for the stable `choice`, times the refinement, if substeps must change."""
+        """Return the `Stepping` with the substeps of the stable `choice` times the refinement.
+
+        A number that is only a little smaller than the current one is not adopted.
+        """
         choice, now = choice.refined(self.refinement), stepping.choice.substeps
         if KEPT * now <= choice.substeps < now:
             choice = replace(choice, substeps=now)

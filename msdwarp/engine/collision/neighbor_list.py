@@ -167,7 +167,7 @@ class NeighborList:
         self.launch_parts(launch)
 
     def launch_parts(self, launch: Callable[[int, int], None]) -> None:
-        """Call `launch(part, parts)` for each CPU thread that shares a frame; on a GPU only `launch(0, 1)`."""
+        """Call `launch(part, parts)` for each CPU thread that shares a recorded frame, or once `launch(0, 1)`."""
         if self.partition is not None and self.partition.is_recording:
             self.partition.launch_parts(launch)
         else:
