@@ -22,8 +22,8 @@ def compensated_sum(dim: int, scalar: type, compensated: bool):
     `add(total, change, compensation, lost_out, i)` returns total + change.
 
     The true total is total − compensation[i] before, and the sum − lost_out[i] after. Neighbours also read the
-    rounding errors of positions, so the new ones are written to x_out. Without `compensated` it is a plain sum
-    without errors.
+    rounding errors of positions, so new ones are written to `x_out`, not in place. Without `compensated` it is a
+    plain sum without errors.
     """
     V = vector(dim, scalar)
     load, store, _ = records(dim, scalar)

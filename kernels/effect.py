@@ -30,8 +30,8 @@ class Driving(NamedTuple):
 class ForceTerm(NamedTuple):
     """The device side of an effect. It is hashable, so that scenes with equal effects share kernels.
 
-    Its functions are composed for the struct `SceneData`, which holds the effect's data: each entry below is a
-    function of this type that returns the `wp.func`, or None if there is nothing to do.
+    Its functions are composed for the struct `SceneData`, which holds the effect's data: each callable below takes
+    the type `SceneData` and returns the `wp.func`; it is None if there is nothing to do.
     """
 
     field: str

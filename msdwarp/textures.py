@@ -44,7 +44,7 @@ def _grid(size: int) -> tuple[NDArray, NDArray]:
 
 
 def _on_box(face: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the texture of a box whose six faces look alike."""
+    """Return the texture of a box with this image on all six faces."""
     return np.tile(face, (BOX_TILES[1], BOX_TILES[0], 1))
 
 

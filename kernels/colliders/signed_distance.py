@@ -1,4 +1,7 @@
-"""Signed distances of points from solids, below 0 inside, and the directions out of the solids."""
+"""Signed distances of points from solids, below 0 inside, and the directions out of the solids.
+
+The response of particles is in `collide.py` and `contact_rule.py`.
+"""
 
 import functools
 
@@ -55,7 +58,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
 
     @wp.func
     def from_point(x: V, nearest: V, radius: scalar) -> Result:
-        """Distance from a ball around a point; the way out of its centre is upwards."""
+        """Return the outward normal of a ball around `nearest`, upwards at its centre, and x's signed distance."""
         away = x - nearest
         length = wp.length(away)
         normal = V()

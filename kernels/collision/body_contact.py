@@ -44,7 +44,7 @@ def contact_energy(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
 
 @wp.func
 def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
-    """Tell whether both bodies are closed. Only such a pair can tunnel: `division_planes` separates others."""
+    """Tell whether both bodies are closed. Only such a pair can tunnel: `division_planes` keeps others apart."""
     return closed[mine] != 0 and closed[other] != 0
 
 
@@ -150,7 +150,7 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
 
     @wp.func
     def pair_of(data: Data, mine: int, other: int) -> PointAndBody:
-        """Return a point and a body that may touch."""
+        """Return the contact rule and its range for a point of body `mine` and the facets of body `other`."""
         pair = PointAndBody()
         pair.mine = mine
         pair.other = other

@@ -102,9 +102,9 @@ def find_roots():
 
 @functools.cache
 def box_neighbours(scalar: type, worlds: bool = False):
-    """Compose the kernel, over bodies, that lists the bodies each may touch, and bounds the region.
+    """Compose the kernel, over bodies, that lists the bodies each may touch, and finds a box around all of these.
 
-    The box holds the boxes of all bodies nearby. Most points of a large body are outside and need no further test.
+    A point outside this box touches none of them. Most points of a large body are outside: no further test.
     """
     Data, margin = BodyContactData(scalar, worlds), margin_of_boxes(scalar)
     find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
@@ -160,7 +160,10 @@ def box_neighbours(scalar: type, worlds: bool = False):
 
 @functools.cache
 def margin_of_boxes(scalar: type):
-    """Compose (low, high, around) -> the margin that makes a box hold all points that near, despite rounding."""
+    """Compose (low, high, around) -> by how much a box is widened to hold all points within `around` of it [m].
+
+    That is `around` and a bound on the rounding of float32.
+    """
 
     @wp.func
     def margin(low: wp.vec3, high: wp.vec3, around: scalar) -> wp.vec3:

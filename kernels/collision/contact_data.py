@@ -107,14 +107,14 @@ def BodyContactData(scalar: type, worlds: bool = False):
         rules: ContactRules
         neighbors: NeighborList
         history: ContactHistory
-        tunnelling: wp.array(dtype=wp.float64)  # the first contact that may tunnel; see tunnelling.py
+        tunnelling: wp.array(dtype=wp.float64)  # the first contact that may tunnel; see history.py
 
     return BodyContactData
 
 
 @functools.cache
 def Substep(scalar: type):
-    """Compose the struct of the arguments of a launch over points."""
+    """Compose the struct of the numbers that kernels over contact points need of the current substep."""
 
     @wp.struct
     class Substep:

@@ -54,13 +54,13 @@ CLAIM = """
 
 @wp.func
 def first_of_part(thread: int, part: int) -> int:
-    """Return the first item of a thread."""
+    """Return the index of the first item of a thread of this part; `next_of_part` returns the others."""
     return part * wp.static(CHUNK) + thread
 
 
 @wp.func
 def next_of_part(e: int, threads: int, parts: int) -> int:
-    """Return a thread's next item after e. The threads of a part interleave; on the CPU a part has one thread."""
+    """Return a thread's next item after item e. Threads of a part take turns; on the CPU a part has one thread."""
     following = e + threads
     if parts > 1 and following % wp.static(CHUNK) == 0:
         following += (parts - 1) * wp.static(CHUNK)
@@ -75,17 +75,17 @@ def count_up(counter: wp.array(dtype=int)) -> int:
 
 @wp.func_native(RAISE)
 def raise_to(numbers: wp.array(dtype=float), at: int, value: float):
-    """Raise a number to a value if it is less."""
+    """Replace numbers[at] by `value` if that is greater; NaN stays."""
     ...
 
 
 @wp.func_native(ADD_WHOLE)
 def add_whole(numbers: wp.array2d(dtype=wp.int64), i: int, k: int, value: wp.int64, parts: int):
-    """Add to an integer. A single CPU thread needs no atomic operation, which would dominate the cost."""
+    """Add `value` to numbers[i, k]. A single CPU thread needs no atomic operation, which would cost too much."""
     ...
 
 
 @wp.func_native(CLAIM)
 def claim(numbers: wp.array(dtype=wp.float64), at: int) -> bool:
-    """Add 1 to a number, and tell whether it was 0."""
+    """Add 1 to numbers[at], and tell whether it was 0 before: this is true for the first thread only."""
     ...

@@ -1,16 +1,17 @@
 """Division planes: what did not cross when a substep began does not cross when it ends.
 
-Near pairs of a vertex and a triangle, or of two edges, are listed. As a substep begins there is a plane between
-the two of each pair. After the substep it is found whether any pair has lost more than half of its gap, and is
-nearer than a fraction of the thickness. If so,
+So cloth does not pass through itself or other bodies. Near pairs of a vertex and a triangle, or of two edges, are
+listed. When a substep begins, a plane separates the vertex from the triangle, or one edge from the other. When it
+ends, `pair_gaps` finds whether any pair has lost more than half of its gap and is nearer than a fraction of the
+thickness. If so,
 
-1. these pairs exchange impulses, in a few rounds. All pairs act at a time, so that each takes a particle to be as
-   many times as light as there are pairs that push it;
-2. the way of each particle that would still reach the plane of a pair is shortened.
+1. impulses act between the two sides of each such pair, in a few rounds. All pairs act at the same time, so each
+   divides the mass of a particle by the number of pairs that push it;
+2. the displacement in this substep of each particle that would still reach the plane of a pair is shortened.
 
-Both sides of a pair are then convex sets on the two sides of a plane, also on all of the straight way there. The
-impulses of a pair add up to nothing and are summed as integers; a way is shortened to the least of what its pairs
-allow. So nothing depends on the order of pairs.
+Both sides of a pair are then convex sets on the two sides of a plane, also all along the straight paths there. The
+impulses of a pair add up to nothing and are summed as integers; a displacement is shortened to the least that any
+pair of the particle allows. So nothing depends on the order of pairs.
 References: Chen et al., Offset geometric contact, ACM TOG 44 (2025); Tonge et al., Mass splitting for jitter-free
 parallel rigid body simulation, ACM TOG 31 (2012).
 """
@@ -31,13 +32,14 @@ from .pair_impulses import pair_impulses
 ROUNDS = 4
 """Rounds of impulses. Without any a driven end of a folded cloth lags by 0.3 m, with these by some millimetres."""
 ALLOWED = 0.8
-"""The share of the way to its plane that a vertex may go."""
+"""The share of its distance from the plane by which a vertex may approach it."""
 LEAST_SHARE = 0.05
 """The least share of the gap on either side of a plane."""
 CATCH_UP = 50.0
-"""How far a driven particle that stands may go in a substep to catch up, by the least gap."""
+"""How far a particle with a drive at rest may go in a substep to catch up, as a multiple of the least gap."""
 PHASES = 3 * ROUNDS + 2
-"""The phases where pairs come too near: three for each round, ways, cuts. One ends before the next begins."""
+"""Phases of `keep_apart`: three for each round of impulses, one that finds how much displacements must be
+shortened, one that shortens them. One ends before the next begins."""
 MOST_THREADS = 256
 """Threads in a block; the compiler leaves registers for this many."""
 
@@ -53,15 +55,15 @@ LOWER = """
 
 @wp.func_native(LOWER)
 def lower_to(numbers: wp.array(dtype=float), i: int, value: float):
-    """Put a value in place of a larger number; neither is negative, so that their bits are in the same order."""
+    """Replace numbers[i] by `value` if that is less. Neither is negative: then their bits have the same order."""
     ...
 
 
 @functools.cache
 def catch_up(scalar: type):
-    """Compose the kernel, over driven particles, that lets those that were held back catch up.
+    """Compose the kernel that limits the speed at which driven particles that were held back reach their drives.
 
-    They do so no faster than at twice their speed.
+    In a substep they go at most twice as far as their drive, or `CATCH_UP` times the least gap if that is more.
     """
     V, Pairs = vector(3, scalar), NearPairs(scalar)
     load, store, _ = records(3, scalar)
@@ -69,10 +71,10 @@ def catch_up(scalar: type):
     @kernel
     def follow(
         pairs: Pairs,
-        x: wp.array(dtype=V),  # where the substep begins
-        h: scalar,  # its length [s]
+        x: wp.array(dtype=V),  # positions at the substep's start [m]
+        h: scalar,  # length of the substep [s]
         least: scalar,  # the least distance from a plane [m]
-        # In and out: where it ends
+        # In and out: positions and velocities at its end
         x_out: wp.array(dtype=V),
         v_out: wp.array(dtype=V),
     ):
@@ -102,7 +104,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
 
     @wp.func
     def shorten(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
-        """Shorten the ways of the particles of a pair where they lead to its plane."""
+        """Lower the shares of displacement that particles of pair k may make, so that none reaches its plane."""
         normal = pairs.normal[k]
         gap = pairs.gap[k]
         if gap <= zero:
@@ -130,8 +132,8 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         most = wp.max(scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]), gap - apart)
         if furthest_first + furthest_second <= most:
             return
-        # Where the plane is, from the second one on: the faster one has more room, and one that is driven as much
-        # as it needs.
+        # Where the plane is, as a share of the gap from the second side on: the faster side has more room, and a
+        # driven side as much as it needs.
         share = furthest_second / (furthest_first + furthest_second)
         if mobility_first == zero and mobility_second > zero:
             share = one - (furthest_first / scalar(ALLOWED) + pairs.least[k]) / gap
@@ -140,7 +142,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         share = wp.clamp(share, scalar(LEAST_SHARE), one - scalar(LEAST_SHARE))
         f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
         origin = place_of(f, p, w, x, vertices[3])
-        highest = zero  # of the second one
+        highest = zero  # vertex of the second side, along the normal from vertices[3] [m]
         for m in range(firsts, 3):
             highest = wp.max(highest, wp.dot(place_of(f, p, w, x, vertices[m]) - origin, normal))
         for m in range(4):
@@ -158,7 +160,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
     def hold_back(
         pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v_out: wp.array(dtype=V), h: scalar, i: int
     ) -> float:
-        """Shorten the way of a particle; return by how much [m]."""
+        """Shorten the displacement of particle i to the share that its pairs allow; return by how much [m]."""
         share = scalar(pairs.share[i])
         if share == one:
             return float(0.0)
@@ -182,7 +184,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         phase: int,
         k: int,
     ):
-        """Do a phase's part for a pair."""
+        """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
         if phase == wp.static(PHASES - 2):
             shorten(data, pairs, x, x_out, apart, k)
         elif pairs.gap[k] > zero:
@@ -196,16 +198,16 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
     def keep(
         data: Data,
         pairs: Pairs,
-        x: wp.array(dtype=V),  # where the substep began
-        h: scalar,  # its length [s]
-        per_unit: wp.float64,  # of impulses [1/(kg m)]
+        x: wp.array(dtype=V),  # positions at the substep's start [m]
+        h: scalar,  # length of the substep [s]
+        per_unit: wp.float64,  # units of impulse times substep [1/(kg m)]
         apart: scalar,  # beyond this distance pairs are left alone [m]
-        particles: int,  # of a world
+        particles: int,  # number of particles in each world
         substep: int,  # from 1 in each frame
         first_phase: int,
         last_phase: int,
         threads: int,
-        # In and out: where it ends
+        # In and out: positions and velocities at its end
         x_out: wp.array(dtype=V),
         v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),

@@ -40,7 +40,7 @@ def exert_force(scalar: type, lanes: int):
         lane: int,
         parts: int,  # number of parts for threads of the CPU
     ):
-        """Add force f to a point, and the opposite to a facet; each thread of the point takes some coordinates."""
+        """Add force f to a point, and −f to a facet; of several threads of a point each adds some coordinates."""
         for k in range(lane, 3, wp.static(lanes)):
             total = wp.int64(wp.float64(f[k]) * per_unit)
             if ends[0] == ends[1]:
@@ -101,9 +101,9 @@ def exert_on_segments(scalar: type):
 
 @functools.cache
 def add_impulses(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over particles, that sums the impulses of other bodies on them, in float64.
+    """Compose the kernel, over particles, that sums the impulses of contact with other bodies, in float64.
 
-    Each force is weighted by its time in the method's sum over the substep.
+    The force of each stage is weighted by the stage's time in the method's sum over the substep [s].
     """
     VertexForces = body_contact_term(dim, scalar, compensated).Data
     Wide = vector(dim, wp.float64)

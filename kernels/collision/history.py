@@ -22,8 +22,8 @@ NOTED = 8
 def memories(scalar: type, worlds: bool):
     """Compose (Memory, no_memory, remember, keep, shrink_overlap).
 
-    A point remembers two bodies, those with the lowest indices if there are more; NONE fills up. `keep` stores
-    them; `shrink_overlap` reduces the allowed overlap since the start.
+    A point remembers two bodies that it touches, those with the lowest indices if there are more, NONE if it has
+    fewer. `keep` stores them; `shrink_overlap` reduces the overlap at the start that is still allowed.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
 
@@ -31,7 +31,7 @@ def memories(scalar: type, worlds: bool):
     class Memory:
         body_0: int
         body_1: int
-        moved_0: V  # along the first [m]
+        moved_0: V  # tangential displacement along body_0 [m]
         moved_1: V
 
     @wp.func
@@ -71,7 +71,10 @@ def memories(scalar: type, worlds: bool):
 
 @functools.cache
 def displacements(scalar: type):
-    """Compose (bodies, displacement, p, other) -> displacement of point p along a body [m]; 0 without contact."""
+    """Compose (bodies, displacement, p, other) -> tangential displacement of point p along body `other` [m].
+
+    It is 0 without contact.
+    """
     V = vector(3, scalar)
 
     @wp.func

@@ -91,9 +91,9 @@ def least_of_lanes(kind: type, lanes: int):
 
 @functools.cache
 def chosen_of_lanes(kind: type, lanes: int):
-    """Compose (chosen, value) -> the value of the first thread of a point for which `chosen` is true.
+    """Compose (chosen, value) -> the `value` of the first of a point's threads whose `chosen` is true.
 
-    All threads of the point must call it. If `chosen` is true for none, each keeps its own value.
+    All threads of the point must call it. If `chosen` is true for none, each gets back its own `value`.
     """
     if lanes == 1:
 

@@ -1,4 +1,4 @@
-"""Near pairs: each vertex and triangle, and each two edges, that may meet before pairs are listed again."""
+"""Near pairs: a vertex and a triangle, or two edges, that may meet before pairs are listed again."""
 
 import functools
 
@@ -24,13 +24,13 @@ MARK = """
 
 @wp.func_native(MARK)
 def mark(marks: wp.array(dtype=int), i: int) -> bool:
-    """Mark an entry, and tell whether it was not."""
+    """Set marks[i] to 1, and tell whether it was 0 before."""
     ...
 
 
 @wp.func
 def vertex_of(vertices: wp.vec4i, m: int) -> int:
-    """Return one of the vertices of a pair."""
+    """Return the m-th vertex of a pair; ~v, which marks a pair of edges, stands for vertex v."""
     v = vertices[m]
     if v < 0:
         v = -1 - v
@@ -39,37 +39,37 @@ def vertex_of(vertices: wp.vec4i, m: int) -> int:
 
 @functools.cache
 def NearPairs(scalar: type):
-    """Compose the struct of near pairs, and of what keeps them apart."""
+    """Compose the struct of near pairs, and of the impulses and shortened displacements that keep them apart."""
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
 
     @wp.struct
     class NearPairs:
         # Edges; a grain is an edge whose ends are the same:
         edge: wp.array(dtype=wp.vec2i)  # the ends of each, shape [edge_count]
-        bare: wp.array(dtype=int)  # whether no triangle has it
-        of_facet: wp.array(dtype=wp.vec3i)  # the edges that are looked for in each facet, -1: none
+        bare: wp.array(dtype=int)  # whether it is an edge of no triangle
+        of_facet: wp.array(dtype=wp.vec3i)  # the edges that a search finds by each facet, -1: none
         rank: wp.array(dtype=int)  # of each body by the length of its edges, the shortest first
         # Pairs:
-        vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first one as ~
-        count: wp.array(dtype=int)  # how many these are, shape [1]
-        weights: wp.array(dtype=W)  # of the vertices in the shortest line between the two
-        normal: wp.array(dtype=V)  # of the plane between the two, towards the first
-        gap: wp.array(dtype=scalar)  # how far apart they are along it [m], at most 0 where they cross
+        vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first end as ~
+        count: wp.array(dtype=int)  # number of pairs, shape [1]
+        weights: wp.array(dtype=W)  # of the vertices in the shortest line from the second side to the first
+        normal: wp.array(dtype=V)  # of the plane between the two sides, towards the first
+        gap: wp.array(dtype=scalar)  # from the second side to the first along it [m], at most 0 where they cross
         least: wp.array(dtype=scalar)  # the least that may be left on either side of the plane [m]
         # Particles:
         in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
-        particle: wp.array(dtype=int)  # those that are, in any order
-        particle_count: wp.array(dtype=int)  # how many these are, shape [1]
+        particle: wp.array(dtype=int)  # the particles in pairs, in any order
+        particle_count: wp.array(dtype=int)  # number of particles in pairs, shape [1]
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], of the particles of all worlds
         pushes: wp.array(dtype=int)  # pairs that push each particle in a round
-        impulse: wp.array2d(dtype=wp.int64)  # of these, times the substep [kg m], in units
-        share: wp.array(dtype=float)  # of its way that each may go
-        driven: wp.array(dtype=int)  # which particles are driven
-        done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; none where there are none
-        contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; none where nobody asks
-        restitution: wp.array(dtype=scalar)  # by rule
-        tangles: wp.array(dtype=int)  # whether anything crosses, shape [1]
-        tangled: wp.array(dtype=int)  # whether each vertex belongs to what crosses since the start
+        impulse: wp.array2d(dtype=wp.int64)  # of pairs on each particle, times the substep [kg m], in units
+        share: wp.array(dtype=float)  # of its displacement in the substep that each particle may make
+        driven: wp.array(dtype=int)  # indices of the driven particles
+        done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
+        contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not asked for
+        restitution: wp.array(dtype=scalar)  # of each contact rule
+        tangles: wp.array(dtype=int)  # whether any edge crosses a triangle, shape [1]
+        tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
         alarm: wp.array(dtype=int)  # in which substep of a frame a pair last came too near, from 1
 
     return NearPairs
@@ -77,12 +77,12 @@ def NearPairs(scalar: type):
 
 @functools.cache
 def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that lists the pairs that may come too near before pairs are listed again.
+    """Compose the kernel that lists the near pairs: those that may come too near before the next search.
 
-    Each side of a pair moves by half of a skin at most until then. So a pair that is farther apart than a skin and
-    `apart`, the distance beyond which pairs are left alone, need not be listed: a list that has more pairs changes
-    nothing. `lanes` threads share a vertex or an edge. A pair of edges is found from the body with shorter edges,
-    near which fewer facets are.
+    Each side of a pair moves by half of a skin at most until then, and pairs beyond the distance `apart` are left
+    alone. So a pair beyond a skin plus `apart` need not be listed; listing it changes no result. `lanes` threads
+    share a vertex or an edge. A pair of edges is found from the body with shorter edges, near which fewer facets
+    are.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     (place_of, place_on, nearest_to), on_segments = places(scalar), nearest_on_segments(scalar)
@@ -130,7 +130,10 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
         reach: scalar,
         flags: wp.array(dtype=float),
     ):
-        """List the pairs of a vertex, or of an edge (e >= 0), with a facet, in every turn of its lane."""
+        """Add the near pairs of a vertex, or of edge e if e >= 0, with a facet to the list.
+
+        `turn` counts the facets found; a lane handles only every `lanes`-th.
+        """
         if turn % wp.static(lanes) != 0:
             return
         c = data.surfaces.corner[facet]
@@ -145,7 +148,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
             return
         for k in range(3):
             other = pairs.of_facet[facet][k]
-            # Of two edges of the same body the first one finds the second one.
+            # Of two edges of the same body, the edge with the lower index finds the other.
             if other > e or (other >= 0 and data.surfaces.owner[facet] != data.surfaces.body_of[ends[0]]):
                 to = pairs.edge[other]
                 alone = ends[0] == ends[1] or to[0] == to[1]
@@ -174,7 +177,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
         apart: scalar,  # [m]
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
         flags: wp.array(dtype=float),
     ):
         reach = doubt * (buffer[0] + apart)
@@ -216,10 +219,10 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
 
 @functools.cache
 def find_tangles(scalar: type, worlds: bool = False):
-    """Compose the kernel that marks the vertices of what crosses, or is inside another body since the start.
+    """Compose the kernel that marks the vertices that no near pair may have: surfaces cross there since the start.
 
-    Its threads share edges and points. The vertices of an edge that goes through a triangle are marked, and those
-    of the triangle.
+    They are the vertices of an edge that goes through a triangle, those of this triangle, and those of points
+    inside another body since the start. Its threads share edges and points.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     load = records(3, scalar).load
@@ -227,7 +230,7 @@ def find_tangles(scalar: type, worlds: bool = False):
 
     @wp.func
     def crosses(a: V, b: V, p: V, q: V, r: V) -> bool:
-        """Tell whether a segment goes through a triangle."""
+        """Tell whether segment ab goes through triangle pqr."""
         normal = wp.cross(q - p, r - p)
         above = wp.dot(a - p, normal)
         below = wp.dot(b - p, normal)
@@ -276,7 +279,7 @@ def find_tangles(scalar: type, worlds: bool = False):
         facets: wp.uint64,  # tree of the boxes around facets
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
     ):
         edge_count = pairs.edge.shape[0]
         n = first_of_part(wp.tid(), part)

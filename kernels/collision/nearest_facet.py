@@ -100,7 +100,10 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         height: scalar,  # above the plane of the nearest facet [m]
         buffer: scalar,
     ) -> scalar:
-        """Return the height above the triangle at the nearest edge or corner that faces the point most."""
+        """Return the signed height of a point above one of the facets that share its nearest edge or corner [m].
+
+        That facet faces the point most: its height is the largest in magnitude. It is negative inside.
+        """
         p = point.number
         x = data.surfaces.x
         edge = load(x, nearest.corner[1]) - load(x, nearest.corner[0])

@@ -1,4 +1,4 @@
-"""Narrow search: lists of the facets near each point, valid until something has moved by half of the buffer."""
+"""Narrow search: lists of the facets near each point, valid until a vertex has moved by half of the buffer."""
 
 import functools
 
@@ -14,7 +14,7 @@ from .pairs import pairs, places, unit_normal
 
 @functools.cache
 def find_candidates(scalar: type, worlds: bool = False):
-    """Compose the kernel that lists the points which may be near a facet, or have old contacts to clear.
+    """Compose the kernel that lists the points which may be near a facet, or have ended contacts to clear.
 
     Its threads share the points; near points become adjacent in the list. Most points of large bodies are left out
     here, because idle threads in a search take as long as busy ones.
@@ -28,7 +28,7 @@ def find_candidates(scalar: type, worlds: bool = False):
         most: wp.array(dtype=wp.vec3),
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
     ):
         e = first_of_part(wp.tid(), part)
         while e < data.neighbors.candidate_count.shape[0]:
@@ -75,7 +75,7 @@ def find_rows(scalar: type, worlds: bool = False):
 
     @wp.func
     def is_outside(data: Data, p: int, x: V, begin: int, end: int, nearest: scalar) -> bool:
-        """Tell whether a point is outside the closed body of these row entries, as in `nearest_facet`."""
+        """Tell whether point p at x is outside the closed body whose facets are entries begin … end of row p."""
         side = scalar(0.0)
         for e in range(begin, end):
             if data.neighbors.candidate_distance[p, e] <= doubt * nearest:
@@ -88,7 +88,10 @@ def find_rows(scalar: type, worlds: bool = False):
 
     @wp.func
     def keep_near(data: Data, p: int, other: int, begin: int, end: int, nearest: scalar, limit: scalar) -> int:
-        """Keep the listed facets of a body up to a distance, the nearest first; return the end of the list."""
+        """Keep the facets of body `other` in row p up to the distance `limit`, the nearest first.
+
+        They are its entries begin … end. Return the end of those that are kept.
+        """
         kept = int(begin)
         for e in range(begin, end):
             away = data.neighbors.candidate_distance[p, e]

@@ -13,12 +13,15 @@ from .nearest_point import nearest_on_segments, nearest_on_triangle
 from .pair_impulses import pair_impulses
 
 ROUNDING = 4.0
-"""The least gap by how far apart the numbers of the device are there."""
+"""The least gap, as a multiple of the spacing of floating-point numbers at the coordinates of the pair."""
 
 
 @functools.cache
 def ways(scalar: type, worlds: bool):
-    """Compose (place_of, way_towards): where a vertex is, and how far it goes against a direction at most [m]."""
+    """Compose (place_of, way_towards): a vertex's position, and its largest displacement against a normal [m].
+
+    Since each of its particles may be held back alone, particles that move along the normal count as at rest.
+    """
     V, Data, load = vector(3, scalar), BodyContactData(scalar, worlds), records(3, scalar).load
 
     @wp.func
@@ -36,7 +39,7 @@ def ways(scalar: type, worlds: bool):
 
     @wp.func
     def way_towards(data: Data, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V) -> scalar:
-        way = scalar(0.0)  # its particles may go a part of their ways each
+        way = scalar(0.0)  # each of its particles may make only a part of its displacement
         for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
             i = data.surfaces.particle[s]
             way += data.surfaces.weight[s] * wp.max(scalar(0.0), -wp.dot(load(x_out, i) - load(x, i), normal))
@@ -47,9 +50,9 @@ def ways(scalar: type, worlds: bool):
 
 @functools.cache
 def measure_pairs(scalar: type, worlds: bool = False):
-    """Compose the kernel that finds the gap of each near pair, and whether it comes too near in the substep.
+    """Compose the kernel that finds the gap of each near pair, and sets `alarm` if any comes too near.
 
-    Its threads share the pairs. Where none comes too near, nothing has to be kept apart.
+    That is within the substep. Without an alarm `keep_apart` does nothing. Its threads share the pairs.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
@@ -60,7 +63,11 @@ def measure_pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def gap_along(normal: V, b: V, c: V, d: V, edges: bool) -> scalar:
-        """Return how far apart the two of a pair are along a direction [m]; its first vertex is at 0."""
+        """Return the gap along a normal [m], negative if the two overlap.
+
+        It is between vertex a and triangle bcd, or between edges ab and cd (`edges`). a is the origin; the normal
+        points from the triangle to the vertex, or from cd to ab.
+        """
         lowest = zero
         highest = wp.max(wp.dot(normal, c), wp.dot(normal, d))
         if edges:
@@ -71,7 +78,7 @@ def measure_pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def measure(data: Data, pairs: Pairs, x: wp.array(dtype=V), least: scalar, k: int):
-        """Find the nearest points of a pair and the direction of its plane, where the substep begins."""
+        """Store the nearest points of pair k, the normal of its plane and its gap at the substep's start."""
         vertices = pairs.vertices[k]
         f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
         a = place_of(f, p, w, x, vertex_of(vertices, 0))
@@ -94,8 +101,8 @@ def measure_pairs(scalar: type, worlds: bool = False):
             weights = W(one, -on[0], -on[1], -on[2])
             away = -(on[0] * b + on[1] * c + on[2] * d)
             across = wp.normalize(wp.cross(c - b, d - b))
-        # The nearest points of edges that are almost parallel, or very near, are not exact: of two directions that
-        # one is taken along which the two are farther apart.
+        # The nearest points of edges that are almost parallel, or very near, are not exact. So the normal is that
+        # of two directions along which the gap is larger.
         away = wp.normalize(away)
         if wp.dot(across, away) < zero:
             across = -across
@@ -115,14 +122,14 @@ def measure_pairs(scalar: type, worlds: bool = False):
     def find(
         data: Data,
         pairs: Pairs,
-        x: wp.array(dtype=V),  # where the substep begins
-        x_out: wp.array(dtype=V),  # where it ends
+        x: wp.array(dtype=V),  # positions at the substep's start [m]
+        x_out: wp.array(dtype=V),  # positions at its end [m]
         least: scalar,  # the least distance from a plane [m]
         apart: scalar,  # beyond this distance pairs are left alone [m]
         substep: int,  # from 1 in each frame
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
     ):
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         k = first_of_part(wp.tid(), part)

@@ -1,4 +1,7 @@
-"""Impulses between near pairs that come too near each other within a substep."""
+"""Impulses between the two sides of near pairs that come too near within a substep.
+
+The first side is the vertex or the first edge, the second side the triangle or the second edge.
+"""
 
 import functools
 
@@ -10,18 +13,18 @@ from .contact_data import BodyContactData
 from .near_pairs import NearPairs, vertex_of
 
 KEPT = 0.5
-"""The share of its gap that a pair keeps in a substep, where impulses can, unless it stays far apart."""
+"""The share of its gap that impulses try to keep for a pair in a substep, unless the gap remains wide."""
 ALL_KEPT = 4.0
-"""Near its least gap, by this factor, a pair keeps all of it."""
+"""Below this multiple of the least gap, impulses try to keep all of the gap."""
 
 
 @functools.cache
 def pair_impulses(scalar: type, worlds: bool):
     """Compose (may_lose, lacks, count_pushes, push, apply).
 
-    `may_lose` returns how much of its gap a pair may lose in a substep [m]; `lacks` the way of its first one
-    relative to the second, and by how much that is too long. In a round each pair counts its pushes, then adds its
-    impulses; then each particle applies them.
+    `may_lose` returns by how much the gap of a pair may shrink in a substep [m]. `lacks` returns the displacement
+    of the first side relative to the second in the substep, and how much more than allowed the gap shrinks [m].
+    In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
     """
     V, Units = vector(3, scalar), wp.types.vector(3, wp.int64)
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
@@ -30,7 +33,7 @@ def pair_impulses(scalar: type, worlds: bool):
 
     @wp.func
     def way_between(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int) -> V:
-        """Return the way of the first one's nearest point, less that of the second one's [m]."""
+        """Return the displacement in the substep of the first side's nearest point, less the second side's [m]."""
         vertices = pairs.vertices[k]
         weights = pairs.weights[k]
         way = V()
@@ -53,9 +56,9 @@ def pair_impulses(scalar: type, worlds: bool):
 
     @wp.func
     def push(data: Data, pairs: Pairs, k: int, way: V, lack: scalar, per_unit: wp.float64):
-        """Add the impulses of a pair, which takes each particle for as light as others leave it.
+        """Add the impulses of pair k, with each particle's mass divided by the number of pairs that push it.
 
-        They leave it the gap that it lacks, or throw it back with the restitution of its rule, with friction.
+        They reduce the approach by `lack` for restitution 0, reverse it for restitution 1, and cause friction.
         """
         vertices = pairs.vertices[k]
         weights = pairs.weights[k]
@@ -83,7 +86,7 @@ def pair_impulses(scalar: type, worlds: bool):
             total = Units()
             for c in range(3):
                 total[c] = wp.int64(wp.float64(impulse[c]) * per_unit)
-            # The second ones get exactly the opposite of what the first ones get.
+            # The vertices of the second side get exactly the opposite of what those of the first side get.
             rest = Units()
             for m in range(3, -1, -1):
                 v = vertex_of(vertices, m)
@@ -112,7 +115,7 @@ def pair_impulses(scalar: type, worlds: bool):
         unit: wp.float64,
         i: int,
     ):
-        """Move a particle by the impulses of its pairs."""
+        """Change the position and velocity of particle i by the impulses of its pairs, then clear these."""
         if pairs.pushes[i] != 0:
             moved = V()
             impulse = wp.vec3d()

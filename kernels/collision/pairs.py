@@ -21,9 +21,9 @@ FAR = 1.0e30
 def places(scalar: type):
     """Compose (place_of, place_on, nearest_to).
 
-    The position of a point; the position on a facet for given weights of its corners (or the velocity, for an
-    array of velocities); the weights of the position on a facet nearest to p. They take arrays, not the whole data
-    struct: on the CPU a function copies its arguments.
+    `place_of` returns the position of a point; `place_on` the position on a facet for given weights of its corners
+    (or the velocity, for an array of velocities); `nearest_to` the weights of the place on a facet nearest to p.
+    They take arrays, not the whole data struct: on the CPU a function copies its arguments.
     """
     V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
@@ -60,7 +60,7 @@ def unit_normal(scalar: type):
 def pairs(scalar: type, worlds: bool = False):
     """Compose (find_rule, thickness_of, reach_of, stiffness_of).
 
-    Each is for a point of body `mine` and a facet of body `other`.
+    They return the contact rule and its numbers for a point of body `mine` and a facet of body `other`.
     """
     Data = BodyContactData(scalar, worlds)
 
@@ -83,7 +83,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the largest distance at which a facet pushes a point [m]; for a closed body also the depth."""
+        """Return the distance up to which a facet pushes a point in front of it, or inside a closed body [m]."""
         reach = thickness_of(data, rule, mine, other)
         if data.surfaces.closed[other] != 0 and mine != other:
             reach = wp.max(reach, data.surfaces.depth[other])
@@ -91,7 +91,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the contact stiffness of one point [N/m]: its share of the harmonic mean of both bodies."""
+        """Return the contact stiffness of one point [N/m]: a share of the harmonic mean of both bodies'."""
         k = data.rules.stiffness[rule]
         if k < scalar(0.0):
             a = data.surfaces.stiffness[mine]
@@ -104,7 +104,7 @@ def pairs(scalar: type, worlds: bool = False):
 
 @functools.cache
 def Pair(scalar: type):
-    """Compose the struct of a point and a body that may touch."""
+    """Compose the struct of the body of a point and a body that the point may touch."""
 
     @wp.struct
     class Pair:
@@ -118,7 +118,7 @@ def Pair(scalar: type):
 
 @functools.cache
 def points(scalar: type, worlds: bool = False):
-    """Compose (Point, point_of, mobility_of): a point, and its mobility from those of two vertices [1/kg]."""
+    """Compose (Point, point_of, mobility_of): a contact point, and its mobility from its two vertices' [1/kg]."""
     V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
     place_of = places(scalar)[0]
 
@@ -152,7 +152,10 @@ def points(scalar: type, worlds: bool = False):
 
 @wp.func
 def next_in_order(candidate_body: wp.array2d(dtype=int), p: int, n: int, before: int) -> int:
-    """Return the start in row p (length n) of the body with the next index after `before`; n if there is none."""
+    """Return where the facets of the body with the lowest index above `before` start in row p of n entries.
+
+    Return n if there is no such body.
+    """
     least = int(wp.static(NONE))
     first = int(n)
     for e in range(n):

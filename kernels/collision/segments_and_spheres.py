@@ -32,7 +32,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
 
     @wp.func
     def share_of(x: wp.array(dtype=V), corner: wp.vec3i, p: V) -> scalar:
-        """Return the weight of the second end at the point of a segment nearest to p; 0 for a grain."""
+        """Return the weight of a segment's second end at the segment's point nearest to p; 0 for a grain."""
         start = place_on(x, corner, V(one, zero, zero))
         along = place_on(x, corner, V(zero, one, zero)) - start
         squared = wp.length_sq(along)
@@ -43,7 +43,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
 
     @wp.func
     def find_nearest(data: Data, point: Point, first: int, other: int, buffer: scalar):
-        """Return the nearest facet of a body, the squared distance [m²], and the weight of its second end."""
+        """Return body `other`'s nearest facet, its squared distance [m²], and the weight of its second end."""
         p = point.number
         best = far
         near = far

@@ -48,7 +48,7 @@ def evaluate_surface(
 
     @wp.func
     def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
-        """Return a point in the frame of obstacle p, interpolated by `share` between two rows of poses."""
+        """Transform position x to the frame of obstacle p, interpolated by `share` between two rows of poses."""
         if wp.static(moving):
             begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
             if share > zero:
@@ -105,7 +105,7 @@ def evaluate_surface(
 
     @wp.func
     def recall(data: Data, t: int, p: int) -> Inside:
-        """Return the history of a facet on an obstacle."""
+        """Return the history of the contact of facet t with obstacle p, all 0 if they did not touch."""
         inside = Inside()
         inside.solid = p
         for e in range(wp.static(HISTORY)):
@@ -117,7 +117,7 @@ def evaluate_surface(
 
     @wp.func
     def add_places(data: Data, facet: Facet, before: Inside) -> Inside:
-        """Return the sums over the samples of a facet that are inside an obstacle."""
+        """Return history `before` with the sums over the samples of a facet that are inside its obstacle."""
         inside = before
         p = before.solid
         kept = wp.dot(before.side, before.side) > zero
@@ -153,7 +153,7 @@ def evaluate_surface(
 
     @wp.func
     def surface_velocity(data: Data, facet: Facet, p: int, w: V) -> V:
-        """Return the velocity of an obstacle's surface at a point of a facet [m/s]."""
+        """Return the velocity of obstacle p at the point of a facet where its corners have the weights w [m/s]."""
         y = place_of(data, p, facet.row, facet.share, w[0] * facet.a + w[1] * facet.b + w[2] * facet.c)
         following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # a frame's last pose has no successor
         return scalar(0.5) * (
@@ -165,7 +165,11 @@ def evaluate_surface(
 
     @wp.func
     def bear(data: Data, facet: Facet, before: Inside, h: scalar, behind: scalar, unit: wp.float64):
-        """Return a contact's history, whether it has a force, energy [J], dissipation [W] and work rate [W]."""
+        """Exert the force of one contact between a facet and an obstacle.
+
+        Return its new history, whether it has a force, its stored energy [J], its dissipation [W], and the power
+        of the obstacle's motion and of depenetration [W].
+        """
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
         done = wp.float64(0.0)

@@ -97,9 +97,9 @@ def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm
 
 @functools.cache
 def add_pushes(scalar: type):
-    """Compose the kernel, over particles, that adds the forces of obstacles on facets to impulses.
+    """Compose the kernel, over particles, that adds the impulses of obstacles' forces on facets to sums.
 
-    The sums are impulses per mass, in float64.
+    A force is weighted by its time `seconds`. The sums are impulses per mass [m/s], in float64.
     """
     Wide = vector(3, wp.float64)
 
@@ -129,6 +129,6 @@ def add_energies(
     # In and out:
     done: wp.array(dtype=wp.float64),  # [J], shape [any]
 ):
-    """Integrate powers over a time."""
+    """Add each power times `seconds` to its sum of work."""
     i = wp.tid()
     done[i] = done[i] + seconds * power[i]

@@ -16,7 +16,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     """Compose the kernel that updates vertices from their particles and clears the forces on them.
 
     It also measures how far vertices have moved since the last search, beyond the common drift of points in
-    contact: whether lists are still valid. Vertices that were far from all other bodies may move further. Its
+    contact: this decides whether neighbor lists are valid. Vertices far from other bodies may move further. Its
     threads share the vertices. On the CPU a part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
@@ -38,7 +38,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         listing: bool,  # whether a search follows
         threads: int,  # in each part
         part: int,
-        parts: int,  # that threads of the CPU take
+        parts: int,  # number of parts, one for each CPU thread
         way: wp.array(dtype=float),  # longest path of a vertex [m], at the first flag of its world
     ):
         i = first_of_part(wp.tid(), part)

@@ -17,7 +17,7 @@ from .differences import Differences, world_data
 
 
 class Composition(NamedTuple):
-    """The parts of a method's functions; hashable, so that equal scenes share kernels."""
+    """What the kernels of a scene are composed from; hashable, so that equal scenes share kernels."""
 
     dim: int
     """Number of coordinates."""
@@ -45,7 +45,7 @@ class Composition(NamedTuple):
 
     @property
     def timed(self) -> bool:
-        """Whether anything depends on time."""
+        """Whether the force of any effect depends on time."""
         return any(piece.timed for piece in self.pieces)
 
 
@@ -214,7 +214,7 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 
 @functools.cache
 def driving(composition: Composition) -> Driving:
-    """Compose the functions that move driven particles."""
+    """Compose the functions that set driven particles to the poses of their drives."""
     SceneData = scene(composition)
     return next((piece.drive(SceneData) for piece in composition.pieces if piece.drive is not None), Driving())
 

@@ -33,7 +33,7 @@ MEET = f"""
 
 @wp.func_native(MEET)
 def barrier(meeting: wp.array(dtype=int), threads: int, yield_cpu: wp.uint64):
-    """Wait until all threads are here; their writes are then visible.
+    """Wait until all CPU threads have reached a barrier; their writes are then visible.
 
     The k-th barrier opens when the count of arrivals, which is never reset, reaches k times the number of threads.
     """
@@ -58,13 +58,13 @@ class PartOfParticles:
 
 @kernel
 def wait_for_all(share: PartOfParticles):
-    """Wait until all threads are here."""
+    """Wait until the threads of all parts have reached the next barrier."""
     barrier(share.meeting, share.threads, share.yield_cpu)
 
 
 @functools.cache
 def in_partition(composition: Composition, method: Any):
-    """Compose the kernel that takes many steps, as `persistent` does, for one part of the particles.
+    """Compose the kernel that runs many stages, as `persistent` does, for one part of the particles.
 
     It is launched once per part, all at the same time. A particle's forces are summed in the same order as by a
     single thread. If forces are scattered, each thread has its own array for the connections of its particles.

@@ -24,7 +24,7 @@ WAIT = """
 
 @wp.func_native(WAIT)
 def wait():
-    """Wait until all threads of the cluster of blocks are here; their writes are then visible."""
+    """Wait until all threads of the cluster of blocks have reached this call; their writes are then visible."""
     ...
 
 
@@ -37,7 +37,7 @@ WAIT_IN_BLOCK = """
 
 @wp.func_native(WAIT_IN_BLOCK)
 def wait_in_block():
-    """Wait until all threads of the block are here; their writes are then visible."""
+    """Wait until all threads of the block have reached this call; their writes are then visible."""
     ...
 
 

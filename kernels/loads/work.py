@@ -12,7 +12,7 @@ from ..records import records
 
 @wp.struct
 class Nothing:
-    """Data of an effect that adds nothing to kernels."""
+    """The empty struct of an effect that adds no data to kernels."""
 
 
 NOTHING = ForceTerm("nothing", Nothing)
@@ -118,7 +118,7 @@ def add_work(
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
-    """Add other effects' numbers to each thread's share of a sum."""
+    """Add the work that effects sum themselves, `done`, to the threads' shares of the work in each world."""
     share = wp.tid()
     threads = shares.shape[0] / worlds
     count = done.shape[0] / worlds

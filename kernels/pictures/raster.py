@@ -299,7 +299,7 @@ def shade_square(
 ) -> int:
     """Shade 2 x 2 pixels, each triangle once, and return 0; return 4 if each pixel needs its own shading.
 
-    Pixels do at the edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
+    They need it at edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
     ground. Elsewhere light hardly changes between pixels; textures are still sampled in each pixel.
     """
     if 4 * row + 8 > nearest.shape[0] or column + 2 > nearest.shape[1]:

@@ -71,19 +71,19 @@ FACING_AWAY = wp.constant(0.5)
 
 @wp.func
 def colour_of(pixel: wp.vec3ub) -> wp.vec3:
-    """Return a colour in 0 … 1."""
+    """Return the colour of a pixel, converted from bytes to 0 … 1."""
     return wp.vec3(float(pixel[0]), float(pixel[1]), float(pixel[2])) / 255.0
 
 
 @wp.func
 def within_one(colour: wp.vec3) -> wp.vec3:
-    """Return a colour, limited to 1."""
+    """Return a colour with each of its channels limited to 1."""
     return wp.min(colour, wp.vec3(1.0, 1.0, 1.0))
 
 
 @wp.func
 def in_bytes(colour: wp.vec3) -> wp.vec3ub:
-    """Return a colour in bytes."""
+    """Return a colour in 0 … 1, converted to bytes."""
     scaled = 255.0 * wp.max(colour, wp.vec3()) + wp.vec3(0.5, 0.5, 0.5)
     return wp.vec3ub(wp.uint8(scaled[0]), wp.uint8(scaled[1]), wp.uint8(scaled[2]))
 

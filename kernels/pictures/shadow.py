@@ -102,7 +102,7 @@ def draw_depth(
 
 @wp.func
 def nearest_around_spot(shadows: DepthMap, at: wp.vec3) -> float:
-    """Return the position along the light of the nearest surface around a point, linear between blocks."""
+    """Return how far towards the light the surface nearest to it is around a point [m], linear between blocks."""
     last = shadows.around.shape[0] - 1
     column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))

@@ -1,4 +1,4 @@
-"""Columns of the measures of a state, in float64."""
+"""Which column of the table of measures, a row per world, has which sum or extreme of a state, in float64."""
 
 FIRST, STRAIN, KINETIC, POTENTIAL, WORK = 0, 1, 2, 3, 4
 """Minus the index of the first non-finite particle, or −NONE; largest |l / l0 − 1|, 0 if not computed; three [J].

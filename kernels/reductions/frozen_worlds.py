@@ -46,7 +46,7 @@ def put_back(
     # Out:
     live: wp.array2d(dtype=wp.uint32),
 ):
-    """Restore frozen worlds to the start of the frame."""
+    """Copy the state that was kept at the frame's start back into worlds that have been frozen."""
     w, i = wp.tid()
     if frozen[w] == wp.static(RUNNING):
         return

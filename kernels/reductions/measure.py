@@ -284,7 +284,7 @@ def fold(
 @kernel
 def put_in_order(
     values: wp.array(dtype=wp.float32),  # in the device's order, shape [connection_count]
-    place: wp.array(dtype=int),  # where that of each goes, shape [connection_count]
+    place: wp.array(dtype=int),  # index in `result` of each value, shape [connection_count]
     # Out:
     result: wp.array(dtype=wp.float32),  # shape [connection_count]
 ):
@@ -308,7 +308,7 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
         # Model:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
-        place: wp.array(dtype=int),  # where the strain of each goes, shape [connection_count]
+        place: wp.array(dtype=int),  # index in `strain` of each connection, shape [connection_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
         x_lost: wp.array(dtype=V),  # compensation of positions [m], shape [particle_count]

@@ -16,7 +16,7 @@ from .law import spring_damper
 
 
 class Neighbour(NamedTuple):
-    """One of the neighbours that a lattice point may have."""
+    """A neighbour that a lattice point may have: its place in the row, and its bit in the mask."""
 
     along: int
     """Its position in its row, relative to the point: −1, 0 or 1; from −2 to 2 with second neighbours."""
@@ -51,11 +51,11 @@ def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
 
 @functools.cache
 def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking):
-    """Compose the force on particle i after its `suspects` have been tested; `force` includes all of them.
+    """Compose the force on particle i after its `suspects`, the springs beyond the common limit, have been tested.
 
-    The bits of springs that are too long are cleared, and the force is summed again without them. Since this is
-    rare, it is kept out of the loops that are unrolled for each neighbour. `kinds` are the first five arguments of
-    `stencil`.
+    The mask bits of springs that break are cleared, and `force`, which includes all suspects, is summed again
+    without them. Since this is rare, it is kept out of the loops that are unrolled for each neighbour. `kinds` are
+    the first five arguments of `stencil`.
     """
     dim, scalar, damper, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)

@@ -33,7 +33,7 @@ def name_itself(
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill every slot with its own particle, which exerts no force on itself."""
+    """Fill every slot of particle i with i itself, as for padding: a particle exerts no force on itself."""
     part = wp.tid()
     for slot in range(first[part], first[part + 1]):
         other[slot] = wp.min(part * SLICE + (slot - first[part]) % SLICE, particle_count - 1)
@@ -83,7 +83,7 @@ def name_itself_where_broken(
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill the slots of particle i whose springs are broken with the particle itself."""
+    """Fill the slots of particle i whose springs are broken with i itself, so that they exert no force."""
     i = wp.tid()
     slot = first[i / SLICE] + i % SLICE
     while slot < first[i / SLICE + 1]:
@@ -95,7 +95,7 @@ def name_itself_where_broken(
 
 @functools.cache
 def take(dtype: type):
-    """Compose the kernel, over slots, that copies each spring's value into its slots."""
+    """Compose the kernel, over slots, that copies a value of each spring into the spring's two slots."""
 
     @kernel
     def take_values(

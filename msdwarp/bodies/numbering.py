@@ -98,7 +98,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
 def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of two systems as one; the particles and connections of `other` come second.
 
-    Raises ValueError if they have another number of coordinates, or other laws of damping.
+    Raises ValueError if their numbers of coordinates or their laws of damping differ.
     """
     n, c = len(one["position"]), len(one["connections"])
     dims = [each["position"].shape[1] for each in (one, other)]

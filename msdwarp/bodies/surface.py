@@ -80,7 +80,7 @@ class Surface:
         return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
 
     def behind(self, first: "Surface | None", particles: int) -> "Surface":
-        """Return both surfaces as one; this one comes second, with its particle indices shifted by `particles`."""
+        """Return `first`, if any, and then this surface as one, whose particle indices grow by `particles`."""
         own = replace(self, particle=self.particle + np.int32(particles))
         if first is None:
             return own
@@ -148,7 +148,7 @@ def _whole(name: str, value: ArrayLike, allowed: str, shape: tuple[int, ...] | N
 def _widened(
     particle: NDArray[np.int32], weights: NDArray[np.float64], width: int
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Pad the particles of each vertex to `width`: the first one is repeated, with weight 0."""
+    """Pad the particles of each vertex to `width`: its first particle is repeated, with weight 0."""
     more = width - particle.shape[1]
     repeated = np.repeat(particle[:, :1], more, axis=1)
     return np.hstack([particle, repeated]), np.hstack([weights, np.zeros((len(weights), more))])

@@ -181,8 +181,8 @@ class System:
     def between_neighbours(self) -> NDArray[np.bool_] | None:
         """Mask of the connections that do not join second neighbours, shape [connection_count]; None if none does.
 
-        Second neighbours have directions such as "2x". These connections are compressed in a flat sheet: see
-        `msdwarp.shapes.bending`.
+        Second neighbours have directions such as "2x". Connections between them are compressed in a flat sheet:
+        see `msdwarp.shapes.bending`.
         """
         return between_neighbours(self.directions, self.connection_count)
 

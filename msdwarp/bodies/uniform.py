@@ -20,7 +20,7 @@ def is_uniform(values: NDArray) -> bool:
 
 
 def stored(values: NDArray) -> NDArray:
-    """Return the entries that are stored: one of a uniform array, all of another."""
+    """Return the entries that are stored in memory: the first of a uniform array, else all."""
     return values[:1] if is_uniform(values) else values
 
 

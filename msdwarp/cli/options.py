@@ -98,7 +98,7 @@ class Pictures:
 
 
 def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return stored options, with the options of pictures on the same level."""
+    """Return stored options as one flat mapping, in which the options of pictures are not nested."""
     flat = {**options, **options.get("pictures", {})}
     return {name: value for name, value in flat.items() if name != "pictures"}
 

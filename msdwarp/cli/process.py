@@ -104,7 +104,7 @@ def _set_up() -> None:
 
 
 def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
-    """Return `noted`, announced on a terminal."""
+    """Return the context `signals.noted`, which announces the first signal on a terminal."""
 
     def announce() -> None:
         if talk.is_terminal:

@@ -39,7 +39,7 @@ def number_of(stop: BaseException) -> int:
 
 
 def word(number: int) -> str:
-    """Return the word for a signal's effect in messages."""
+    """Return the participle for a signal's effect in messages, such as "interrupted"."""
     return "interrupted" if number == signal.SIGINT else "terminated"
 
 

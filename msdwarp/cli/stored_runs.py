@@ -150,7 +150,7 @@ def _live_frames(
 
 
 def _difference(before: Trajectory, again: Iterable[Frame]) -> str | None:
-    """Return how the frames of a trajectory differ from others; None if they are equal bit for bit."""
+    """Return how the frames of a trajectory differ from those of its repetition; None if equal bit for bit."""
     first, largest, at = None, 0.0, 0
     for k, (was, now) in enumerate(zip(before, again, strict=False)):
         if was.position.shape != now.position.shape:

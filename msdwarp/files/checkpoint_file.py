@@ -1,4 +1,7 @@
-"""Restart files: checkpoints on disk with checksums, replaced as a whole; contents: `simulation/checkpoint.py`."""
+"""Restart files: checkpoints on disk, replaced as a whole.
+
+Their contents are described in `simulation/checkpoint.py`; `load` in `names.py` verifies checksums.
+"""
 
 import io
 import json

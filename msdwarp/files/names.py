@@ -1,4 +1,4 @@
-"""Names in the file of a trajectory, and the storage of its arrays."""
+"""Names in trajectory files; storing and loading arrays with checksums, also those of restart files."""
 
 import json
 import math

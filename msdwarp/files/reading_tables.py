@@ -98,7 +98,7 @@ class ReadingTables:
                 table[at:] = values
 
     def note(self, k: int) -> None:
-        """Store that frame k ends with the rows in use."""
+        """Store that the rows in use are those up to the end of frame k."""
         if len(self._ends) <= k:
             self._ends.resize(k + self._ends.chunks[0], axis=0)
         self._ends[k] = [self._at.get(every, 0) for every in EVERY]

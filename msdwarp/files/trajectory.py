@@ -41,7 +41,7 @@ class FrameArray:
         return np.asarray(self[:], dtype=dtype)
 
     def __getitem__(self, key: Any) -> NDArray:
-        """Return a part of it, as a new array."""
+        """Return the indexed part of the array on disk, as a new array."""
         keys = key if isinstance(key, tuple) else (key,)
         dots = [k for k, one in enumerate(keys) if one is Ellipsis]
         if len(keys) - len(dots) > self.ndim or len(dots) > 1:
@@ -240,7 +240,7 @@ class Trajectory:
     def substeps(self) -> NDArray[np.int32] | None:
         """Number of substeps of each frame, shape [frame_count]; None in old files without it.
 
-        For the first frame it is the number for the next one; 0 is unknown.
+        Entry 0, the start, repeats the number of frame 1; 0 is unknown.
         """
         kept = self._file[OWN].get(SUBSTEPS)
         if kept is None:

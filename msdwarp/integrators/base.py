@@ -43,7 +43,7 @@ class Integrator(ABC):
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of each of these stages in an integral over the substep."""
+        """Weight of the force of each stage, at `stage_times`, in an integral over the substep."""
         return (1.0,) + (0.0,) * (len(self.stage_times) - 1)
 
     @property

@@ -50,7 +50,7 @@ class RK4(Integrator):
         return (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
     def workspace(self, state: State) -> Work:
-        """Return two stages, of positions and velocities, and the sum of accelerations."""
+        """Return arrays for the positions and velocities of two stages, and for the sum of accelerations."""
         return Work(*state.empty_vectors(5))
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage]:

@@ -144,7 +144,7 @@ class RKC2(Integrator):
         return tuple(changes)
 
     def workspace(self, state: State) -> Work:
-        """Return the first acceleration, and two stages."""
+        """Return arrays for the acceleration of the first stage, and for two stages."""
         a0, *stages = state.empty_vectors(9)
         return Work(a0, StageArrays(*stages[:4]), StageArrays(*stages[4:]))
 

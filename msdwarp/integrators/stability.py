@@ -59,8 +59,8 @@ class StepChoice:
     def energy_swing(self) -> float:
         """Ratio of largest to smallest energy of the fastest mode under kick-drift: (1 + r)/(1 − r) at r × limit.
 
-        Kick-drift methods conserve v² + ω²x² − h ω² x v; its extremes over an oscillation are at 1 ± hω/2. Above
-        the limit nothing is conserved, and the ratio is 1.
+        Kick-drift methods conserve C = v² + ω²x² − h ω² x v. So the physical energy v² + ω²x² varies between
+        C/(1 + r) and C/(1 − r), where r = hω/2 is the step over the limit. Above it nothing is conserved: 1.
         """
         share = self.step / self.limit if self.limit > 0 else 1.0
         return (1 + share) / (1 - share) if share < 1 else 1.0

@@ -129,7 +129,7 @@ class Commands(ViewState):
     # The hand.
 
     def _grab(self, holder: Any, point: ArrayLike) -> None:
-        """Hold the body at a point of its surface [m]; of several holders the last one holds it."""
+        """Let `holder`, a window or client, hold the body at a point of its surface [m], in place of any other."""
         simulation, at = self._handling.simulation, checks.vector("point", point, 3)
         gravity = float(np.linalg.norm(simulation.model.gravity))
         grip = Picking.of(simulation.system, self.source.frame().position, at, gravity)
@@ -138,14 +138,14 @@ class Commands(ViewState):
         self.hand = Pull(grip, holder, at)
 
     def _pick(self, holder: Any, origin: Sequence[float], direction: Sequence[float]) -> None:
-        """Hold the body where a ray first meets its drawing."""
+        """Let `holder` hold the body where a ray first meets its drawing."""
         drawing = self.shown.drawing
         triangles = np.concatenate([one.triangles for one in drawing.body])
         if (point := hit(origin, direction, drawing.points.numpy(), triangles)) is not None:
             self._grab(holder, point)
 
     def _drag(self, holder: Any, point: ArrayLike = (), ray: Any = None) -> None:
-        """Pull the held point to a point [m], or to a ray: (origin, direction, normal of the screen)."""
+        """Pull what `holder` holds to a point [m], or to a ray: (origin, direction, normal of the screen)."""
         if self.hand.grip is None or self.hand.holder != holder:
             return
         if ray is not None:  # in the plane through the current target, parallel to the screen

@@ -34,7 +34,7 @@ def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFon
 
 
 def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """Return an empty panel with round corners, and a pen to write on it."""
+    """Return an empty panel of a size in pixels, with round corners, and a pen to write on it."""
     size = (round(width), round(height))
     # The corners are cut by a finer mask; colours stay white there, so that no dark edge appears.
     mask = Image.new("L", (size[0] * FINE, size[1] * FINE), 0)
@@ -48,7 +48,7 @@ def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, Image
 def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image:
     """Return two or more lines of text, the first large and the last, a hint, faint, wrapped at `columns` letters.
 
-    `unit` is pixels for each of a window of 720 rows.
+    `unit` is the scale: 1 in a window 720 rows high.
     """
     pad, large, small = 11 * unit, max(10, round(15 * unit)), max(9, round(13 * unit))
     first, body, hint = (_font(large, bold=True), INK), (_font(small), INK), (_font(small), FAINT)

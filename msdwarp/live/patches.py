@@ -20,9 +20,9 @@ MOST_DIVISIONS = 16
 class Patch(NamedTuple):
     """Triangles of one colour.
 
-    `weights` are the barycentric coordinates of its vertices, shape [vertex_count, 3], in triangles of the
-    drawing's vertices `corners`, of this shape. If `weights` is None, the vertices are the drawing's `corners`,
-    shape [vertex_count]. `faces` are triangles of its own vertices, shape [face_count, 3].
+    Each vertex of the patch is a mean of three vertices of the drawing, the indices `corners`, by barycentric
+    `weights`, both of shape [vertex_count, 3]. If `weights` is None, each is the drawing's vertex `corners`, shape
+    [vertex_count]. `faces` are triangles of the patch's vertices, shape [face_count, 3].
     """
 
     corners: NDArray[np.integer]
@@ -32,7 +32,7 @@ class Patch(NamedTuple):
     moves: bool
 
     def points(self, drawn: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return its vertices [m], shape [vertex_count, 3], from the drawing's."""
+        """Return the patch's vertices [m], shape [vertex_count, 3], from the drawing's vertices."""
         if self.weights is None:
             return drawn[self.corners]
         return np.einsum("ij,ijk->ik", self.weights, drawn[self.corners])
@@ -57,7 +57,7 @@ def patches(drawing: Drawing) -> list[Patch]:
 
 
 def levels(drawing: Drawing) -> list[NDArray[np.int32]]:
-    """Return the triangles of the body in each of the LEVELS colours of its current values."""
+    """Return the triangles of the body in each of LEVELS colours, evenly spaced on the drawing's colour scale."""
     triangles = np.concatenate([one.triangles for one in drawing.body])
     away = drawing.colours.numpy()[:, None] - ramp(drawing.stops, LEVELS)
     of_vertex = np.argmin((away**2).sum(axis=2), axis=1)

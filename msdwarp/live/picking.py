@@ -83,7 +83,7 @@ class Pull(NamedTuple):
     last: Sequence[int] = ()
 
     def arrow(self, position: NDArray) -> NDArray[np.float64] | None:
-        """Return the ends of its pull [m], shape [2, 3]; None if it holds nothing."""
+        """Return the held point and its target [m], shape [2, 3]; None if the hand holds nothing."""
         if self.grip is None:
             return None
         ends = np.array([self.target, self.target])

@@ -45,7 +45,7 @@ class Recording:
         self._writer.write(self._source.frame(), broken_at=self._source.broken_at())
 
     def close(self) -> str:
-        """End, and write the interactive changes; return a message."""
+        """End the recording, and write the interactive changes beside its frames; return a message."""
         self._source.after_frame.remove(self._write)
         self._writer.close()
         deeds = self._source.handling.deeds

@@ -74,7 +74,7 @@ class Running:
         return self._simulation.frame_index
 
     def seen(self) -> None:
-        """Return None: future positions are unknown."""
+        """Return None: the positions that a camera should keep in view are not known in advance."""
 
     def advance(self) -> bool:
         """Simulate one frame; raise SimulationDiverged if it diverges."""

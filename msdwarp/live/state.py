@@ -49,7 +49,7 @@ class Screen(Protocol):
         ...
 
     def close(self) -> None:
-        """End."""
+        """Close the window, or stop serving the page."""
 
 
 class ViewState:

@@ -155,7 +155,7 @@ class Window:
 
     @property
     def _pixel(self) -> float:
-        """Pixels for each of a window of 720 rows."""
+        """The scale of texts and arrows: 1 in a window 720 rows high."""
         return min(max(self._size[1] / 720, 0.8), 2.5)
 
     def tell(self) -> None:
@@ -180,7 +180,7 @@ class Window:
     def _paint(
         self, name: str, what: Any, paint: Callable[[], Image.Image | None], at: tuple[float | None, float]
     ) -> None:
-        """Paint a panel, unless it shows this already.
+        """Show the image that `paint` returns as panel `name`, unless the panel shows `what` already.
 
         `at` is its distance from the lower left corner, or if negative from the right or upper edge; None centres.
         """
@@ -233,7 +233,7 @@ def surroundings(scene: Scene, position: NDArray) -> NDArray:
 def arrow(start: NDArray, end: NDArray, unit: float, grow: float = 0.0) -> NDArray[np.float64]:
     """Return triangles of a dot at `start` and an arrow to `end`, in pixels, shape [any, 3, 2].
 
-    `unit` is pixels for each of a window of 720 rows; all is wider by `grow` pixels on each side.
+    `unit` is the scale, 1 in a window 720 rows high; both are wider by `grow` pixels on each side.
     """
     turns = np.linspace(0.0, 2.0 * np.pi, 25)
     rim = start + (5.0 * unit + grow) * np.stack([np.cos(turns), np.sin(turns)], axis=-1)

@@ -125,7 +125,7 @@ class Drawing:
             one.follow(self._x, 0.0)
 
     def _body_of(self, scene: Scene) -> list[Part]:
-        """Return the parts that follow the particles, look by look."""
+        """Return the parts that move with the particles, such as surfaces and springs, grouped by `Look`."""
         system, of_particle = scene.system, look_of_particles(scene)
         surface = None if self.shows_strain else system.surface
         of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)

@@ -27,7 +27,7 @@ def look_of_triangles(surface: Surface, look_of: NDArray[np.int32]) -> NDArray[n
 
 
 def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
-    """Return some triangles of a surface, shape [triangle_count], with the vertices that they need."""
+    """Return the triangles of a surface in a mask, shape [triangle_count], with the vertices that they need."""
     if chosen.all():
         return surface
     needed = np.unique(surface.triangles[chosen])

@@ -48,7 +48,7 @@ class Part:
         self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
 
     def follow(self, x: wp.array, time: float) -> None:
-        """Move to particles at x, an array of vec3, and to `time` [s]."""
+        """Place the part's vertices for particles at x, an array of vec3, and for colliders at `time` [s]."""
 
     def _place_vertices(self, x: wp.array) -> None:
         """Place each vertex at its particles, or at `radius` from there along its normal."""
@@ -211,7 +211,7 @@ def is_closed(surface: Surface) -> bool:
 
 
 def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
-    """For each corner of triangles, at the vertices `use`, return the first corner with an equal normal."""
+    """Return the first corner with the same normal for each corner of triangles; `use` are corners' vertices."""
     vertex = use if normal_of is None else normal_of[use]
     _, first, which = np.unique(vertex, return_index=True, return_inverse=True)
     return first[which.ravel()]

@@ -20,7 +20,10 @@ from .stage import Stage
 from .warp_renderers import Rasteriser, RayCaster
 
 BACKENDS = ("auto", "raster", "raycast", "opengl")
-"""The renderers; "auto" chooses one of the others."""
+"""The renderers; "auto" chooses one of the others.
+
+The class of one is made with (drawing, stage, arrows); its `draw(..., shadows)` returns the image.
+"""
 
 
 class Renderer:

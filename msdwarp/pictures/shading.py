@@ -137,7 +137,7 @@ class Shading:
         self._programs.append((program, shadows))
 
     def follow(self, *, shadows: bool = True) -> None:
-        """Update from the shadow map, or light everything."""
+        """Update from the shadow map; without `shadows` the key light reaches everything."""
         self._matrix.DeepCopy(self._map.to_lamp().T.ravel().tolist())  # OpenGL reads column by column
         for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)

@@ -53,7 +53,7 @@ class ShadowMap:
         return self.width / SIZE
 
     def to_lamp(self) -> NDArray[np.float64]:
-        """Return the matrix, shape [4, 4], that turns points into metres from the corner along the axes."""
+        """Return the matrix, shape [4, 4], to coordinates along the map's axes, from its corner on [m]."""
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = self.axes, -self.corner
         return matrix

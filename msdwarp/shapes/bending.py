@@ -136,7 +136,10 @@ def resisting_bending(
 def _turns(
     flat: System, name: str, step: tuple[int, ...], mask: NDArray[np.bool_], *, solid: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the connections before and after each point where a line of a direction can bend, and the shares."""
+    """Return the connections before and after each point where a line along `step` can bend, and their shares.
+
+    A share is that of whole cells beside both connections; without `solid` it is 1.
+    """
     part = flat.directions[0][name]
     beginning = np.full(mask.shape, -1)  # the connection that starts at each point
     points = np.argwhere(mask.T)[:, ::-1]

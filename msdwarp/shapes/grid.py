@@ -112,7 +112,7 @@ def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.flo
 
 
 def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the share of cells beside a connection over two steps that are whole along both, from 0 to 1.
+    """Return the share of cells beside a connection over two steps that are whole along both steps, from 0 to 1.
 
     The order is that of `ends_of`: the points of a plane grid that have a neighbour two steps further.
     """

@@ -102,7 +102,7 @@ def join(
 
 
 def _pairs(pairs: ArrayLike, of_a: int, of_b: int) -> NDArray[np.int32]:
-    """Return the given pairs after checks."""
+    """Return the given pairs of particles as an array, shape [any, 2]; raise ValueError if one is invalid."""
     given = checks.indices("pairs", pairs, 2, max(of_a, of_b))
     if not len(given):
         raise ValueError("pairs is empty; it must name one pair at least")

@@ -1,4 +1,8 @@
-"""Checkpoints: arrays and numbers from which a simulation continues bit for bit."""
+"""Checkpoints: arrays and numbers from which a simulation continues bit for bit.
+
+`saved` has the state, the effects, the system, the substeps and the baseline. `Simulation.checkpoint` adds what
+the simulation itself keeps: frame index, changes, gravity, method, history of substeps, step controller.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -94,9 +98,9 @@ def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
 
 
 def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int]]]:
-    """Return the frame index, the number of changes made, and the substep history; raise ValueError if invalid.
+    """Return the frame index, the number of scheduled changes made, and the substep history.
 
-    The history is empty for older checkpoints.
+    The history is empty for older checkpoints. Raises ValueError if one of them is missing or invalid.
     """
     frame_index, changes = (
         checks.count(name, checks.member("checkpoint", numbers, name), 0) for name in ("frame_index", "changes")
@@ -116,7 +120,7 @@ def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change]) -> An
 
 
 def saved_drives(loads: Sequence[Load], model: Model) -> dict[str, NDArray]:
-    """Return the particles that are still driven, if any were at the start."""
+    """Return the indices of the particles that are still driven, under "driven"; nothing without drives."""
     return {"driven": np.flatnonzero(model.driven)} if any(isinstance(one, Driven) for one in loads) else {}
 
 
@@ -171,7 +175,7 @@ def restore_arrays(stepping: Stepping, arrays: Arrays) -> None:
 
 
 def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
-    """Return the effects that a checkpoint holds.
+    """Return the effects whose state a checkpoint holds.
 
     Older versions did not sum the work of moving obstacles, and had no contact of surfaces with obstacles.
     """

@@ -177,7 +177,7 @@ class Stepping:
         self._shift_baseline(added_energy, max(0.0, added_energy))
 
     def _shift_baseline(self, energy: float, scale: float) -> None:
-        """Add to the baseline's energy [J] and scale of energies [J]."""
+        """Add `energy` [J] to the baseline's energy, and `scale` [J] to its scale of energies."""
         baseline = self.watch.baseline
         self.watch.compare_with(Baseline(baseline.energy + energy, baseline.scale + scale))
 
@@ -209,7 +209,7 @@ class Stepping:
             self._velocities.start()
 
     def advance(self, time: float, next_time: float | None = None) -> bool:
-        """Advance by the frame that begins at `time` [s]; return whether it went well.
+        """Advance by the frame that begins at `time` [s]; return False if it diverged.
 
         If another frame follows immediately, at `next_time` [s], the host prepares it while the device works, and
         if possible launches it before it judges the current one. Omit `next_time` if the caller acts between the
@@ -227,7 +227,8 @@ class Stepping:
                     self._take_frame(next_time, ahead)
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
-        while sum(effect.is_void() for effect in self.assembly.all):  # every effect is asked
+        # Every effect is asked. A neighbour list that was too short or too old has made room: repeat the frame.
+        while sum(effect.is_void() for effect in self.assembly.all):
             self.go_back()
             self._take_frame(time, track)
             fine = self._is_fine(track)
@@ -236,7 +237,7 @@ class Stepping:
         return fine
 
     def _is_fine(self, track: Track) -> bool:
-        """Wait for a frame and return whether it went well. An ensemble waits only if bodies touch."""
+        """Wait for a frame; return False if it diverged. An ensemble waits only if bodies touch."""
         if self.frozen is None:
             return not self.watch.finds_trouble(track.found)
         if self.assembly.body_contact is not None:

@@ -66,7 +66,7 @@ _STORED = {"quiet_frames": "calm", "coarsen_after": "patience", "rechoose": "ane
 
 
 def _stored(name: str) -> str:
-    """Return the name of a field in checkpoints: that of version 0.1."""
+    """Return the name of a field in checkpoints, the same as in version 0.1, whose files still load."""
     return f"pace.{_STORED.get(name, name)}"
 
 
@@ -213,7 +213,10 @@ class StepController:
             fine = stepping.advance(time)
 
     def follow(self, stepping: Stepping, choice: StepChoice) -> Stepping:
-        """Return the `Stepping` for the substeps that stability requires now."""
+        """Return the `Stepping` with the substeps of the stable `choice` times the refinement.
+
+        A number that is only a little smaller than the current one is not adopted.
+        """
         choice, now = choice.refined(self.refinement), stepping.choice.substeps
         if KEPT * now <= choice.substeps < now:
             choice = replace(choice, substeps=now)
@@ -233,7 +236,7 @@ class StepController:
         return balance.energy <= self.least + self._allowed(balance)
 
     def _allowed(self, balance: EnergyBalance | None = None) -> float:
-        """Return the allowed excess of the energy over the least [J]."""
+        """Return by how much the energy may exceed its least value so far [J]."""
         return SHARE * self._scale_of(balance)
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:

@@ -12,7 +12,7 @@ _READ_AFTER_FRAME = ("energies_and_powers", "is_void", "warnings")
 
 
 class Track:
-    """Memory of a frame; consecutive frames alternate between two of them."""
+    """A frame's backup, found sums and recorded graphs; consecutive frames alternate between two tracks."""
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self.backup = Backup(assembly, state, others)  # the state at the start of the frame

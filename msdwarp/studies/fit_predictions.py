@@ -62,12 +62,12 @@ class Worlds:
         self.refine(1.0)
 
     def refine(self, times: float) -> None:
-        """Multiply the substeps of later runs."""
+        """Multiply the number of substeps of later runs by `times`."""
         self.substeps = math.ceil(times * self.substeps)
         self._options["substeps"] = self.substeps
 
     def scene(self, values: NDArray[np.float64]) -> Scene:
-        """Return the scene with these values."""
+        """Return the scene with these values of the fitted parameters."""
         return scene_with(self._scene, self.parameters, values)
 
     def predict(self, values: NDArray[np.float64], end: float) -> list[NDArray[np.float64]]:

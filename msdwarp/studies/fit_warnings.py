@@ -81,7 +81,7 @@ def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
 
 
 def value_warnings(problem: Problem, theta: NDArray[np.float64], unseen: list[str], converged: bool) -> list[str]:
-    """Return warnings about the fitted values."""
+    """Return warnings about fitted values: not determined (`unseen`), at a bound, diverging or not converged."""
     messages = []
     if len(unseen) == 1:
         messages.append(f"{unseen[0]} is not determined by the measurements: it stays near its start")

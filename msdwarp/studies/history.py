@@ -19,7 +19,7 @@ from .table import COLUMNS, GrowingTable
 
 
 class Moment(NamedTuple):
-    """Quantities of a frame."""
+    """Energies, momentum and heights of the body in one frame."""
 
     time: float
     """Simulated time [s]."""

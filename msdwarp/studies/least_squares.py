@@ -83,11 +83,11 @@ class Problem:
         return FLOOR[self.precision] * float(np.sqrt(np.average(squares, weights=rows)))
 
     def weights(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the weight of each residual, by the loss."""
+        """Return the weight of each residual under the robust loss, for reweighted least squares."""
         return LOSSES[self.loss][1](residuals**2)
 
     def cost(self, residuals: NDArray[np.float64]) -> float:
-        """Return the sum of squared residuals, by the loss."""
+        """Return the sum of the robust losses of the residuals."""
         return float(LOSSES[self.loss][0](residuals**2).sum())
 
     def residuals(self, theta: NDArray[np.float64], end: float) -> NDArray[np.float64]:

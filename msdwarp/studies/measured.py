@@ -63,7 +63,7 @@ class TrackedPoints:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Self:
-        """Return all particles of a trajectory, in all its frames."""
+        """Return all particles of a trajectory, in all its frames, as tracked points."""
         position = np.asarray([frame.position for frame in trajectory], dtype=float)
         frames, count, dim = position.shape
         time, particle = np.repeat(trajectory.times, count), np.tile(np.arange(count), frames)

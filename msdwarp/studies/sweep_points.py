@@ -65,7 +65,7 @@ class Point(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """The name of its folder: the same text for the same parameters."""
+        """The name of the point's folder: equal for equal parameters."""
         return hashlib.sha256(json.dumps(self.parameters, sort_keys=True).encode()).hexdigest()[:16]
 
 

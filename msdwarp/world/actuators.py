@@ -16,11 +16,11 @@ class Actuator(Load):
     """A muscle: connections whose rest length is a function of time.
 
     At time t a connection has the rest length l0 (1 + s(t − delay)) instead of l0. If several actuators act on a
-    connection, their strains add up. The body keeps its algorithm.
+    connection, their strains add up. The algorithm that sums spring forces stays the same.
 
     `Measures.external_work` includes the work of muscles on the body, −∮ F dl over a cycle, for tension F and
-    length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. So for a muscle
-    that is held at both ends the two have opposite signs.
+    length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. The
+    energy stored in a muscle of constant strain is, up to a constant, `elastic_energy` minus `external_work`.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Actuator(Load):
 
     @property
     def varies(self) -> bool:
-        """Whether it is a function of time."""
+        """Whether the strain is a function of time."""
         return callable(self.strain)
 
     def at(self, times: NDArray[np.float64], name: str = "strain") -> NDArray[np.float64]:
@@ -74,7 +74,7 @@ class Actuator(Load):
         return values
 
     def connections(self, system: System) -> NDArray[np.intp]:
-        """Return the indices of its connections; raise ValueError if there are none, or one may yield or break."""
+        """Return the indices of the muscle's connections; raise ValueError if none, or one may yield or break."""
         chosen = np.ones(system.connection_count, dtype=bool)
         if self.along is not None:
             known = dict.fromkeys(name for body in system.directions for name in body)
@@ -106,6 +106,6 @@ class Actuator(Load):
         return np.round(each[system.connections[connections]].mean(axis=1), 9)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         self.delays(system, self.connections(system))
         self.at(np.zeros(1))

@@ -69,7 +69,7 @@ class Attachment(Load):
             object.__setattr__(self, "rest_length", lengths)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot hold particles of this system."""
+        """Raise ValueError if the attachment cannot hold particles of this system."""
         self.bound(system)
 
     def bound(self, system: System) -> Self:
@@ -120,7 +120,7 @@ class MouseSpring(Load):
     room: int = 64
 
     def __post_init__(self) -> None:
-        """Check the arguments, and sort them by particle."""
+        """Check the arguments; sort particles, points and constants by the particles' indices."""
         checks.count("room", self.room, 1)
         held = checks.array("on", () if self.on is None else self.on).astype(np.int64).reshape(-1)
         if len(held) > self.room:
@@ -142,17 +142,17 @@ class MouseSpring(Load):
         return np.zeros(len(self.on))
 
     def stored(self, position: NDArray) -> float:
-        """Return the energy of its springs with all particles at `position` [m], shape [particle_count, d] [J]."""
+        """Return the energy of its springs [J] with all particles at `position` [m], shape [particle_count, d]."""
         if not len(self.on):
             return 0.0
         return 0.5 * float(self.stiffness @ ((position[self.on] - self.to) ** 2).sum(axis=1))
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return the particles that it holds, which may be none, shape [particle_count]."""
+        """Return the mask of the held particles, which may be none, shape [particle_count]."""
         return mask_of(self.on, system.particle_count)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it names particles that this system lacks, or has other dimensions."""
+        """Raise ValueError if this system lacks a held particle, or has another number of coordinates."""
         checks.within("on", self.on, checks.index_below(system.particle_count))
         if len(self.on) and self.to.shape[1] != system.dim:
             raise ValueError(f"to has {self.to.shape[1]} coordinates; it must have {system.dim}")

@@ -87,7 +87,7 @@ class Collider:
         return _wrong_length(name, getattr(self, name), dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return its numbers for `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
+        """Return the numbers for `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
         points = {letter: getattr(self, name) for letter, name in zip("ab", self.places, strict=False)}
         return points | {name: getattr(self, name) for name in self.lengths}
 
@@ -96,11 +96,11 @@ class Collider:
         return min((getattr(self, name) for name in self.lengths), default=math.inf)
 
     def centre(self, dim: int) -> NDArray[np.float64]:
-        """Return the point about which it turns [m], shape [dim]."""
+        """Return the point about which `motion` turns the obstacle [m], shape [dim]."""
         return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
 
     def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o): at `time` a point y of it in the given pose is at R y + o.
+        """Return (R, o): a point at y in the given pose of the obstacle is at R y + o at `time` [s].
 
         Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
         """
@@ -146,7 +146,7 @@ class Plane(Collider):
         return {"a": self.unit_normal(dim), "radius": self.offset}
 
     def centre(self, dim: int) -> NDArray[np.float64]:
-        """Return the point of the plane next to the origin [m]."""
+        """Return the point of the plane nearest to the origin [m], about which it turns."""
         return self.offset * self.unit_normal(dim)
 
 
@@ -242,7 +242,7 @@ class Capsule(Collider):
 
 @dataclass(frozen=True, repr=False)
 class Cone(Collider):
-    """A solid cone with a flat base; in two dimensions a triangle. On a plane the same holds as for a `Box`.
+    """A solid cone with a flat base; in two dimensions a triangle. For a cone on a plane see `Box`.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ class Ruled(tuple[Load, ...]):
 
 
 def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | None) -> Ruled:
-    """Return loads, followed by the rules of contact, if any, in place of earlier ones.
+    """Return loads, followed by the rules of contact, if any, in place of rules among the loads.
 
     Raises ValueError if one of the loads is a bare `Load`, or a `Contact` that was not given as `contact`.
     """

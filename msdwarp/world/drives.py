@@ -44,11 +44,11 @@ class PrescribedMotion(Load):
         return super().__repr__() + (" at rest" if self.motion is None else "")
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         self.bound(system).pose(0.0)
 
     def bound(self, system: System) -> "Driven":
-        """Return the drive with its values from the starting state."""
+        """Return the drive with its particles, their start and the centre, taken from the starting state."""
         held = np.flatnonzero(self.particles(system))
         start = np.array(system.position[held])
         if self.about is not None:
@@ -75,11 +75,11 @@ class Driven(PrescribedMotion):
     """The centre of its rotation [m], shape [d]."""
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return the particles that it moves, shape [particle_count]."""
+        """Return the mask of the driven particles, shape [particle_count]."""
         return mask_of(self.held, system.particle_count)
 
     def bound(self, system: System) -> "Driven":
-        """Return itself, since it is already bound."""
+        """Return this drive, which is already bound."""
         return self
 
     def pose(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

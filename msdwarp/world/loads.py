@@ -44,19 +44,19 @@ class Load:
         return f"{type(self).__name__}({', '.join(required + others)})"
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return the particles that it acts on, shape [particle_count]; raise ValueError if there are none."""
+        """Return the mask of the particles acted on, shape [particle_count]; raise ValueError if none is."""
         return some_particles(self.on, system)
 
     def facets(self, system: System) -> Facets:
-        """Return the triangles of the surface that it acts on: those with all corners among its particles."""
+        """Return the triangles of the surface acted on: those with all corners among the load's particles."""
         return facets_of(system).of(self.particles(system))
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         self.particles(system)
 
     def bound(self, system: System) -> "Load":
-        """Return the load with its values from the starting state."""
+        """Return the load with everything that it takes from the starting state, such as points or a volume."""
         return self
 
 
@@ -78,16 +78,16 @@ class VectorLoad(Load):
 
     @property
     def of_place(self) -> bool:
-        """Whether it is a `wp.func`, which is compiled into kernels."""
+        """Whether the vector is given by a `wp.func`, which is compiled into kernels."""
         return is_device_function(self._vector)
 
     @property
     def varies(self) -> bool:
-        """Whether it is a function of time."""
+        """Whether the vector is a function of time."""
         return callable(self._vector) and not self.of_place
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         super().check(system)
         if not self.of_place:
             self.at(np.zeros(1), system.dim, self.vector)

@@ -90,11 +90,11 @@ class Look:
 
     @property
     def says_colour(self) -> bool:
-        """Whether it sets the colour of connections, unlike a plain look."""
+        """Whether its colour or gloss is not the default, so that connections are drawn with both."""
         return (self.colour, self.gloss) != (Look.colour, Look.gloss)
 
     def of_the_picture(self) -> list[str]:
-        """Return the names of the fields of the whole picture that it sets, unlike a plain look."""
+        """Return the names of its fields that apply to the whole picture and are not the defaults."""
         values = {one: getattr(self, one.name) for one in fields(self) if one.name not in OF_BODIES}
         return [
             one.name

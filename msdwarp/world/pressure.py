@@ -16,7 +16,7 @@ class Pressed(Load):
     """A load on a surface from one side."""
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         super().check(system)
         if not len(self.facets(system).corner):
             raise ValueError(f"on is {checks.repr_short(self.on)}; it must hold the corners of a surface in space")
@@ -45,7 +45,7 @@ class Pressure(Pressed):
             object.__setattr__(self, "pressure", float(checks.vector("pressure", [self.pressure], 1)[0]))
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         super().check(system)
         self.at(np.zeros(1))
 
@@ -90,7 +90,7 @@ class EnclosedGas(Pressed):
             checks.positive("volume", self.volume)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         super().check(system)
         facets = self.facets(system)
         if count := len(open_edges(facets.corner)):

@@ -77,13 +77,13 @@ class Probe:
         return np.flatnonzero(self.particles(system)[system.connections].all(axis=1))
 
     def columns(self, dim: int) -> list[str]:
-        """Return the column names of its readings, such as "contact_force_x_N"."""
+        """Return the column names of the probe's readings, such as "contact_force_x_N"."""
         if self.what == STRAIN:
             return ["strain_mean", "strain_largest"]
         return [f"{self.what.replace(' ', '_')}_{axis}_{UNITS[self.what]}" for axis in "xyz"[:dim]]
 
     def check(self, system: System, colliders: Sequence[Collider], touches: bool) -> None:
-        """Raise ValueError if it cannot measure this system."""
+        """Raise ValueError if the probe cannot measure this system."""
         self.particles(system)
         if self.what == STRAIN and not len(self.connections(system)):
             raise ValueError(f"on is {checks.repr_short(self.on)}; for the strain it must contain a connection")

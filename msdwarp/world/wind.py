@@ -57,7 +57,7 @@ class Wind(VectorLoad):
         super().__post_init__()
 
     def check(self, system: System) -> None:
-        """Raise ValueError if it cannot act on this system."""
+        """Raise ValueError if the load cannot act on this system."""
         super().check(system)
         if self.area is not None:
             self.areas(system)

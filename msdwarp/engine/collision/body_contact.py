@@ -181,7 +181,7 @@ class BodyContact(WithHistory):
         self.neighbors.place(x, v, None, self.neighbors.unread)
 
     def begin_substep(self, substep: int) -> bool:
-        """Set the time of the next launches."""
+        """Set the time within the frame [s] at which this substep begins, for the neighbor list."""
         self.neighbors.now = substep * self._dt
         return False
 
@@ -192,7 +192,10 @@ class BodyContact(WithHistory):
         self._evaluate(False, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
 
     def _evaluate(self, measuring: bool, times: list[float], sums: list[wp.array]) -> None:
-        """Launch a kernel over the active points, which sums their forces or measures."""
+        """Launch a kernel over the active points, which exerts contact forces or, if `measuring`, sums energies.
+
+        `times` are fields of the kernels' `Substep`; `sums` take stored energy [J] and dissipated power [W].
+        """
         model, surfaces, overlapping = self._model, self.surfaces, self.history.overlapping_at_start
         triangles = surfaces.triangles or measuring
         lanes = (ON_GPU if triangles else FEW_ON_GPU) if model.device.is_cuda else 1
@@ -213,7 +216,7 @@ class BodyContact(WithHistory):
             wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
 
     def look(self) -> None:
-        """Launch the copies that `is_void` reads."""
+        """Launch the copies of the flags of lists and of recorded tunnelling, which `is_void` reads."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
             wp.copy(self._noted, self._data.tunnelling)
@@ -269,7 +272,7 @@ class BodyContact(WithHistory):
         return self._data.surfaces.unit
 
     def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the contacts' parts of the blocks of K [N/m] and B [N s/m], shape [worlds, particle_count]."""
+        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [worlds, particle_count] each."""
         stiffness, damping = self.blocks
         each = np.arange(worlds) % len(stiffness)
         return stiffness[each], damping[each]

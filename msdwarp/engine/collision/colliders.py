@@ -144,7 +144,7 @@ class Colliders(Effect):
             self._frames.prepare(time)
 
     def _fill(self, time: float, tables: Tables) -> None:
-        """Write the poses in the frame that begins at `time`, and the velocities that led to them."""
+        """Write the poses in the frame that begins at `time`, and the mean velocity in the substep before each."""
         for k, motion, centre in self._moving:
             turn, shift = self._poses(k, motion, centre, time)
             tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
@@ -166,7 +166,7 @@ class Colliders(Effect):
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
-        """Write the poses at `time` to all rows, with the velocities that led to them."""
+        """Write the poses at `time` to all rows, with the mean velocities in the substep before."""
         self._fill(time, tables)
         for table in tables.values():
             table[1:] = table[:1]
@@ -196,7 +196,7 @@ def _put_out(model: Model, colliders: Sequence[Collider]) -> NDArray[np.float64]
 
 
 def _with_a_past(poses: NDArray) -> NDArray:
-    """Prepend a pose so that the second difference stays the same."""
+    """Prepend the pose of the substep before, extrapolated by a parabola through the first three."""
     return np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
 
 

@@ -28,7 +28,7 @@ class ContactHistory:
     """Bodies that points or facets touch, displacements along them, and the overlap that is still allowed.
 
     The arrays are fields of the struct `data`, for `count` points or facets; `more` gives the types of further
-    ones. In checkpoints their names begin with `prefix`.
+    arrays. In checkpoints their names begin with `prefix`.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ContactHistory:
         self.data.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
 
     def forget(self) -> None:
-        """Clear all but the initial overlap."""
+        """Clear contacts and displacements, but not the initial overlap that is still allowed."""
         for name in self._names:
             getattr(self.data, name).fill_(-1 if name == "contact_body" else 0)
 
@@ -68,7 +68,7 @@ class ContactHistory:
         return [getattr(self.data, name) for name in (*self._names, "initial_overlap")]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the history, by its names in checkpoints."""
+        """Return the arrays of the contact history, by their names in checkpoints."""
         names = (*self._names, *("initial_overlap",) * self.overlapping_at_start)
         arrays = {f"{self._prefix}.{STORED[name]}": getattr(self.data, name).numpy().copy() for name in names}
         if self.overlapping_at_start:
@@ -76,7 +76,7 @@ class ContactHistory:
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore what `checkpoint` returned."""
+        """Restore the arrays that `checkpoint` returned."""
         self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
         self._model.generation += 1  # other kernels are needed
         for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
@@ -86,7 +86,7 @@ class ContactHistory:
 
 
 class WithHistory(Effect):
-    """An effect whose only changing data are its history."""
+    """An effect whose only changing data are its contact history."""
 
     history: ContactHistory
 
@@ -101,9 +101,9 @@ class WithHistory(Effect):
         return self.history.changing
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the history, by its names in checkpoints."""
+        """Return the arrays of the contact history, by their names in checkpoints."""
         return self.history.checkpoint()
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore what `checkpoint` returned."""
+        """Restore the arrays that `checkpoint` returned."""
         self.history.restore(arrays)

@@ -135,7 +135,7 @@ class ContactRules:
         return hops
 
     def blocks(self, model: Model, surfaces: ContactSurfaces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the contacts' parts of the blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each."""
+        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each."""
         masses, by_row = model.row_of("mass"), surfaces.by_row
         masses = np.broadcast_to(masses, (len(masses), model.particle_count))
         each = (

@@ -59,7 +59,7 @@ class ContactSurfaces:
             setattr(data, name, each.by_row(np.array([getattr(one, name) for one in self.by_row]), scalar))
 
     def by_particle(self, data: Any, model: Model) -> NDArray[np.bool_]:
-        """Fill in the vertices of each particle of a world; return which particles have any."""
+        """Fill in the vertices in which each particle of a world has a weight; return which particles have any."""
         surfaces, device = self.on_host, model.device
         present = surfaces.weight != 0
         order, first = rows(surfaces.particle[present], model.particle_count)
@@ -80,7 +80,7 @@ def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
 def neighbourhoods(
     surfaces: TouchingSurfaces, hops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return row starts, and the neighbours of each vertex: itself, and those within its body's `hops` edges."""
+    """Return row starts, and the neighbours of each vertex: itself, and all within its body's `hops` edges."""
     count, corner = len(surfaces.particle), surfaces.corner
     edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
     edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)

@@ -1,4 +1,4 @@
-"""DivisionPlanes: keeps apart what was apart when a substep began."""
+"""DivisionPlanes: keeps near pairs apart in a substep that were apart when it began."""
 
 from typing import Any
 
@@ -46,7 +46,7 @@ class DivisionPlanes(Effect):
     """The near pairs of contact, and the planes between them: see `kernels.collision.division_planes`.
 
     Pairs are listed with the neighbours of points, by `find`. `contact` is the struct of contact on the device,
-    `impulse` what sums contact impulses, if anything.
+    `impulse` the sums of contact impulses on particles [N s], None if they are not asked for.
     """
 
     piece = data = None
@@ -99,8 +99,8 @@ class DivisionPlanes(Effect):
     def find(self, within: bool) -> None:
         """Launch the listing of near pairs, after the search of the `NeighborList`, by its trees and boxes.
 
-        What still crosses since the start is found where a frame begins, so that it does not depend on when lists
-        are made (`within` a frame it is known).
+        Surfaces that still cross since the start are found only where a frame begins, not `within` it, so that
+        results do not depend on when lists are made.
         """
         data, model, neighbors = self.pairs, self._model, self.neighbors
         for array in (data.count, data.particle_count, data.in_pair):
@@ -114,7 +114,7 @@ class DivisionPlanes(Effect):
         neighbors.share(kernel, lanes * many, [*inputs, self._apart], [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
-        """Leave out what crosses at the start, or is inside another body, until it is apart."""
+        """Leave out surfaces that cross at the start, or are inside another body, until they are apart."""
         self._find_tangles()
         self.tangles = overlapping or bool(self.pairs.tangles.numpy()[0])
 
@@ -126,7 +126,10 @@ class DivisionPlanes(Effect):
         neighbors.share(kernel, len(pairs.edge) + len(surfaces.ends), inputs, [])
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
-        """Launch what keeps pairs apart until the end of a substep, and of a frame: whether lists held for it."""
+        """Launch the kernels that keep near pairs apart at a substep's end.
+
+        At a frame's end also launch the measurement of motion that tells whether neighbor lists were valid.
+        """
         model, neighbors, steps = self._model, self.neighbors, self.steps
         if len(self.pairs.driven):
             outputs = [after.x, after.v]
@@ -150,7 +153,7 @@ class DivisionPlanes(Effect):
         outputs = [after.x, after.v, neighbors.flags]
 
         def launch(part: int, parts: int) -> None:
-            if part == 0:  # of the threads of the CPU one does it all
+            if part == 0:  # a single CPU thread handles all pairs
                 for first, last in [(0, PHASES - 1)] if small else [(k, k) for k in range(PHASES)]:
                     given = [*inputs, substep + 1, first, last, threads]
                     wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
@@ -158,7 +161,7 @@ class DivisionPlanes(Effect):
         neighbors.launch_parts(launch)
 
     def extend(self, pairs: int) -> bool:
-        """Make room for more than so many pairs; tell whether there was not."""
+        """Make room for this many near pairs, and as many to spare; return False if there is room already."""
         if pairs <= len(self.pairs.vertices):
             return False
         self._give_room(2 * pairs)  # most are far apart, and seldom are there more at once
@@ -176,9 +179,9 @@ class DivisionPlanes(Effect):
 
 
 def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return the ends of each edge, whether no triangle has it, and for each facet the edges that it stands for.
+    """Return the ends of each edge, whether it belongs to no triangle, and the edges found by each facet.
 
-    Each edge is one of the edges of one facet, −1 stands for none. A grain is an edge with twice the same end.
+    A search finds every edge by exactly one of its facets; −1 fills up. A grain is an edge from itself to itself.
     """
     corner = surfaces.corner
     triangle = corner[:, 1] != corner[:, 2]
@@ -194,7 +197,7 @@ def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int
 
 
 def ranks(surfaces: ContactSurfaces, edge: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the place of each body in the order of the mean length of edges at the start, the shortest first."""
+    """Return the rank of each body by the mean length of its edges at the start, 0 for the shortest."""
     on_host, x = surfaces.on_host, surfaces.data.x.numpy()
     length = np.linalg.norm(x[edge[:, 1]] - x[edge[:, 0]], axis=1)
     body, bodies = on_host.body[edge[:, 0]], len(on_host.closed)

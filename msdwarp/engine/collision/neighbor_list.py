@@ -1,6 +1,7 @@
 """NeighborList: the facets near each point of bodies that touch, in lists that are valid for some substeps.
 
-`simulation/stepping.py` repeats a frame whose lists were not valid or had no room.
+`judge` chooses how many substeps lie between two searches. `simulation/stepping.py` repeats a frame whose lists
+were not valid or had no room.
 """
 
 import math
@@ -70,7 +71,7 @@ BETWEEN = (1, 2, 4, 8, 16, 32)
 class NeighborList:
     """Lists the facets near each point.
 
-    A list holds until something has moved by half of its skin. Lists are made again before every few substeps,
+    A list is valid until a vertex has moved by half of its skin. Lists are made again before every few substeps,
     as often as the fastest motion needs; a frame in which that was too seldom must be repeated. Facets that are
     listed and not touched change nothing: results depend neither on the skin nor on how often lists are made.
 
@@ -152,9 +153,10 @@ class NeighborList:
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
-        """Launch a kernel whose threads share `many` items: a thread for each, on the CPU one for each part.
+        """Launch a kernel whose threads share `many` items: on a GPU a thread for each, but at most `most`.
 
-        There each would have a copy of its arguments, of 2 kB. On a GPU they come in blocks of `block` threads.
+        On the CPU a part has a single thread, since each thread would copy the arguments, 2 kB. `block` is the
+        number of threads of a GPU's block.
         """
         device = self._model.device
         threads = min(many, most) if device.is_cuda else 1
@@ -165,7 +167,7 @@ class NeighborList:
         self.launch_parts(launch)
 
     def launch_parts(self, launch: Callable[[int, int], None]) -> None:
-        """Call `launch(part, parts)` for each thread of the CPU that shares a frame; for one `launch(0, 1)`."""
+        """Call `launch(part, parts)` for each CPU thread that shares a recorded frame, or once `launch(0, 1)`."""
         if self.partition is not None and self.partition.is_recording:
             self.partition.launch_parts(launch)
         else:
@@ -174,9 +176,10 @@ class NeighborList:
     def place(
         self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, listing: bool = False
     ) -> None:
-        """Launch the placing of vertices where particles are at x; without `compensation` x is all there is.
+        """Launch the placing of vertices where particles are at x, corrected by `compensation` if given.
 
-        Where lists are made here (`listing`), motion is measured from there on.
+        If lists are made for these positions (`listing`), later motion is measured from them. `moved` takes the
+        furthest motion of a vertex since the last search [m].
         """
         model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
@@ -213,7 +216,7 @@ class NeighborList:
         self._bodies.refit()
 
     def _find_rows_with_room(self) -> None:
-        """List the facets near each point until there is room for all."""
+        """List the facets near each point, and repeat with more room until all fit."""
         while True:
             self.flags.zero_()
             self._find_rows()
@@ -224,7 +227,7 @@ class NeighborList:
         self.flags.zero_()
 
     def _find_rows(self, within: bool = False) -> None:
-        """Launch the search of the facets near each point, by the present boxes."""
+        """Launch the search of the facets near each point, by the current bounding boxes, and of near pairs."""
         contact, device, kinds = self._contact, self._model.device, (self._model.scalar, self._model.in_worlds)
         around = [self._around, self.buffer]
         inputs = [contact, self._bodies.id, *self.boxes, *around, self.flags, self.data.active_count]
@@ -282,9 +285,9 @@ class NeighborList:
         return not held or overflown
 
     def _make_room(self, longest: int, body_pairs: int, near_pairs: int) -> bool:
-        """Make room for more than the longest row, the most bodies beside one, and pairs; return whether any grew.
+        """Make room for rows, bodies near one body, and near pairs as found; return whether any room grew.
 
-        Some is kept to spare: between frames rows are found too, and nothing is repeated there.
+        Some room is kept to spare: searches between frames cannot be repeated.
         """
         data, extended = self.data, self.planes is not None and self.planes.extend(near_pairs)
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
@@ -316,7 +319,7 @@ def room_for(many: int) -> int:
 
 
 def pieces(owner: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return pieces of at most PIECE facets of one body each: its body, the first, and the one behind the last."""
+    """Return pieces of at most PIECE facets of one body each, as rows (body, first facet, last facet + 1)."""
     begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
     ends = np.append(begins[1:], len(owner))
     firsts = np.concatenate([np.arange(a, b, PIECE) for a, b in zip(begins, ends, strict=True)])

@@ -126,7 +126,7 @@ class SurfaceContact(WithHistory):
         self._substep = 0
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Take over the arrays of the obstacles' poses."""
+        """Let kernels read the obstacles' poses in a frame from the arrays of `Colliders`."""
         self._last = substeps - 1
         if self._contact.moves:
             for name in ("turn", "shift", "turning", "speed"):
@@ -164,7 +164,7 @@ class SurfaceContact(WithHistory):
         wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sums of the work of obstacles, and of their impulses on particles if requested."""
+        """Launch the sums of obstacles' work and, if requested, impulses, for forces that act for `seconds`."""
         model, contact = self._model, self._contact
         if self.done is not None:
             inputs = [self._data.power, seconds]

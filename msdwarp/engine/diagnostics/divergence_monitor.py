@@ -74,7 +74,7 @@ class DivergenceMonitor:
         """Kinetic and gravitational energy, less work, beyond which a world has diverged [J]."""
 
     def look(self, found: Found) -> None:
-        """Launch the sums over the present state; it may be recorded."""
+        """Launch the sums over the present state; a graph may record it."""
         state = self._state
         self._sums.launch(state.x, state.v, state.v, None, found.state_out)
 
@@ -128,7 +128,7 @@ class Backup:
             wp.copy(kept, live)
 
     def restore(self) -> None:
-        """Go back to the state kept."""
+        """Copy the kept state back into the state's arrays and those of effects."""
         copy_vectors(self.live(), self.kept)
         for live, kept in self.changing:
             wp.copy(live, kept)

@@ -98,7 +98,7 @@ class Sums:
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
     def launch(self, x: wp.array, u: wp.array, v: wp.array, x_lost: wp.array | None, found: wp.array) -> None:
-        """Launch the sums for positions x, velocities v and the method's velocities u; it may be recorded.
+        """Launch the sums for positions x, velocities v and the method's velocities u; a graph may record it.
 
         `x_lost` are the rounding errors of x.
         """

@@ -56,7 +56,7 @@ class EnergySums:
         self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
-        """Launch the sums of the current balance, and those of `DivergenceMonitor.look`; it may be recorded."""
+        """Launch the sums of the current balance, and those of `DivergenceMonitor.look`; a graph may record it."""
         now = self._state.state_in
         if self._lag:
             kicked(self._dynamics, self._state, self._lag, self._v)

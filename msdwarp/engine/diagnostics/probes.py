@@ -26,7 +26,7 @@ ROWS = 64
 
 
 class Sensors:
-    """Measures the quantities of probes, by sums in each of the `readings` per frame of `seconds`.
+    """Measures the quantities of probes by sums on the device, `readings` times in a frame of `seconds`.
 
     `contact_forces` sums the contact forces, if a probe measures them.
     """
@@ -58,7 +58,7 @@ class Sensors:
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
 
     def launch(self, v: wp.array, k: int = 0) -> None:
-        """Launch the sums of reading number k of a frame; it may be recorded.
+        """Launch the sums of reading number k of a frame; a graph may record it.
 
         v are velocities at the time of the positions [m/s]; they are read only if `moves` is true.
         """
@@ -89,7 +89,7 @@ class Sensors:
 
 
 class _Sum:
-    """The sums of one probe, in columns from `first` on."""
+    """The sums that one probe needs: the columns from `first` on in the table of all probes' sums."""
 
     def __init__(self, model: Model, name: str, probe: Probe, first: int, tears: bool) -> None:
         self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model

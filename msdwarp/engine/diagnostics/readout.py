@@ -15,7 +15,7 @@ MOST_BLOCKS = 512
 
 
 class Found:
-    """Numbers found about a state (`msdwarp.kernels.reductions.columns`).
+    """Sums and extremes of the state of each world; `msdwarp.kernels.reductions.columns` lists them.
 
     For a single world the device writes them into host memory. In an ensemble they stay on the device. Kernels
     write `state_out`, an array of shape [worlds, COLUMNS].
@@ -71,6 +71,6 @@ class Sweep:
         ]
 
     def launch(self, kernel: Callable[[int], Any], inputs: list[Any], found: wp.array) -> None:
-        """Launch a kernel, composed for the threads of a block; it may be recorded."""
+        """Launch a kernel, composed for the threads of a block; a graph may record it."""
         inputs = [*inputs, *self._between]
         wp.launch(kernel(self.block), self._threads, inputs, [found], device=self._device, block_dim=self.block)

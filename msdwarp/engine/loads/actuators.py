@@ -60,7 +60,7 @@ class ActuatedSprings(StageTables):
         self.set_up(model, column_count, model.scalar, varies=any(one.varies for _, one in named))
 
     def _row(self, name: str) -> NDArray[np.float64]:
-        """Return a constant of the actuated springs, shape [rows, actuated_count]."""
+        """Return a parameter of the actuated springs, shape [rows, actuated_count]; world w has row w mod rows."""
         return self._model.row_of(name)[:, self._connection]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:

@@ -99,7 +99,7 @@ class AttachmentSprings(FrameTables):
                 wp.copy(array, source, count=len(numbers))
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Replace mouse springs by others."""
+        """Replace mouse springs, the keys of `others`, by its values."""
         if any(one in others for one in self._hands):
             before = self._named, self._hands
             self._named = exchanged(self._named, others)
@@ -136,7 +136,7 @@ class AttachmentSprings(FrameTables):
     def _write(self, tables: Tables, times: NDArray[np.float64]) -> None:
         """Write the poses and velocities of the carriers at these times.
 
-        If the method's velocities lag behind positions, these are changes over the last substep, too.
+        If the method's velocities lag behind positions, the carriers' are mean velocities of the last substep.
         """
         before, span = (1.0, 1.0) if self.steps.lagging else (ASIDE, 2 * ASIDE)
         start = np.maximum(times - before * self.steps.dt, 0.0)  # a motion may be undefined before 0
@@ -155,7 +155,7 @@ class AttachmentSprings(FrameTables):
         return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of each one's stiffness and damping: the bound doubles them, as for springs with two ends."""
+        """Add half of each attachment's stiffness and damping: the bound doubles blocks, for springs' two ends."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 

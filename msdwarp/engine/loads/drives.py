@@ -167,7 +167,7 @@ def _shortest_attached(model: Model, one: Driven) -> float:
 
 
 def _derivative(points: NDArray, at: float, order: int = 1) -> NDArray[np.float64]:
-    """Return weights of values at some points; the weighted sum is the derivative at one of the points.
+    """Return the weights by which values at `points` add up to their derivative of an order at the point `at`.
 
     It is the derivative of the polynomial through the nearest points.
     """

@@ -26,7 +26,7 @@ MOST_SHARES = 4096
 
 
 def _stored(effect: Effect) -> str:
-    """Return the name of an effect's work in checkpoints: that of version 0.1."""
+    """Return the name of an effect's work in checkpoints, the same as in version 0.1, whose files still load."""
     return _STORED[type(effect).__name__]
 
 
@@ -91,7 +91,7 @@ class Work(Effect):
         return wp.zeros(self._model.worlds * threads, dtype=wp.float64, device=self._device)
 
     def launch(self, x: wp.array, v: wp.array, shares: wp.array) -> None:
-        """Launch the sums for positions x and the method's velocities v; the launch may be recorded."""
+        """Launch the sums for positions x and the method's velocities v; a graph may record it."""
         model = self._model
         inputs = [model.particle_count, model.stride, model.worlds, self._done, self._last, v, self._remaining]
         inputs += [self._combination, self._steady, x]

@@ -50,7 +50,7 @@ class Faces:
         return result
 
     def on(self, model: Model, Struct: Any) -> Any:
-        """Return the struct of this type that `msdwarp.kernels.loads.surface_triangles` reads."""
+        """Return these triangles as a `Struct` made by `msdwarp.kernels.loads.surface_triangles.face`."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)
         if self.mixed:  # a particle's weight in a triangle is the sum of those in the three corners

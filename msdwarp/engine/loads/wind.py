@@ -110,5 +110,5 @@ class OnParticles(WindEffect):
         upload_fields(self.data, model.device, wind=self._number, area=self._area)
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
-        """Add the resistance of each particle."""
+        """Add the slope of each particle's drag over its speed [N s/m]."""
         damping += self._resistance(v, self._area, self._number)

@@ -102,7 +102,7 @@ class Effect:
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace loads, the keys, by others of the same kind, the values; `hold` is called next.
 
-        Graphs may have recorded only the loads' arrays. See `msdwarp.world.exchange`.
+        Graphs may have recorded only the loads' arrays. See `differ_in_values` in `msdwarp/world/loads.py`.
         """
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
@@ -130,11 +130,11 @@ class Effect:
 
     @property
     def precedes(self) -> bool:
-        """Whether it launches anything before forces are evaluated."""
+        """Whether the effect launches anything before forces are evaluated."""
         return self.overrides("before_forces")
 
     def overrides(self, *names: str) -> bool:
-        """Tell whether it overrides any of these methods."""
+        """Tell whether the effect's class overrides any of these methods."""
         return any(getattr(type(self), name) is not getattr(Effect, name) for name in names)
 
     def add_up(self, seconds: float) -> None:
@@ -144,7 +144,7 @@ class Effect:
         """
 
     def look(self) -> None:
-        """Launch the kernels whose results `is_void` reads, after the substeps of a frame; it may be recorded."""
+        """Launch the kernels whose results `is_void` reads, after a frame's substeps; a graph may record it."""
 
     def is_void(self) -> bool:
         """Tell whether the finished frame must be repeated; if so, reserve room for it first."""
@@ -175,7 +175,7 @@ class Effect:
         return {}
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add its stiffness [N/m] and damping [N s/m] to the blocks for the stability bound.
+        """Add the effect's stiffness [N/m] and damping [N s/m] to the blocks for the stability bound.
 
         The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
         [particle_count], for the particles of a world at x. The bound is twice the largest eigenvalue of a block
@@ -189,5 +189,5 @@ class Effect:
         """
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the energy that it stores [J] and the power that it dissipates [W], by world."""
+        """Return the energy that the effect stores [J] and the power that it dissipates [W], by world."""
         return np.zeros(1), np.zeros(1)

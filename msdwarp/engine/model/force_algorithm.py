@@ -41,7 +41,7 @@ def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool
 
 
 def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
-    """Return the algorithm that was fastest for systems like this one, and for a stencil its lattice."""
+    """Return the algorithm that was fastest in benchmarks of similar systems, and for a stencil the lattice."""
     few = system.connection_count <= FEW_CONNECTIONS
     if not on_gpu or (few and system.particle_count > LEAST_PARTICLES):
         return "scatter", None

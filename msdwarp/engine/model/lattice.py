@@ -31,7 +31,7 @@ class Lattice(NamedTuple):
     """The connections that follow no direction, shape [tie_count]; see `msdwarp.engine.springs.extra_springs`."""
 
     def numbers(self, system: System) -> NDArray[np.int32]:
-        """Return the connection in each direction from each particle, −1 for none.
+        """Return the index of the connection in each direction from each particle, −1 for none.
 
         `system` is the one that the lattice was found in. Shape [direction_count, particle_count].
         """

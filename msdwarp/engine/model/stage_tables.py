@@ -13,7 +13,7 @@ from .model import Model
 
 
 class FrameTables(Effect):
-    """An effect with tables for the current frame, which kernels read; it may have none."""
+    """An effect whose kernels may read tables that are filled for each frame."""
 
     _frames: InFrames | None = None
     varies = True

@@ -1,6 +1,7 @@
-"""The force algorithms of a model, with the arrays that their kernels read.
+"""The host side of the algorithms that sum spring forces: scatter, gather and stencil.
 
-`data` is the struct that the functions of `force_algorithm` read; see `msdwarp.kernels.springs`.
+Each class has `force_algorithm`, its composed device functions, and `data`, the struct that these read; see
+`msdwarp.kernels.springs`.
 """
 
 from functools import partial

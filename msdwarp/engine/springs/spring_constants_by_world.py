@@ -117,7 +117,7 @@ class Classes:
 
     @staticmethod
     def named(numbers: NDArray) -> NDArray[np.int64]:
-        """Return the classes for the numbers of a stand-in; 0 means none and gives an arbitrary class."""
+        """Return the classes that a stand-in's stiffnesses name; 0 is no spring and gives an arbitrary class."""
         return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
 
 

@@ -65,7 +65,7 @@ class Surroundings(NamedTuple):
     """Whether the contact force on each particle is requested."""
 
     def asks_for(self, *quantities: str) -> bool:
-        """Return whether a probe measures one of these, or all contact forces are requested."""
+        """Return whether a probe measures one of these quantities, or all contact forces are requested."""
         return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
@@ -171,7 +171,10 @@ class Assembly:
         return found
 
     def take_over(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
-        """Copy the sums of the same effects in an earlier run, for current positions x and velocities v."""
+        """Take over the work, and the state of each effect, from the assembly `other` before a change.
+
+        x and v are its current positions and velocities.
+        """
         if self.external_work is not None and other.external_work is not None:
             self.external_work.before += other.external_work.totals(x, v)
         for effect in self.all:

@@ -124,7 +124,7 @@ class PartitionedGraph:
         replay_together(self._graphs, partial(self._barrier.fill, 0), self._abort)
 
     def _abort(self) -> None:
-        """End all waiting, because a thread has failed."""
+        """Make all threads leave their barriers, because one has failed."""
         self._barrier[ABORT] = 1
 
 

@@ -85,7 +85,7 @@ class Dynamics:
         return forces, differences(self.assembly, forces)
 
     def _compose(self, algorithm: Any, differs: Differences | None, effect_mask: NDArray[np.uint8]) -> Composition:
-        """Return everything that the kernels are generated from."""
+        """Return the `Composition` from which the kernels of this scene are composed."""
         model, terms = self.model, [effect.piece for effect in self.assembly.all]
         force_terms = tuple(one for one in terms if isinstance(one, ForceTerm))
         return Composition(

@@ -108,7 +108,7 @@ def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
 
 
 def _addresses(instant: Instant) -> list[int]:
-    """Return the addresses of the arrays that both instants of a state have."""
+    """Return the addresses of the arrays of an instant, in an order that is equal for both instants of a state."""
     arrays = [instant.x, instant.v, *instant.method_state, instant.compensation.x]
     return [int(array.ptr) for array in arrays if array.size]
 

@@ -17,7 +17,7 @@ class Stage(NamedTuple):
     """The fields of its `Step`: arrays that it reads and writes, and its numbers."""
 
     def step(self, composition: Any) -> Any:
-        """Return the fields as the kernels' struct."""
+        """Return the fields as the struct `Step` that the method's kernels take."""
         step = self.method(composition).Step()
         for name, value in self.fields.items():
             setattr(step, name, value)
@@ -32,13 +32,13 @@ class Solve(NamedTuple):
 
 
 class StageArrays:
-    """Arrays of stages for recorded launches; keeps their memory alive."""
+    """Makes the arrays of stages that recorded launches read, and keeps their memory alive."""
 
     def __init__(self) -> None:
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
 
     def array_of(self, step: Any, kernel: Any, device: Any) -> wp.array:
-        """Return a step as an array for the second argument of a kernel."""
+        """Return the struct of a stage as an array of length 2, as kernels of many stages take it."""
         # Warp shares one kernel among identical sources, so its type of a step may come from another composition
         # with the same fields.
         Step: Any = kernel.adj.args[1].type.dtype

@@ -77,7 +77,7 @@ class Stepper:
             self._steps = wp.array(self._kept, dtype=Step, device=model.device)
 
     def take(self, substeps: int, first: int = 0) -> None:
-        """Take substeps from number `first` of a frame on. The result is in the same arrays as the start."""
+        """Take substeps from number `first` of a frame on. The new state is in the arrays that had the old one."""
         if self.blocks is None:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, first + k)

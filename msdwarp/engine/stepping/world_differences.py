@@ -36,7 +36,7 @@ def differences(assembly: Assembly, forces: EnsembleForces) -> Differences:
 
 
 def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, frozen: Any) -> None:
-    """Fill in the struct of the differences (`world_data`); see there for `frozen`."""
+    """Fill in the struct of the differences that `world_data` composes; `frozen` is the status of each world."""
     model = assembly.model
     data.stride, data.frozen = model.stride_in_bytes, frozen
     if "gravity" in model.rows:
