@@ -39,10 +39,10 @@ def ways(scalar: type, worlds: bool):
 
     @wp.func
     def way_towards(data: Data, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V) -> scalar:
-        way = scalar(0.0)  # each of its particles may make only a part of its displacement
+        way = scalar(0.0)  # each particle may make only a part of its displacement; weights may be negative
         for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
             i = data.surfaces.particle[s]
-            way += data.surfaces.weight[s] * wp.max(scalar(0.0), -wp.dot(load(x_out, i) - load(x, i), normal))
+            way += wp.max(scalar(0.0), -data.surfaces.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
         return way
 
     return place_of, way_towards

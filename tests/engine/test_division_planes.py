@@ -67,16 +67,8 @@ def test_grains_bounce_off_a_sheet(device, speed):
         assert simulation.frame().velocity[SIZE:, 2].min() > 0.8 * speed
 
 
-def seeds() -> list:
-    """Return the numbers of the pairs of bodies that are thrown at each other."""
-    # Number 6 has a cloth with an outline, some of whose vertices have negative weights: planes take their ways
-    # for shorter than these are.
-    crosses = pytest.mark.xfail(reason="vertices with a negative weight go through planes")
-    return [pytest.param(6, marks=crosses) if seed == 6 else seed for seed in range(24)]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", seeds())
+@pytest.mark.parametrize("seed", range(24))
 def test_nothing_goes_through_what_is_thrown_at_it(seed):
     pytest.importorskip("ipctk")
     found = crossings.simulate(crossings.throw(seed), "cpu")
