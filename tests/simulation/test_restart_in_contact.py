@@ -32,7 +32,7 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain
     assert other.effect_energy == one.effect_energy
     assert one.effect_energy > 0 or run.snapshot().broken.any()
     assert other.dissipated_power == one.dissipated_power
-    for _ in range(12):
+    for _ in range(6):
         run.step()
         restored.step()
     assert restored.substeps == run.substeps
