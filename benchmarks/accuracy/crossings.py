@@ -77,9 +77,8 @@ class Oracle:
         self._surfaces = surfaces = contact_surfaces(system)
         a, b, c = surfaces.corner.T
         triangles = surfaces.corner[(a != b) & (b != c)]
-        different = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[
-            1
-        ]  # sheets may have two sides
+        # Sheets may have a second triangle for their other side.
+        _, different = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
         triangles, segments = triangles[different], surfaces.corner[(b == c) & (a != b), :2]
         edges = np.concatenate([ipctk.edges(triangles), segments]) if len(triangles) else segments
         edges = np.unique(np.sort(edges, axis=1), axis=0)
