@@ -45,7 +45,7 @@ def build(
 
     bodies = sum(thrown[1:], thrown[0])
     return Scene(
-        system=bodies, colliders=colliders, contact=contact, duration=5.0, look=look, observe={"dots": up}
+        system=bodies, colliders=colliders, contact=contact, duration=6.0, look=look, observe={"dots": up}
     )
 
 

@@ -142,7 +142,8 @@ def test_the_block_in_two_dimensions_falls_on_its_corner():
 @pytest.mark.slow
 def test_the_dice_come_to_rest_on_their_faces():
     scene = build("dice")
-    frames = simulate(scene, scene.duration)
+    # The throw is chaotic: rounding decides how long the last one rolls. Of six throws the longest took 7 s.
+    frames = simulate(scene, 12.0)
     assert np.abs(frames[-1].velocity).max() < 0.05
     height = np.sort(frames[-1].position[:, 2].reshape(-1, 27))
     # They sag by their weight, 0.5 kg on springs of 4e4 N/m: hundredths of a millimetre.

@@ -251,14 +251,15 @@ def test_refresh_follows_the_stretching(integrator):
     assert at_rest == fixed.substeps
     for _ in range(400):
         limit = stability_limit(simulation.snapshot(), integrator)
-        expected = math.ceil(1 / (120 * limit * 0.1))  # computed in the same way
+        before, required = simulation.substeps, math.ceil(1 / (120 * limit * 0.1))  # computed in the same way
         simulation.step()
-        assert simulation.substeps == expected
+        # A number that is at most a tenth too large is kept: each change records the frame again.
+        assert simulation.substeps == (before if 0.9 * before <= required < before else required)
         counts.append(simulation.substeps)
         sizes.append(np.ptp(simulation.frame().position[:, 0]) / 2.0)
     assert max(sizes) > 2.5
     assert max(counts) > 1.2 * at_rest
-    assert counts[-1] == at_rest
+    assert 0.9 * counts[-1] <= at_rest <= counts[-1]
     energies = simulation.measure().energy, problems.energy(flung)
     assert energies[0] < 0.2 * energies[1]
 
