@@ -22,7 +22,7 @@ from .force_sums import exert_force
 from .history import displacements, memories, note_tunnelling
 from .lanes import each_active_point
 from .law import TANGENTIAL, contact_law
-from .nearest_facet import nearest_facets
+from .nearest_facet import facing, nearest_facets
 from .pairs import FAR, Pair, next_in_order, pairs, places, points, unit_normal
 
 
@@ -62,6 +62,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     moved_along, note = displacements(scalar), note_tunnelling(scalar)
     thickness_of, exert = pairs(scalar, worlds)[1], exert_force(scalar, lanes)
+    facing_of = facing(scalar, worlds)
     zero, half, tangential = scalar(0.0), scalar(0.5), scalar(TANGENTIAL)
 
     @wp.func
@@ -95,7 +96,10 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
             bodies = data.history.contact_body
             displacement = data.history.tangential_displacement
             before = moved_along(bodies, displacement, p, pair.other)
-            k_n, f_n, f_t, moved, u_n, slides = press(data, pair, mobility, overlap, normal, u, before, step)
+            faces = facing_of(data, point, pair.other, normal)
+            k_n, f_n, f_t, moved, u_n, slides = press(
+                data, pair, mobility, overlap, normal, faces, u, before, step
+            )
             if wp.static(measuring):
                 k_t = tangential * k_n
                 u_t = u - u_n * normal

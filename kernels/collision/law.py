@@ -61,6 +61,7 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
         mobility: scalar,  # 1 / the reduced mass of both [1/kg]
         overlap: scalar,  # [m]
         normal: V,  # unit vector out of the facet
+        faces: scalar,  # share of the damping
         u: V,  # velocity of the point relative to the facet [m/s]
         before: V,  # tangential displacement before this substep [m]
         step: Step,
@@ -71,14 +72,14 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
         # A point has a share of the stiffness, and the same share of the mass.
         root = wp.sqrt(data.surfaces.density[pair.mine] * k_n / mobility)
         # A pair has two contacts, a point on a facet each way: each has half of the damping.
-        b_n = scalar(2.0**0.5) * data.rules.damping[pair.rule] * root
+        b_n = faces * scalar(2.0**0.5) * data.rules.damping[pair.rule] * root
         b_t = wp.sqrt(tangential) * b_n
         # If velocities lag, the damper acts on the mean of those before and after a substep.
         late = one / (one + step.behind * b_n * mobility)
         b_t = b_t / (one + step.behind * b_t * mobility)
         f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)
         moved = before - wp.dot(before, normal) * normal + step.h * u_t
-        most = data.rules.friction[pair.rule] * f_n
+        most = faces * data.rules.friction[pair.rule] * f_n
         held, f_t, slides = stick_or_slide(moved, u_t, tangential * k_n, b_t, most)
         return k_n, f_n, f_t, held, u_n, slides
 

@@ -1,4 +1,4 @@
-"""Find the facet of a body that is nearest to a point, and the side of the facet that the point is on."""
+"""Find the facet of a body that is nearest to a point, its side, and how much the two surfaces face each other."""
 
 import functools
 
@@ -9,6 +9,11 @@ from ..records import records
 from .contact_data import BodyContactData
 from .lanes import chosen_of_lanes, least_of_lanes
 from .pairs import ALMOST, FAR, NONE, Pair, places, points, unit_normal
+
+LEAST_FACING = 0.1
+"""Below this cosine between the point's and the opposite of the facet's normal there is no damping."""
+FULL_FACING = 0.4
+"""From this cosine on there is all damping. The corner of a block against a plane has 0.41 or more."""
 
 
 @functools.cache
@@ -151,3 +156,43 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         return gap, normal
 
     return Nearest, find_nearest, separate
+
+
+@functools.cache
+def facing(scalar: type, worlds: bool):
+    """Compose (data, point, other, normal) -> the share of the damping and the friction of a contact, 0 to 1.
+
+    A point of a surface that slides beneath an edge of another body enters it through its side. The spring pushes it
+    along the direction of sliding, and gives the work back at the other end. A damper would brake the body, as if it
+    ran against the point, and so would friction on a side along which the body slides. So both act only where the
+    two surfaces face each other. `normal` points out of the body `other`. The share is 1 if that body has no inside,
+    or the point no surface.
+    """
+    V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
+    Point, normal_of = points(scalar, worlds)[0], unit_normal(scalar)
+    zero, one, least = scalar(0.0), scalar(1.0), scalar(LEAST_FACING)
+    by = scalar(1.0 / (FULL_FACING - LEAST_FACING))
+
+    @wp.func
+    def normals_around(data: Data, vertex: int) -> V:
+        """Return the sum of the unit normals of the triangles around a vertex."""
+        total = V()
+        for e in range(data.surfaces.first_facet[vertex], data.surfaces.first_facet[vertex + 1]):
+            total += normal_of(data.surfaces.x, data.surfaces.corner[data.surfaces.facet[e]])
+        return total
+
+    @wp.func
+    def facing_of(data: Data, point: Point, other: int, normal: V) -> scalar:
+        share = one
+        if data.surfaces.closed[other] != 0 and point.body != other:
+            outward = normals_around(data, point.ends[0])
+            if point.ends[0] != point.ends[1]:
+                outward += normals_around(data, point.ends[1])
+            if wp.length_sq(outward) > zero:
+                towards = -wp.dot(wp.normalize(outward), normal)
+                if data.surfaces.closed[point.body] == 0:
+                    towards = wp.abs(towards)  # a sheet has two sides
+                share = wp.clamp(by * (towards - least), zero, one)
+        return share
+
+    return facing_of

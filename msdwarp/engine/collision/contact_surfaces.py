@@ -44,6 +44,8 @@ class ContactSurfaces:
         data.mobility = each.by_row((surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2), scalar)
         first, near = neighbourhoods(surfaces, hops)
         data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
+        facet, first = facets_around(surfaces)
+        data.first_facet, data.facet = each.starts(np.diff(first)), each.alike(facet, int, len(surfaces.corner))
         data.body_of = each.alike(surfaces.body, int, bodies)
         data.x, data.v = (in_records(model.worlds * vertices, model.dim, scalar, model.device) for _ in "xv")
         start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
@@ -75,6 +77,14 @@ def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
     carriers = np.unique(surfaces.particle[surfaces.weight != 0])
     carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
     return np.minimum(carrying, np.bincount(surfaces.body, minlength=bodies))
+
+
+def facets_around(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the triangles around each vertex, and the row starts of each vertex."""
+    corner = surfaces.corner
+    triangles = np.flatnonzero(corner[:, 1] != corner[:, 2])
+    order, first = rows(corner[triangles].reshape(-1), len(surfaces.particle))
+    return np.repeat(triangles, 3)[order], first
 
 
 def neighbourhoods(
