@@ -46,21 +46,25 @@ def surface_contact_of(
 ) -> "SurfaceContact | None":
     """Return the effect that keeps obstacles from entering between particles, if requested and possible.
 
-    Planes cannot enter: a facet whose corners are above a plane is above it.
+    Planes cannot enter between particles: a facet whose corners are above a plane is above it. They count if a
+    surface is outside of its particles, as that of a ball cut from a lattice.
     """
     rules = [one for one in loads if isinstance(one, Contact)]
-    if contact.planes_only or not any(one.surface_colliders for one in rules):
+    if not any(one.surface_colliders for one in rules):
         return None
-    corner = touching.surfaces.on_host.corner
-    corner = corner[(corner != corner[:, :1]).any(axis=1)]
-    return SurfaceContact(model, contact, touching, colliders, corner) if len(corner) else None
+    surfaces = touching.surfaces.on_host
+    corner = surfaces.corner[(surfaces.corner != surfaces.corner[:, :1]).any(axis=1)]
+    outside = bool(((surfaces.weight != 0).sum(axis=1) > 1).any())
+    met = [k for k, one in enumerate(colliders) if outside or not isinstance(one, Plane)]
+    return SurfaceContact(model, contact, touching, colliders, met, corner) if len(corner) and met else None
 
 
 class SurfaceContact(WithHistory):
     """Keeps the facets of bodies out of obstacles, as `Colliders` does for particles.
 
-    See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices;
-    `corner` has the vertices of each facet that is more than a point, shape [facet_count, 3].
+    See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices; `met` has
+    the indices of the obstacles that count; `corner` has the vertices of each facet that is more than a point, shape
+    [facet_count, 3].
     """
 
     def __init__(
@@ -69,13 +73,12 @@ class SurfaceContact(WithHistory):
         contact: Colliders,
         touching: BodyContact,
         colliders: Sequence[Collider],
+        met: Sequence[int],
         corner: NDArray[np.int32],
     ) -> None:
         self._model, self._contact, self._touching = model, contact, touching
         scalar, device = model.scalar, model.device
-        self._kinds = tuple(
-            sorted({type(one).__name__ for one in colliders if not isinstance(one, Plane)}, key=KINDS.index)
-        )
+        self._kinds = tuple(sorted({type(colliders[k]).__name__ for k in met}, key=KINDS.index))
 
         def array(values: Any, kind: Any) -> wp.array:
             return wp.array(np.ascontiguousarray(values), dtype=kind, device=device)
@@ -96,7 +99,7 @@ class SurfaceContact(WithHistory):
         data.stiffness, data.whole = array(stiffness, scalar), array(whole[body], scalar)
         data.slack = array(SLACK * surfaces.spacing[body], scalar)
         self.history = ContactHistory(model, data, count, "straddle", {"way": model.vector, "level": scalar})
-        data.solid = array([k for k, one in enumerate(colliders) if not isinstance(one, Plane)], int)
+        data.solid = array(met, int)
         data.solids, data.friction = contact.data.solids, contact.data.surface.friction
         boxes = np.array([_box_around(one) for one in colliders])
         data.lower, data.upper = (array(boxes[:, k], model.vector) for k in (0, 1))
@@ -115,7 +118,7 @@ class SurfaceContact(WithHistory):
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
         self._blocks = _blocks(model, surfaces, corner, stiffness, whole[body], max(damping))
 
-        depth = _start_depths(surfaces, model.system.position, corner, colliders)
+        depth = _start_depths(surfaces, model.system.position, corner, [colliders[k] for k in met])
         if (depth > OVERLAP * surfaces.spacing[body]).any():
             self.history.allow(depth)
         self._deepest = (int(np.argmax(depth)), float(depth.max(initial=0.0)))
@@ -203,9 +206,11 @@ class SurfaceContact(WithHistory):
 
 def _box_around(collider: Collider) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lowest and highest coordinates of an obstacle in its given pose [m], both of shape [3]."""
-    if isinstance(collider, Plane):
-        return np.full(3, -np.inf), np.full(3, np.inf)
     geometry = collider.geometry(3)
+    if isinstance(collider, Plane):
+        # One that faces along an axis ends there.
+        along = geometry["a"] > 1.0 - 1e-12
+        return np.full(3, -np.inf), np.where(along, geometry["radius"], np.inf)
     if isinstance(collider, Box):
         reach = np.abs(geometry["axes"]) @ geometry["b"]
         return geometry["a"] - reach, geometry["a"] + reach
@@ -248,12 +253,12 @@ def _start_depths(
 ) -> NDArray[np.float64]:
     """Return the depth of obstacles in each facet at the start [m], 0 if none, shape [facet_count]."""
     places = np.einsum("vk,vkd->vd", surfaces.weight, position[surfaces.particle])[corner]
-    depth, solids = np.zeros(len(corner)), [one for one in colliders if not isinstance(one, Plane)]
+    depth = np.zeros(len(corner))
     middle = places.mean(axis=1)
     far = np.linalg.norm(places - middle[:, None], axis=2).max(axis=1)
-    near = np.flatnonzero((start_depths(middle, solids) > -far).any(axis=0))
+    near = np.flatnonzero((start_depths(middle, colliders) > -far).any(axis=0))
     if len(near):
         on_facets = np.einsum("sc,fcd->fsd", np.array(quadrature_weights()), places[near])
-        found = start_depths(on_facets.reshape(-1, 3), solids).max(axis=0)
+        found = start_depths(on_facets.reshape(-1, 3), colliders).max(axis=0)
         depth[near] = np.maximum(found.reshape(len(near), -1).max(axis=1), 0.0)
     return depth
