@@ -21,16 +21,20 @@ import time
 
 from ..common import arguments, machine, read_csv, table, write_csv
 from .contact_blocks import measure_sliding, measure_stack
-from .contact_mechanics_plots import draw_rolling, draw_sliding
+from .contact_mechanics_plots import draw_round, draw_sliding
 from .contact_round import measure_capstan, measure_hertz, measure_rolling
 
 PARTS = {
-    "sliding": (measure_sliding, draw_sliding),
-    "rolling": (measure_rolling, draw_rolling),
-    "capstan": (measure_capstan, None),
-    "hertz": (measure_hertz, None),
-    "stack": (measure_stack, None),
+    "sliding": measure_sliding,
+    "rolling": measure_rolling,
+    "capstan": measure_capstan,
+    "hertz": measure_hertz,
+    "stack": measure_stack,
 }
+ROUND = ("rolling", "capstan", "hertz")
+"""Parts that share a chart."""
+UNSHOWN = ("substeps", "coulomb", "mean_speed", "contact_radius", "touch")
+"""Columns that are written, and not printed."""
 
 
 def main() -> None:
@@ -38,17 +42,21 @@ def main() -> None:
     own = argparse.ArgumentParser(add_help=False)
     own.add_argument("--only", nargs="+", choices=list(PARTS), default=list(PARTS), help="these parts only")
     options = arguments(__doc__.splitlines()[0], own)
+    paths = {part: options.folder / f"contact_{part}.csv" for part in PARTS}
     for part in options.only:
-        measure, draw = PARTS[part]
-        path = options.folder / f"contact_{part}.csv"
         if not options.plot_only:
             begun = time.perf_counter()
-            write_csv(path, measure(options), machine(options.device))
-            print(f"{path.name}: {time.perf_counter() - begun:.0f} s", flush=True)
-        _, rows = read_csv(path)
-        table(path.name, list(rows[0]), [list(row.values()) for row in rows])
-        if draw is not None and not options.quick:
-            draw(rows)
+            write_csv(paths[part], PARTS[part](options), machine(options.device))
+            print(f"{paths[part].name}: {time.perf_counter() - begun:.0f} s", flush=True)
+        _, rows = read_csv(paths[part])
+        shown = [name for name in rows[0] if name not in UNSHOWN]
+        table(paths[part].name, shown, [[row[name] for name in shown] for row in rows])
+    if options.quick:
+        return
+    if "sliding" in options.only:
+        draw_sliding(read_csv(paths["sliding"])[1])
+    if set(ROUND) & set(options.only) and all(paths[part].exists() for part in ROUND):
+        draw_round(*(read_csv(paths[part])[1] for part in ROUND))
 
 
 if __name__ == "__main__":
