@@ -67,9 +67,10 @@ def _rolled(ground: str, restitution: float, method: str, device: str) -> dict:
         slab = pinned_slab(length, 2 * RADIUS, FINE, **ROLLING)
         system, colliders = slab + body.translate((1.5 * RADIUS, -0.007, RADIUS)), []
     else:
-        # It touches a plane with its particles or with its surface: nothing is below at the start.
+        # It touches a plane with its surface, or with its particles, some of which are outside of the surface.
         assert body.surface is not None
-        lowest = min(body.position[:, 2].min(), body.surface.points(body.position)[:, 2].min())
+        touches = body.surface.points(body.position) if ground == "plane, surface" else body.position
+        lowest = touches[:, 2].min()
         system = body.translate((0.0, 0.0, -lowest))
     simulation = Simulation(
         system,

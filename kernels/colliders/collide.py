@@ -37,6 +37,8 @@ class ColliderTerm(NamedTuple):
     """Whether the forces of obstacles on particles are summed."""
     overlapping_at_start: bool = False
     """Whether any particle starts inside an obstacle and must be moved out."""
+    spares: bool = False
+    """Whether there are particles that obstacles ignore: only the surface of their body meets obstacles."""
 
 
 NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
@@ -70,7 +72,7 @@ def collider_contact(
     Turn, Wide = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64)
     distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
     put_on = touch(dim, scalar, rule, needed, False)
-    bounces, several, overlapping_at_start = needed
+    bounces, several, overlapping_at_start, spares = needed
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     class Obstacles:
@@ -93,6 +95,8 @@ def collider_contact(
             impulse: wp.array(dtype=Wide)  # per mass [m/s], shape [particle_count]
         if overlapping_at_start and not moving:
             inverse_mass: wp.array(dtype=scalar)
+        if spares:
+            spared: wp.array(dtype=int)  # whether obstacles ignore it, shape [particle_count]
 
     if moving:  # the generated code of moving obstacles needs another name
         Obstacles.__qualname__ = Obstacles.__qualname__.replace("Obstacles", "MovingObstacles")

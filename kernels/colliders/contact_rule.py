@@ -17,6 +17,8 @@ class Needed(NamedTuple):
     """Whether there are several obstacles, and so corners between them."""
     overlapping_at_start: bool = False
     """Whether any particle starts inside an obstacle."""
+    spares: bool = False
+    """Whether there are particles that obstacles ignore."""
 
 
 @functools.cache

@@ -162,11 +162,11 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
 def facing(scalar: type, worlds: bool):
     """Compose (data, point, other, normal) -> the share of the damping and the friction of a contact, 0 to 1.
 
-    A point of a surface that slides beneath an edge of another body enters it through its side. The spring pushes it
-    along the direction of sliding, and gives the work back at the other end. A damper would brake the body, as if it
-    ran against the point, and so would friction on a side along which the body slides. So both act only where the
-    two surfaces face each other. `normal` points out of the body `other`. The share is 1 if that body has no inside,
-    or the point no surface.
+    A point of a surface that slides beneath an edge of another body enters it through its side. The spring pushes
+    it along the direction of sliding, and gives the work back at the other end. A damper would brake the body, as
+    if it ran against the point, and so would friction on a side along which the body slides. So both act only
+    where the two surfaces face each other. `normal` points out of the body `other`. The share is 1 if that body
+    has no inside, or the point no surface.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
     Point, normal_of = points(scalar, worlds)[0], unit_normal(scalar)

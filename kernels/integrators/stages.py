@@ -208,7 +208,7 @@ def finish(composition: Composition):
     velocity is added to the impulse.
     """
     V, _, Compensation, _, store, add = tools(composition)
-    Colliders, collide, moving, contact_forces, overlapping_at_start = composition.collider_term
+    Colliders, collide, moving, contact_forces, overlapping_at_start, spares = composition.collider_term
     scalar, compensated = composition.scalar, composition.compensated
     Wide = vector(composition.dim, wp.float64)
     has_colliders, pinned_apart = collide is not None, composition.pinned and (moving or overlapping_at_start)
@@ -221,6 +221,9 @@ def finish(composition: Composition):
         if wp.static(pinned_apart):
             if colliders.inverse_mass[i] == scalar(0.0):
                 return x_new, v_new  # pinned: neither moving obstacles nor depenetration move it
+        if wp.static(spares):
+            if colliders.spared[i] != 0:
+                return x_new, v_new
         if wp.static(moving):
             colliders.particle = i
         if wp.static(has_colliders):

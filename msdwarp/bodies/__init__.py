@@ -3,6 +3,7 @@
 from .connectivity import pieces as pieces
 from .contact_surfaces import (
     TouchingSurfaces as TouchingSurfaces,
+    behind_surfaces as behind_surfaces,
     contact_surfaces as contact_surfaces,
     spring_means as spring_means,
 )

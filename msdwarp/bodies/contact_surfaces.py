@@ -106,6 +106,18 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     )
 
 
+def behind_surfaces(system: System) -> NDArray[np.bool_]:
+    """Return which particles belong to bodies with a surface of their own, shape [particle_count].
+
+    The vertices of such a surface are weighted means of particles, as those of a ball cut from a lattice.
+    """
+    if system.surface is None:
+        return np.zeros(system.particle_count, dtype=bool)
+    particle, weight, _ = different_vertices(system.surface)
+    body = pieces(system.particle_count, system.connections)
+    return np.isin(body, body[particle[(weight != 0).sum(axis=1) > 1, 0]])
+
+
 def spring_means(
     system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:

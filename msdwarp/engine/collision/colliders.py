@@ -37,6 +37,8 @@ class Colliders(Effect):
         The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`.
     contact_forces
         Whether the forces of obstacles on particles are summed, in `data.impulse`.
+    spared
+        Which particles obstacles ignore, shape [particle_count]; see `SurfaceContact`. None: none of them.
 
     Raises
     ------
@@ -45,7 +47,12 @@ class Colliders(Effect):
     """
 
     def __init__(
-        self, model: Model, colliders: Sequence[Collider], rule: str, contact_forces: bool = False
+        self,
+        model: Model,
+        colliders: Sequence[Collider],
+        rule: str,
+        contact_forces: bool = False,
+        spared: NDArray[np.bool_] | None = None,
     ) -> None:
         for k, collider in enumerate(colliders):
             if not isinstance(collider, Collider) or type(collider).__name__ not in KINDS:
@@ -63,21 +70,27 @@ class Colliders(Effect):
         """Whether all obstacles are planes, which need no swept test."""
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
         self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
-        inside, self.leads_out = _deepest(model, colliders), rule == "coulomb"
+        self.spared = np.zeros(model.particle_count, dtype=bool) if spared is None else spared
+        """Which particles obstacles ignore."""
+        free, spares = np.isfinite(model.mass) & ~self.spared, bool(self.spared.any())
+        inside, self.leads_out = _deepest(model, colliders, free), rule == "coulomb"
         self._deepest = inside if self.leads_out else 0.0
-        self._put_out = _put_out(model, colliders) if inside > self._deepest else None
+        self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
         self.piece = ColliderTerm(
             *collider_contact(
                 *(model.dim, model.scalar, rule, kinds, contact_forces),
-                Needed(self._bounces, several=len(colliders) > 1, overlapping_at_start=self._deepest > 0.0),
+                Needed(self._bounces, len(colliders) > 1, self._deepest > 0.0, spares),
                 self.moves,
             ),
             moving=self.moves,
             contact_forces=contact_forces,
             overlapping_at_start=self._deepest > 0.0,
+            spares=spares,
         )
         self.contact_forces = contact_forces
         data = self.data = self.piece.Colliders()
+        if spares:
+            data.spared = wp.array(self.spared.astype(np.int32), device=self._device)
         if self._deepest > 0.0:
             data.inverse_mass = self._inverse_mass
         if self.moves:
@@ -178,16 +191,16 @@ class Colliders(Effect):
         return self.moves
 
 
-def _deepest(model: Model, colliders: Sequence[Collider]) -> float:
+def _deepest(model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_]) -> float:
     """Return the largest start depth of a free particle in an obstacle [m]; 0 if all are outside or touching."""
-    places = model.system.position[np.isfinite(model.mass)]
+    places = model.system.position[free]
     deepest = float(start_depths(places, colliders).max(initial=0.0))
     return deepest if deepest > touching(model.system) else 0.0
 
 
-def _put_out(model: Model, colliders: Sequence[Collider]) -> NDArray[np.float64]:
-    """Return the positions of particles after moving those inside obstacles onto their surfaces [m]."""
-    position, free = np.array(model.system.position), np.isfinite(model.mass)
+def _put_out(model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the positions of particles after moving free ones inside obstacles onto their surfaces [m]."""
+    position = np.array(model.system.position)
     for collider in colliders:
         inside = free & (start_depths(position, [collider])[0] > 0)
         if inside.any():

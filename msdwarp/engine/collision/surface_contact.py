@@ -44,27 +44,26 @@ def surface_contact_of(
     colliders: Sequence[Collider],
     loads: Sequence[Load],
 ) -> "SurfaceContact | None":
-    """Return the effect that keeps obstacles from entering between particles, if requested and possible.
+    """Return the effect that keeps obstacles out of surfaces, if requested and possible.
 
-    Planes cannot enter between particles: a facet whose corners are above a plane is above it. They count if a
-    surface is outside of its particles, as that of a ball cut from a lattice.
+    Planes cannot enter between particles: a facet whose corners are above a plane is above it. They count if
+    obstacles ignore particles, as those of a ball cut from a lattice, some of which are outside of its surface.
     """
     rules = [one for one in loads if isinstance(one, Contact)]
     if not any(one.surface_colliders for one in rules):
         return None
-    surfaces = touching.surfaces.on_host
-    corner = surfaces.corner[(surfaces.corner != surfaces.corner[:, :1]).any(axis=1)]
-    outside = bool(((surfaces.weight != 0).sum(axis=1) > 1).any())
-    met = [k for k, one in enumerate(colliders) if outside or not isinstance(one, Plane)]
+    corner = touching.surfaces.on_host.corner
+    corner = corner[(corner != corner[:, :1]).any(axis=1)]
+    met = [k for k, one in enumerate(colliders) if contact.spared.any() or not isinstance(one, Plane)]
     return SurfaceContact(model, contact, touching, colliders, met, corner) if len(corner) and met else None
 
 
 class SurfaceContact(WithHistory):
     """Keeps the facets of bodies out of obstacles, as `Colliders` does for particles.
 
-    See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices; `met` has
-    the indices of the obstacles that count; `corner` has the vertices of each facet that is more than a point, shape
-    [facet_count, 3].
+    See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices; `met`
+    has the indices of the obstacles that count; `corner` has the vertices of each facet that is more than a point,
+    shape [facet_count, 3].
     """
 
     def __init__(

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ... import checks
-from ...bodies import System
+from ...bodies import System, behind_surfaces
 from ...kernels.effect import ForceTerm
 from ...runtime import in_turn
 from ...world import (
@@ -69,6 +69,15 @@ class Surroundings(NamedTuple):
         return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
+def _colliders(model: Model, around: Surroundings) -> Colliders | None:
+    if not around.colliders:
+        return None
+    spared = None
+    if any(isinstance(one, Contact) and one.surface_colliders for one in around.loads):
+        spared = behind_surfaces(model.system)
+    return Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE), spared)
+
+
 def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
     rules = [one for one in around.loads if isinstance(one, Contact)]
     if all(one.exclude for one in rules):
@@ -85,11 +94,7 @@ def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]] = [
-    lambda model, around: (
-        Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE))
-        if around.colliders
-        else None
-    ),
+    _colliders,
     lambda model, around: Plasticity(model) if model.system.yields else None,
     lambda model, around: Fracture(model) if model.system.tears else None,
     lambda model, around: drives_of(model, around.loads),

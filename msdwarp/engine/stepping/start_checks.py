@@ -39,6 +39,8 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
     """
     model, obstacles, drives = assembly.model, assembly.colliders, assembly.drives
     depenetrates, free = obstacles is None or obstacles.leads_out, np.isfinite(model.mass)
+    if obstacles is not None:
+        free &= ~obstacles.spared
     if depenetrates:
         check_swallowed(model.system, colliders, free)
     inside = start_inside(model.system, colliders, free, depenetrates=depenetrates)
