@@ -52,7 +52,7 @@ def draw_sliding(rows: list[dict]) -> None:
     right.set_xlim(left=0)
     for axis in (middle, right):
         low, high = axis.get_ylim()
-        axis.set_ylim(min(low, -0.01), max(high, 0.05))
+        axis.set_ylim(min(low, -0.01), max(high, 0.01))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     figure.suptitle("A die slides on a pinned slab: is friction as asked?", x=0.01, ha="left", fontsize=12)
     save(figure, "contact_sliding.png")

@@ -41,7 +41,8 @@ class Contact(Load):
     surface_colliders
         Whether obstacles collide with whole surfaces and ropes, not only with particles. If any entry of `contact`
         sets this, it applies to all bodies. It costs time and shortens the stable step. Use it if obstacles have
-        edges, or are thinner than the spacing of the particles.
+        edges, or are thinner than the spacing of the particles, or if a `ball` should roll: particles of bodies
+        that are cut from a lattice then do not collide with obstacles.
     """
 
     argument: ClassVar[str] = "contact"

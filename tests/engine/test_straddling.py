@@ -16,6 +16,7 @@ from msdwarp import (
     Sphere,
     SymplecticEuler,
     System,
+    ball,
     box,
     chain,
     sheet,
@@ -259,6 +260,14 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(device):
 def test_only_solids_come_between(colliders, contact, expected):
     simulation = Simulation(block(), colliders=colliders, contact=contact, device="cpu")
     assert straddles(simulation) is expected
+
+
+def test_planes_count_where_a_surface_is_outside_of_its_particles():
+    simulation = Simulation(
+        ball(0.15, 0.05), colliders=[Plane(offset=-1)], contact=Contact(surface_colliders=True), device="cpu"
+    )
+    assert straddles(simulation)
+    assert simulation.assembly.colliders.spared.all()
 
 
 def test_single_particles_have_nothing_between_them():
