@@ -164,7 +164,15 @@ def test_tables_of_contact_say_what_was_measured():
     slopes = measured("contact_friction.csv")
     assert max(float(one["creep"]) for one in slopes if one["slope"] == "hold") < 1.05e-8  # [m/s]
     share = [float(one["acceleration"]) / float(one["coulomb"]) for one in slopes if one["slope"] == "slide"]
-    assert f"{100 * (1 - max(share)):.1f} to {100 * (1 - min(share)):.1f} % less" in page
+    assert f"at most {100 * (1 - min(share)):.2f} % less" in page
+    errors = [(one["friction"], abs(float(one["error"]))) for one in measured("contact_sliding.csv")]
+    errors = [(friction, error) for friction, error in errors if error == error]  # those that stick have none
+    assert f"by at most {max(error for friction, error in errors if friction != '0.8'):.4f}" in page
+    assert f"by {max(error for _, error in errors):.4f} at e = 1 and μ = 0.8" in page
+    rolls = {(one["ground"], one["restitution"]): float(one["ratio"]) for one in measured("contact_rolling.csv")}
+    assert {f"{rolls['plane, surface', e]:.3f}" for e in ("0.05", "0.3", "1")} == {"0.987"}
+    slab = [f"{rolls['pinned slab', e]:.3f}" for e in ("1", "0.3", "0.05")]
+    assert "slab it is {} at e = 1, {} at e = 0.3 and {} at e = 0.05".format(*slab) in page.replace("\n", " ")
     for name in ("folding", "shots"):
         rows = measured(f"contact_{name}.csv")
         assert all(one["crossing"] == "0" for one in rows)
