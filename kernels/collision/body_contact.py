@@ -20,7 +20,7 @@ from ..basis import vector
 from .contact_data import BodyContactData, Substep
 from .force_sums import exert_force
 from .history import displacements, memories, note_tunnelling
-from .lanes import each_active_point
+from .lanes import each_active_point, wait_for_lanes
 from .law import TANGENTIAL, contact_law
 from .nearest_facet import facing, nearest_facets
 from .pairs import FAR, Pair, next_in_order, pairs, places, points, unit_normal
@@ -150,6 +150,7 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
     _, find_nearest, _ = nearest_facets(scalar, lanes, worlds)
     bear, note_fast = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
     _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
+    wait = wait_for_lanes(lanes)
     zero, far = scalar(0.0), scalar(FAR)
 
     @wp.func
@@ -197,6 +198,7 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
             first = nearest.until
             if wp.static(measuring):
                 first = next_in_order(data.neighbors.candidate_body, p, n, pair.other)
+        wait()  # the others have read the history, which is now written
         if lane == 0:
             if wp.static(measuring):
                 stored[p] = energy

@@ -40,6 +40,13 @@ CHOSEN = """
 """
 
 
+WAIT = """
+#if defined(__CUDA_ARCH__)
+    __syncwarp({sharing}u << (threadIdx.x & {first}));
+#endif
+"""
+
+
 def bounds_of_blocks(scalar: type) -> tuple[int, int]:
     """Return the launch bounds: threads per block, and concurrent blocks, for the compiler's use of registers."""
     return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
@@ -87,6 +94,23 @@ def least_of_lanes(kind: type, lanes: int):
         def least(value: kind) -> kind: ...
 
     return least
+
+
+@functools.cache
+def wait_for_lanes(lanes: int):
+    """Compose () -> None, which returns when all threads of a point have called it: one may write what others read."""
+    if lanes == 1:
+
+        @wp.func
+        def wait():
+            return
+
+    else:
+
+        @wp.func_native(WAIT.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
+        def wait(): ...
+
+    return wait
 
 
 @functools.cache

@@ -78,6 +78,19 @@ def test_nothing_goes_through_what_is_thrown_at_it(seed):
     assert found["energy"] < crossings.GAINED
 
 
+@pytest.mark.parametrize(("thickness", "speed"), [(1e-5, 20.0), (1e-5, 150.0), (1e-6, 400.0)])
+def test_thin_sheets_do_not_pass_unseen(plain_device, thickness, speed):
+    # In a substep they go thousands of times as far as the distance at which they touch, and are not flying apart.
+    low = sheet((6, 6), 0.05, mass=MASS, stiffness=20.0, damping=0.0)
+    high = low.translate((0.013, 0.007, 0.3)).with_velocity((0.0, 0.0, -speed))
+    contact = Contact(thickness=thickness)
+    simulation = Simulation(low + high, contact=contact, gravity=0.0, device=plain_device)
+    simulation.step(4)
+    z = simulation.frame().position[:, 2].reshape(2, -1)
+    assert z[0].mean() < z[1].mean()
+    assert simulation.frame().velocity.reshape(2, -1, 3)[0, :, 2].mean() < -0.2 * speed
+
+
 def test_impulses_keep_momentum(plain_device):
     # A rope that flies at a sheet at a fifth of the speed of sound.
     rope = chain(8, 0.1, mass=0.01, stiffness=400.0).translate((-0.35, 0.02, 0.1)).with_velocity((0, 0, -4.0))

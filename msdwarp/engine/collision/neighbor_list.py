@@ -57,7 +57,7 @@ WIDEST_SKIN = 0.5
 SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.9
 """The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 16.0
-"""A body that moves further in a substep, by how far off bodies touch, is flying apart."""
+"""A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
 PATIENCE = 1
 """Frames in which little moves after which searches are made less often."""
 MOST_PATIENCE = 32
@@ -102,6 +102,7 @@ class NeighborList:
         least_spacing = float(spacing.min()) if len(spacing) else 0.0
         self._widest = max(WIDEST_SKIN * farthest, spacings * least_spacing)
         self._least_skin = LEAST_SKIN * farthest
+        self._farthest_way = FARTHEST_WAY * max(farthest, float(spacing.max(initial=0.0)))
         self.rebuild_interval = 8
         """Substeps from one search to the next."""
         self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
@@ -253,7 +254,7 @@ class NeighborList:
         Worlds that fly apart do not count: divergence is found elsewhere.
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
-        flags = flags[flags[:, MOVED] < FARTHEST_WAY * self.farthest * self.rebuild_interval]
+        flags = flags[flags[:, MOVED] < self._farthest_way * self.rebuild_interval]
         if not len(flags):
             return False
         chosen = [MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]
