@@ -1,6 +1,10 @@
 """Contact between bodies: points of their surfaces against triangles, by neighbor lists and penalty springs."""
 
-from .body_contact import contact_energy as contact_energy, evaluate_contact as evaluate_contact
+from .body_contact import (
+    contact_energy as contact_energy,
+    count_contacts as count_contacts,
+    evaluate_contact as evaluate_contact,
+)
 from .bounding_boxes import (
     box_facets as box_facets,
     box_neighbours as box_neighbours,
@@ -16,6 +20,7 @@ from .contact_data import (
     MOST_BODY_PAIRS as MOST_BODY_PAIRS,
     MOVED as MOVED,
     PAIRS as PAIRS,
+    STORED as STORED,
     WAY as WAY,
     BodyContactData as BodyContactData,
     body_contact_term as body_contact_term,

@@ -17,29 +17,34 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from .contact_data import BodyContactData, Substep
+from .contact_data import STORED, BodyContactData, Substep
 from .force_sums import exert_force
 from .history import displacements, memories, note_tunnelling
 from .lanes import each_active_point, wait_for_lanes
-from .law import TANGENTIAL, contact_law
+from .law import TANGENTIAL, contact_law, damping_limits
 from .nearest_facet import facing, nearest_facets
-from .pairs import FAR, Pair, next_in_order, pairs, places, points, unit_normal
+from .pairs import FAR, NONE, Pair, next_in_order, pair_with, pairs, places, points, unit_normal
 
 
 @functools.cache
-def evaluate_contact(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
+def evaluate_contact(
+    scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False, limited: bool = False
+):
     """Compose the kernel that sums the contact forces of points; `lanes` of its threads share a point.
 
-    Where bodies start inside each other (`overlapping_at_start`), only the excess over an allowed overlap counts.
-    The allowance shrinks to 0, so that bodies are moved apart slowly and not thrown.
+    With `limited`, `count_contacts` has counted the contacts, which limits their dampers. Where bodies start
+    inside each other (`overlapping_at_start`), only the excess over an allowed overlap counts. The allowance
+    shrinks to 0, so that bodies are moved apart slowly and not thrown.
     """
-    return _each_point(scalar, overlapping_at_start, False, lanes, worlds)
+    return _each_point(scalar, overlapping_at_start, False, lanes, worlds, limited)
 
 
 @functools.cache
-def contact_energy(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
+def contact_energy(
+    scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False, limited: bool = False
+):
     """Compose the kernel that computes the energy that contacts store [J] and the power they dissipate [W]."""
-    return _each_point(scalar, overlapping_at_start, True, lanes, worlds)
+    return _each_point(scalar, overlapping_at_start, True, lanes, worlds, limited)
 
 
 @wp.func
@@ -49,7 +54,7 @@ def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
 
 
 @functools.cache
-def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
+def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool, limited: bool):
     """Compose (bear, note_fast): the force of one contact, and a record of points that skip a facet in a substep.
 
     `bear` returns whether the contact exerts a force, its tangential displacement [m], and, if `measuring`, its
@@ -57,13 +62,13 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
-    Nearest, _, separate = nearest_facets(scalar, lanes, worlds)
+    Nearest = nearest_facets(scalar, lanes, worlds)[0]
     (place_of, place_on, _), normal_of = places(scalar), unit_normal(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     moved_along, note = displacements(scalar), note_tunnelling(scalar)
     thickness_of, exert = pairs(scalar, worlds)[1], exert_force(scalar, lanes)
-    facing_of = facing(scalar, worlds)
-    zero, half, tangential = scalar(0.0), scalar(0.5), scalar(TANGENTIAL)
+    facing_of, load = facing(scalar), damping_limits(scalar)[1]
+    zero, half, tangential, far = scalar(0.0), scalar(0.5), scalar(TANGENTIAL), scalar(FAR)
 
     @wp.func
     def bear(
@@ -72,7 +77,8 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         lane: int,
         pair: PointAndBody,
         nearest: Nearest,
-        away: V,
+        gap: scalar,  # [m]
+        normal: V,
         step: Step,
         flags: wp.array(dtype=float),
     ):
@@ -87,7 +93,6 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         for k in range(3):
             mobility += nearest.w[k] * nearest.w[k] * data.surfaces.mobility[nearest.corner[k]]
         thickness = thickness_of(data, pair.rule, pair.mine, pair.other)
-        gap, normal = separate(data, point, lane, pair, nearest, away, step.buffer)
         overlap = thickness - gap
         if wp.static(overlapping_at_start):
             overlap = overlap - data.history.initial_overlap[p]
@@ -96,9 +101,35 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
             bodies = data.history.contact_body
             displacement = data.history.tangential_displacement
             before = moved_along(bodies, displacement, p, pair.other)
-            faces = facing_of(data, point, pair.other, normal)
+            faces = scalar(1.0)
+            if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
+                faces = facing_of(
+                    data.surfaces.first_facet,
+                    data.surfaces.facet,
+                    data.surfaces.corner,
+                    data.surfaces.x,
+                    point.ends,
+                    normal,
+                    data.surfaces.closed[pair.mine],
+                )
+            strongest = far
+            if wp.static(limited):
+                world = int(0)
+                if wp.static(worlds):
+                    world = pair.mine / data.surfaces.bodies_each
+                strongest = data.surfaces.damping_limit[world] / load(
+                    data.surfaces.first,
+                    data.surfaces.particle,
+                    data.surfaces.weight,
+                    data.surfaces.touches,
+                    data.surfaces.inverse_mass,
+                    point.ends,
+                    point.share,
+                    nearest.corner,
+                    nearest.w,
+                )
             k_n, f_n, f_t, moved, u_n, slides = press(
-                data, pair, mobility, overlap, normal, faces, u, before, step
+                data, pair, mobility, overlap, normal, faces, strongest, u, before, step
             )
             if wp.static(measuring):
                 k_t = tangential * k_n
@@ -143,25 +174,68 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     return bear, note_fast
 
 
-def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
+@functools.cache
+def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
+    """Compose the kernel that counts the contacts of each particle, before `evaluate_contact`.
+
+    It stores the nearest facets of the first bodies of each point, so that they need not be found again.
+    """
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
-    place_on, (find_rule, _, reach_of, _) = places(scalar)[1], pairs(scalar, worlds)
-    point_of, PointAndBody = points(scalar, worlds)[1], Pair(scalar)
-    _, find_nearest, _ = nearest_facets(scalar, lanes, worlds)
-    bear, note_fast = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
-    _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
-    wait = wait_for_lanes(lanes)
-    zero, far = scalar(0.0), scalar(FAR)
+    place_on, pair_of = places(scalar)[1], pair_with(scalar, worlds)
+    point_of, thickness_of = points(scalar, worlds)[1], pairs(scalar, worlds)[1]
+    _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
+    count, Side = damping_limits(scalar)[0], wp.types.vector(4, scalar)
 
     @wp.func
-    def pair_of(data: Data, mine: int, other: int) -> PointAndBody:
-        """Return the contact rule and its range for a point of body `mine` and the facets of body `other`."""
-        pair = PointAndBody()
-        pair.mine = mine
-        pair.other = other
-        pair.rule = find_rule(data, mine, other)
-        pair.reach = reach_of(data, pair.rule, mine, other)
-        return pair
+    def count_of_point(
+        data: Data,
+        p: int,
+        lane: int,
+        step: Step,
+        flags: wp.array(dtype=float),
+        stored: wp.array(dtype=wp.float64),
+        heated: wp.array(dtype=wp.float64),
+    ):
+        point = point_of(data, p)
+        first = int(0)
+        slot = int(0)
+        while first < data.neighbors.candidate_count[p]:
+            pair = pair_of(data, point.body, data.neighbors.candidate_body[p, first])
+            nearest = find_nearest(data, point, lane, pair, first, step.buffer)
+            side = Side()
+            side[3] = scalar(FAR)
+            if nearest.squared < pair.reach * pair.reach:
+                away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
+                gap, normal = separate(data, point, lane, pair, nearest, away, step.buffer)
+                side = Side(normal[0], normal[1], normal[2], gap)
+                overlap = thickness_of(data, pair.rule, pair.mine, pair.other) - gap
+                if wp.static(overlapping_at_start):
+                    overlap -= data.history.initial_overlap[p]
+                if overlap > scalar(0.0) and lane == 0:
+                    first_of, particle = data.surfaces.first, data.surfaces.particle
+                    count(first_of, particle, data.surfaces.touches, point.ends, nearest.corner, nearest.w)
+            if lane == 0 and slot < wp.static(STORED):
+                data.contacts.facet[slot, p] = nearest.facet
+                data.contacts.until[slot, p] = nearest.until
+                data.contacts.weights[slot, p] = nearest.w
+                data.contacts.side[slot, p] = side
+            first = nearest.until
+            slot += 1
+
+    return each_active_point(count_of_point, scalar, lanes, worlds)
+
+
+def _each_point(
+    scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool, limited: bool
+):
+    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
+    place_on, pair_of = places(scalar)[1], pair_with(scalar, worlds)
+    point_of = points(scalar, worlds)[1]
+    Nearest, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
+    bear, note_fast = bearing(scalar, overlapping_at_start, measuring, lanes, worlds, limited)
+    _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
+    wait = wait_for_lanes(lanes)
+    V, zero, far, counted = vector(3, scalar), scalar(0.0), scalar(FAR), limited and not measuring
 
     @wp.func
     def evaluate_point(
@@ -179,15 +253,38 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
         point = point_of(data, p)
         n = data.neighbors.candidate_count[p]
         first = int(0)
+        slot = int(0)
         if wp.static(measuring):  # sums of floats depend on their order
             first = next_in_order(data.neighbors.candidate_body, p, n, -1)
         while first < n:
             # The facets of one body are adjacent in the row; the nearest one counts.
             pair = pair_of(data, point.body, data.neighbors.candidate_body[p, first])
-            nearest = find_nearest(data, point, lane, pair, first, step.buffer)
+            nearest = Nearest()
+            gap = far
+            normal = V()
+            known = bool(False)
+            if wp.static(counted):  # `count_contacts` has found it
+                known = slot < wp.static(STORED)
+                if known:
+                    side = data.contacts.side[slot, p]
+                    gap = side[3]
+                    normal = V(side[0], side[1], side[2])
+                    nearest.facet = data.contacts.facet[slot, p]
+                    nearest.until = data.contacts.until[slot, p]
+                    nearest.w = data.contacts.weights[slot, p]
+                    nearest.corner = data.surfaces.corner[nearest.facet % wp.static(NONE)]
+            if not known:
+                nearest = find_nearest(data, point, lane, pair, first, step.buffer)
             away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
+            if known:
+                nearest.squared = far
+                if nearest.facet != wp.static(NONE):
+                    nearest.squared = wp.length_sq(away)
+            slot += 1
             if nearest.squared < pair.reach * pair.reach:
-                bears, moved, more, heat = bear(data, point, lane, pair, nearest, away, step, flags)
+                if not known:
+                    gap, normal = separate(data, point, lane, pair, nearest, away, step.buffer)
+                bears, moved, more, heat = bear(data, point, lane, pair, nearest, gap, normal, step, flags)
                 if bears:
                     energy += more
                     power += heat

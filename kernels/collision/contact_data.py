@@ -14,19 +14,21 @@ MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, PAIRS, HELD_BACK = range(7)
 most bodies near one body; deepest overlap [m]; near pairs of all worlds, in the first world's flags; and the
 furthest that a particle was held back in a substep [m]."""
 FLAGS = 7
+STORED = 2
+"""Bodies near a point whose nearest facets are stored, where contacts are counted first."""
 HISTORY = 2
 """Number of bodies that a point can stick to at a time; along others it only slides."""
 
 
 @functools.cache
 def BodyContactData(scalar: type, worlds: bool = False):
-    """Compose the struct of contact between bodies. Four owners on the host fill its four parts.
+    """Compose the struct of contact between bodies. Four owners on the host fill its parts.
 
     A vertex is a weighted mean of particles; points and facets are made of vertices. A point is a vertex (both of
     its ends are the same) or lies on an edge. A facet is a triangle, for a rope a segment, for a grain a point.
     In an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
     """
-    V = vector(3, scalar)
+    V, Side = vector(3, scalar), wp.types.vector(4, scalar)
 
     @wp.struct
     class ContactSurfaces:
@@ -43,6 +45,10 @@ def BodyContactData(scalar: type, worlds: bool = False):
         x: wp.array(dtype=V)  # position [m]
         v: wp.array(dtype=V)  # velocity [m/s]
         force: wp.array2d(dtype=wp.int64)  # on the vertex, in units, shape [vertex_count, 3]
+        # Particles, if dampers are limited, see `damping_limits`:
+        touches: wp.array(dtype=int)  # in how many contacts it is now, shape [particle_count]
+        inverse_mass: wp.array(dtype=scalar)  # [1/kg], shape [particle_count]
+        damping_limit: wp.array(dtype=scalar)  # of each world [1/s]
         # Points:
         ends: wp.array(dtype=wp.vec2i)  # its two vertices, shape [point_count]
         share: wp.array(dtype=scalar)  # weight of the second vertex
@@ -94,6 +100,14 @@ def BodyContactData(scalar: type, worlds: bool = False):
             root_of_world: wp.array(dtype=int)  # root of each world's subtree in the tree of bodies
 
     @wp.struct
+    class FoundContacts:
+        # If dampers are limited, what `count_contacts` has found for the first bodies in each row:
+        facet: wp.array2d(dtype=int)  # the nearest facet, shape [STORED, point_count]
+        until: wp.array2d(dtype=int)  # end of the body's facets in the row
+        weights: wp.array2d(dtype=V)  # of its corners at the nearest point
+        side: wp.array2d(dtype=Side)  # unit normal, and gap [m], FAR if out of reach
+
+    @wp.struct
     class ContactHistory:
         tangential_displacement: wp.array2d(
             dtype=V
@@ -108,6 +122,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         surfaces: ContactSurfaces
         rules: ContactRules
         neighbors: NeighborList
+        contacts: FoundContacts
         history: ContactHistory
         tunnelling: wp.array(dtype=wp.float64)  # the first contact that may tunnel; see history.py
 

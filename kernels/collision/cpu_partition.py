@@ -10,9 +10,9 @@ CHUNK = 32
 """Consecutive items of one thread: enough that two threads seldom write to the same cache line."""
 COUNT_UP = """
 #if defined(__CUDA_ARCH__)
-    return wp::atomic_add(counter, 0, 1);
+    return wp::atomic_add(numbers, at, 1);
 #else
-    return __atomic_fetch_add(&wp::index(counter, 0), 1, __ATOMIC_RELAXED);
+    return __atomic_fetch_add(&wp::index(numbers, at), 1, __ATOMIC_RELAXED);
 #endif
 """
 RAISE = """
@@ -68,8 +68,8 @@ def next_of_part(e: int, threads: int, parts: int) -> int:
 
 
 @wp.func_native(COUNT_UP)
-def count_up(counter: wp.array(dtype=int)) -> int:
-    """Add 1 to a counter and return its previous value."""
+def count_up(numbers: wp.array(dtype=int), at: int) -> int:
+    """Add 1 to numbers[at] and return its previous value."""
     ...
 
 

@@ -98,7 +98,10 @@ def least_of_lanes(kind: type, lanes: int):
 
 @functools.cache
 def wait_for_lanes(lanes: int):
-    """Compose () -> None, which returns when all threads of a point have called it: one may write what others read."""
+    """Compose () -> None, which returns when all threads of a point have called it.
+
+    Afterwards one of them may write what others have read.
+    """
     if lanes == 1:
 
         @wp.func

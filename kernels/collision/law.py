@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import vector
 from .contact_data import DEEPEST, BodyContactData, Substep, first_flag
-from .cpu_partition import raise_to
+from .cpu_partition import count_up, raise_to
 from .pairs import Pair, pairs
 
 TANGENTIAL = 2.0 / 7.0
@@ -41,6 +41,73 @@ def friction(scalar: type):
 
 
 @functools.cache
+def damping_limits(scalar: type):
+    """Compose (count, load): how strong the damper of a contact may be beside all others there are.
+
+    With the gradient g of a contact, n_i the contacts of particle i, and its mass m_i, Cauchy's inequality says
+
+        (g·v)² ≤ (Σ g_i² n_i/m_i) (Σ m_i v_i²/n_i),
+
+    and the second sum, added up over all contacts, is Σ m_i v_i². So if each b ≤ c / Σ g_i² n_i/m_i, no rate of
+    all dampers together exceeds c. A particle in several vertices of a contact counts once for each.
+    `count` adds a contact to its particles, and `load` returns Σ g_i² n_i/m_i [1/kg]. They take arrays, not the
+    whole data struct: on the CPU a function copies its arguments.
+    """
+    V, one, zero = vector(3, scalar), scalar(1.0), scalar(0.0)
+
+    @wp.func
+    def count(
+        first: wp.array(dtype=int),
+        particle: wp.array(dtype=int),
+        touches: wp.array(dtype=int),
+        ends: wp.vec2i,
+        corner: wp.vec3i,
+        w: V,
+    ):
+        for m in range(5):
+            if (m != 1 or ends[0] != ends[1]) and (m < 2 or w[m - 2] != zero):
+                vertex = ends[m % 2]
+                if m >= 2:
+                    vertex = corner[m - 2]
+                for s in range(first[vertex], first[vertex + 1]):
+                    count_up(touches, particle[s])
+
+    @wp.func
+    def load(
+        first: wp.array(dtype=int),
+        particle: wp.array(dtype=int),
+        weight: wp.array(dtype=scalar),
+        touches: wp.array(dtype=int),
+        inverse_mass: wp.array(dtype=scalar),
+        ends: wp.vec2i,
+        share: scalar,
+        corner: wp.vec3i,
+        w: V,
+    ) -> scalar:
+        total = zero
+        for m in range(5):
+            g = one
+            vertex = ends[m % 2]
+            if m >= 2:
+                vertex = corner[m - 2]
+                g = w[m - 2]
+            elif ends[0] == ends[1]:
+                g = scalar(1 - m)
+            elif m == 0:
+                g = one - share
+            else:
+                g = share
+            if g != zero:
+                for s in range(first[vertex], first[vertex + 1]):
+                    i = particle[s]
+                    g_i = g * weight[s]
+                    total += g_i * g_i * scalar(touches[i]) * inverse_mass[i]
+        return total
+
+    return count, load
+
+
+@functools.cache
 def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
     """Compose (press, record, per_unit_of): the force of one contact, and statistics of active contacts.
 
@@ -62,6 +129,7 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
         overlap: scalar,  # [m]
         normal: V,  # unit vector out of the facet
         faces: scalar,  # share of the damping
+        strongest: scalar,  # damper that is still stable [N s/m]
         u: V,  # velocity of the point relative to the facet [m/s]
         before: V,  # tangential displacement before this substep [m]
         step: Step,
@@ -75,9 +143,9 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
         b_n = faces * scalar(2.0**0.5) * data.rules.damping[pair.rule] * root
         b_t = wp.sqrt(tangential) * b_n
         # If velocities lag, the damper acts on the mean of those before and after a substep.
-        late = one / (one + step.behind * b_n * mobility)
-        b_t = b_t / (one + step.behind * b_t * mobility)
-        f_n = wp.max(zero, k_n * overlap - late * b_n * u_n)
+        b_n = wp.min(b_n / (one + step.behind * b_n * mobility), strongest)
+        b_t = wp.min(b_t / (one + step.behind * b_t * mobility), strongest)
+        f_n = wp.max(zero, k_n * overlap - b_n * u_n)
         moved = before - wp.dot(before, normal) * normal + step.h * u_t
         most = faces * data.rules.friction[pair.rule] * f_n
         held, f_t, slides = stick_or_slide(moved, u_t, tangential * k_n, b_t, most)

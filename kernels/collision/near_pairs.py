@@ -97,7 +97,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
         particle: wp.array(dtype=int),
         flags: wp.array(dtype=float),
     ):
-        k = count_up(pairs.count)
+        k = count_up(pairs.count, 0)
         if k >= pairs.vertices.shape[0]:
             raise_to(flags, wp.static(PAIRS), float(k + 1))
         else:
@@ -107,7 +107,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
                 for s in range(first[v], first[v + 1]):
                     i = particle[s]
                     if mark(pairs.in_pair, i):
-                        pairs.particle[count_up(pairs.particle_count)] = i
+                        pairs.particle[count_up(pairs.particle_count, 0)] = i
 
     @wp.func
     def is_tangled(pairs: Pairs, a: int, b: int) -> bool:

@@ -159,40 +159,41 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
 
 
 @functools.cache
-def facing(scalar: type, worlds: bool):
-    """Compose (data, point, other, normal) -> the share of the damping and the friction of a contact, 0 to 1.
+def facing(scalar: type):
+    """Compose (first_facet, facet, corner, x, ends, normal, closed) -> the share of damping and friction, 0 to 1.
 
     A point of a surface that slides beneath an edge of another body enters it through its side. The spring pushes
     it along the direction of sliding, and gives the work back at the other end. A damper would brake the body, as
     if it ran against the point, and so would friction on a side along which the body slides. So both act only
-    where the two surfaces face each other. `normal` points out of the body `other`. The share is 1 if that body
-    has no inside, or the point no surface.
+    where the two surfaces face each other. The point lies between the vertices `ends`; `closed` tells whether its
+    body has an inside, and `normal` points out of the other body, which has one. The share is 1 for a point
+    without a surface.
     """
-    V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
-    Point, normal_of = points(scalar, worlds)[0], unit_normal(scalar)
+    V, normal_of = vector(3, scalar), unit_normal(scalar)
     zero, one, least = scalar(0.0), scalar(1.0), scalar(LEAST_FACING)
     by = scalar(1.0 / (FULL_FACING - LEAST_FACING))
 
     @wp.func
-    def normals_around(data: Data, vertex: int) -> V:
-        """Return the sum of the unit normals of the triangles around a vertex."""
-        total = V()
-        for e in range(data.surfaces.first_facet[vertex], data.surfaces.first_facet[vertex + 1]):
-            total += normal_of(data.surfaces.x, data.surfaces.corner[data.surfaces.facet[e]])
-        return total
-
-    @wp.func
-    def facing_of(data: Data, point: Point, other: int, normal: V) -> scalar:
+    def facing_of(
+        first_facet: wp.array(dtype=int),
+        facet: wp.array(dtype=int),
+        corner: wp.array(dtype=wp.vec3i),
+        x: wp.array(dtype=V),
+        ends: wp.vec2i,
+        normal: V,
+        closed: int,
+    ) -> scalar:
+        outward = V()
+        for k in range(2):
+            if k == 0 or ends[0] != ends[1]:
+                for e in range(first_facet[ends[k]], first_facet[ends[k] + 1]):
+                    outward += normal_of(x, corner[facet[e]])
         share = one
-        if data.surfaces.closed[other] != 0 and point.body != other:
-            outward = normals_around(data, point.ends[0])
-            if point.ends[0] != point.ends[1]:
-                outward += normals_around(data, point.ends[1])
-            if wp.length_sq(outward) > zero:
-                towards = -wp.dot(wp.normalize(outward), normal)
-                if data.surfaces.closed[point.body] == 0:
-                    towards = wp.abs(towards)  # a sheet has two sides
-                share = wp.clamp(by * (towards - least), zero, one)
+        if wp.length_sq(outward) > zero:
+            towards = -wp.dot(wp.normalize(outward), normal)
+            if closed == 0:
+                towards = wp.abs(towards)  # a sheet has two sides
+            share = wp.clamp(by * (towards - least), zero, one)
         return share
 
     return facing_of

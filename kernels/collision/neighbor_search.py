@@ -43,7 +43,7 @@ def find_candidates(scalar: type, worlds: bool = False):
                 or data.history.contact_body[0, p] >= 0
                 or data.history.initial_overlap[p] > scalar(0.0)
             ):
-                data.neighbors.search_points[count_up(data.neighbors.search_point_count)] = p
+                data.neighbors.search_points[count_up(data.neighbors.search_point_count, 0)] = p
             e = next_of_part(e, threads, parts)
 
     return list_candidates
@@ -204,7 +204,7 @@ def find_rows(scalar: type, worlds: bool = False):
             x = place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p])
             find_one(data, p, x, facets, lower, upper, farthest, buffer[0], flags)
             if data.neighbors.candidate_count[p] > 0 or data.history.initial_overlap[p] > zero:
-                data.neighbors.active_points[count_up(data.neighbors.active_count)] = p
+                data.neighbors.active_points[count_up(data.neighbors.active_count, 0)] = p
             e = next_of_part(e, threads, parts)
 
     return kernel(find, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)

@@ -117,6 +117,24 @@ def Pair(scalar: type):
 
 
 @functools.cache
+def pair_with(scalar: type, worlds: bool):
+    """Compose (data, mine, other) -> the contact rule, and its range, of a point of one body and another body."""
+    Data, PointAndBody = BodyContactData(scalar, worlds), Pair(scalar)
+    find_rule, _, reach_of, _ = pairs(scalar, worlds)
+
+    @wp.func
+    def pair_of(data: Data, mine: int, other: int) -> PointAndBody:
+        pair = PointAndBody()
+        pair.mine = mine
+        pair.other = other
+        pair.rule = find_rule(data, mine, other)
+        pair.reach = reach_of(data, pair.rule, mine, other)
+        return pair
+
+    return pair_of
+
+
+@functools.cache
 def points(scalar: type, worlds: bool = False):
     """Compose (Point, point_of, mobility_of): a contact point, and its mobility from its two vertices' [1/kg]."""
     V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)

@@ -124,7 +124,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                     bodies = data.history.contact_body
                     before = moved_along(bodies, data.history.tangential_displacement, p, pair.other)
                     k_n, f_n, f_t, moved, _u_n, _slides = press(
-                        data, pair, mobility, overlap, normal, one, u, before, step
+                        data, pair, mobility, overlap, normal, one, far, u, before, step
                     )
                     units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
                     take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)

@@ -13,7 +13,7 @@ from .cpu_partition import first_of_part, next_of_part, raise_to
 
 @functools.cache
 def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
-    """Compose the kernel that updates vertices from their particles and clears the forces on them.
+    """Compose the kernel that updates vertices from their particles and clears their forces and contacts.
 
     It also measures how far vertices have moved since the last search, beyond the common drift of points in
     contact: this decides whether neighbor lists are valid. Vertices far from other bodies may move further. Its
@@ -52,6 +52,8 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                 x_j = load(x, j)
                 if wp.static(compensated):
                     x_j = x_j - load(compensation.x, j)
+                if data.surfaces.touches.shape[0] > 0:
+                    data.surfaces.touches[j] = 0
                 place += data.surfaces.weight[s] * x_j
                 speed += data.surfaces.weight[s] * load(v, j)
             store(data.surfaces.x, i, place)

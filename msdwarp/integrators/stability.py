@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from .. import checks
 from ..bodies import System
-from ..engine import Rates, rate_bounds
+from ..engine import DAMPING_LIMIT, Rates, rate_bounds
 from .base import Integrator
 
 SAFETY = 0.8
@@ -89,9 +89,22 @@ def stability_limit(system: System, integrator: Integrator) -> float:
     return integrator.stable_step(rate_bounds(system))
 
 
+def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY) -> tuple[float, float]:
+    """Return the largest stable substep [s], and the largest with a margin.
+
+    Dampers of contacts that limit themselves take a share of the largest step without them, and of its margin.
+    """
+    limit = integrator.stable_step(rates)
+    if not integrator.lagging or math.isinf(rates.limited_damping):
+        return limit, safety * limit
+    free = integrator.stable_step(rates._replace(damping=rates.limited_damping))
+    reserved = (1.0 - 0.5 * DAMPING_LIMIT) * free  # h²λ + 2hμ < 4 with h μ = DAMPING_LIMIT for contacts
+    return max(limit, reserved), max(safety * limit, min(reserved, safety * free))
+
+
 def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:
     """Return a choice of `substeps`, stable or not; if no step is stable, limit and `least` are 0."""
-    limit = integrator.stable_step(rates)
+    limit = _longest_steps(rates, integrator)[0]
     least = max(1, math.ceil(1.0 / (fps * limit))) if limit > 0.0 else 0
     return StepChoice(rates, limit, least, substeps, fps)
 
@@ -116,7 +129,7 @@ def choose_stable(
                 f"{math.ceil(choice.least / safety)} with a margin"
             )
         return choice
-    wanted = 1.0 / (fps * choice.limit * safety)
+    wanted = 1.0 / (fps * _longest_steps(rates, integrator, safety)[1])
     if wanted > MOST_SUBSTEPS:
         raise UnstableStep(
             f"{wanted:.2g} substeps a frame would be needed, more than {MOST_SUBSTEPS}: raise fps, "

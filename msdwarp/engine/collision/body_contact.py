@@ -20,25 +20,32 @@ from ...kernels.collision import (
     NOTED,
     ON_GPU,
     POINT,
+    STORED,
     BodyContactData,
     add_impulses,
     body_contact_term,
     contact_energy,
+    count_contacts,
     evaluate_contact,
     evaluate_segments_and_spheres,
 )
 from ...world import Contact
 from ..device.launcher import Launcher
 from ..model.model import Model
+from ..springs.linearised import write_diagonal_blocks
 from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
 from .contact_rules import ContactRules, unit_of_sums
-from .contact_surfaces import ContactSurfaces
+from .contact_surfaces import UNLIMITED, ContactSurfaces
 from .division_planes import DivisionPlanes
 from .initial_overlap import initial_containment
 from .neighbor_list import NeighborList
 from .tables_by_world import Repeated
 from .tunnelling_warning import Tunnelling
 
+DAMPING_LIMIT = 0.4
+"""Largest rate of all dampers of contacts together, by 1 over the substep, where they are limited."""
+WORTH = 1.2
+"""Dampers are limited where this allows a step longer by this factor: it takes as much computation."""
 OVERLAP = 0.01
 """Overlap at the start, over the spacing, up to which there is no warning."""
 
@@ -56,7 +63,7 @@ class BodyContact(WithHistory):
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
-        self._model, self._dt = model, 0.0
+        self._model, self._dt, self._limited = model, 0.0, False
         on_host, each = contact_surfaces(model.system), Repeated(model)
         self.rules = ContactRules(model, on_host, rules)
         surfaces = self.surfaces = ContactSurfaces(model, on_host)
@@ -79,6 +86,12 @@ class BodyContact(WithHistory):
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
         """Contributions to the blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
+        self._worth = self._worth_limiting() if surfaces.triangles else np.zeros(1, dtype=bool)
+        if self.limits_dampers:
+            data.surfaces.touches = wp.zeros(model.worlds * model.stride, dtype=int, device=device)
+            side, shape = wp.types.vector(4, scalar), (STORED, self._points)
+            for name, kind in (("facet", int), ("until", int), ("weights", model.vector), ("side", side)):
+                setattr(data.contacts, name, wp.zeros(shape, dtype=kind, device=device))
 
         self.piece = body_contact_term(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
@@ -113,6 +126,30 @@ class BodyContact(WithHistory):
         self._release_initial_overlap()
         if self.planes is not None:
             self.planes.start(self.history.overlapping_at_start)
+
+    @property
+    def limits_dampers(self) -> bool:
+        """Whether dampers of contacts limit themselves, in methods whose velocities lag."""
+        return bool(self._worth.any())
+
+    def _worth_limiting(self) -> NDArray[np.bool_]:
+        """Return for which rows of worlds limited dampers allow a much longer step, shape [rows].
+
+        All contacts are counted first each time, so it must pay. With the rates λ of springs and μ of dampers,
+        methods with velocities that lag are stable for h²λ + 2hμ < 4.
+        """
+        model, rows = self._model, self._model.different
+        Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
+        blocks = [wp.zeros((rows, model.particle_count), dtype=Block, device=model.device) for _ in "kb"]
+        x = model.vectors()
+        x.assign(model.spread(model.row_of("position").astype(model.dtype)))
+        write_diagonal_blocks(model, x, *blocks)
+        springs, dampers = (np.linalg.norm(one.numpy(), ord=2, axis=(2, 3)) for one in blocks)
+        stiff, damped = self.blocks_of(rows)
+        inverse = 2.0 / model.row_of("mass")[np.arange(rows) % len(model.row_of("mass"))]
+        rate, own, whole = ((inverse * each).max(axis=1) for each in (springs + stiff, dampers, dampers + damped))
+        free, now = (4.0 / (one + np.sqrt(one**2 + 4.0 * rate)) for one in (own, whole))
+        return free > WORTH * now
 
     def _release_initial_overlap(self) -> None:
         """Find points that start inside other bodies, and allow their overlap, which then shrinks.
@@ -165,8 +202,13 @@ class BodyContact(WithHistory):
         self.neighbors.partition = partition
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Set the length of substeps."""
+        """Set the length of substeps, and by it how strong dampers may be."""
         self._dt = dt
+        limits = self._limited = self.limits_dampers and self.steps.lagging
+        rate = np.where(self._worth & limits, DAMPING_LIMIT / dt, UNLIMITED)
+        wanted = np.resize(rate, self._model.worlds).astype(self._model.dtype)
+        if (self._data.surfaces.damping_limit.numpy() != wanted).any():
+            self._data.surfaces.damping_limit.assign(wanted)
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """Reserve room for the facets near each point: a search between frames is not repeated."""
@@ -199,14 +241,17 @@ class BodyContact(WithHistory):
         model, surfaces, overlapping = self._model, self.surfaces, self.history.overlapping_at_start
         triangles = surfaces.triangles or measuring
         lanes = (ON_GPU if triangles else FEW_ON_GPU) if model.device.is_cuda else 1
+        composed = (model.scalar, overlapping, lanes, model.in_worlds)
         if triangles:
-            kernel = contact_energy if measuring else evaluate_contact
-            composed = kernel(model.scalar, overlapping, lanes, model.in_worlds)
+            kernels = [(contact_energy if measuring else evaluate_contact)(*composed, self._limited)]
+            if self._limited:
+                kernels = [count_contacts(*composed), *kernels]
         else:
-            composed = evaluate_segments_and_spheres(model.scalar, overlapping, lanes, model.in_worlds)
+            kernels = [evaluate_segments_and_spheres(*composed)]
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
-        self.neighbors.share(composed, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
+        for kernel in kernels:
+            self.neighbors.share(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sum of the forces of bodies on each other's particles, if requested."""

@@ -12,6 +12,9 @@ from ..device.vector_arrays import in_records
 from ..model.model import Model
 from .tables_by_world import Repeated, surfaces_by_row
 
+UNLIMITED = 1e30
+"""A rate of dampers that none has [1/s]."""
+
 
 class ContactSurfaces:
     """The surfaces of the bodies of a system, in one world or many."""
@@ -51,6 +54,10 @@ class ContactSurfaces:
         start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
         wp.copy(data.x, each.by_row(start.astype(model.dtype), model.vector))
         data.force = wp.zeros((model.worlds * vertices, 3), dtype=wp.int64, device=model.device)
+        mass = np.full((len(model.row_of("mass")), model.stride), np.inf)
+        mass[:, : model.particle_count] = model.row_of("mass")
+        data.inverse_mass = each.by_row(1.0 / mass, scalar)
+        data.damping_limit = wp.full(model.worlds, UNLIMITED, dtype=scalar, device=model.device)
         data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
         data.body = each.alike(self.body_of_point, int, bodies)
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)

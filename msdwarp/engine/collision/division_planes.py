@@ -83,9 +83,7 @@ class DivisionPlanes(Effect):
         data.in_pair, data.particle, data.pushes = (wp.zeros(particles, dtype=int, device=device) for _ in "ipp")
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
         data.share = wp.ones(particles, dtype=float, device=device)
-        mass = np.full((len(model.row_of("mass")), model.stride), np.inf)
-        mass[:, : model.particle_count] = model.row_of("mass")
-        data.inverse_mass = each.by_row(1.0 / mass, scalar)
+        mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
         data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
         if model.driven.any():
             self.done = data.done = wp.zeros(particles, dtype=wp.float64, device=device)

@@ -31,6 +31,8 @@ class Rates(NamedTuple):
     """Contribution of effects to `stiffness` [1/s²]; every method treats them explicitly."""
     effect_damping: float = 0.0
     """Contribution of effects to `damping` [1/s]."""
+    limited_damping: float = math.inf
+    """`damping` without the dampers of contacts, if these are limited by the step [1/s]; inf if they are not."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -63,11 +65,16 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     blocks = _blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
     bounds = _with_effects(assembly, state, blocks)
-    effects = np.zeros((model.different, 2))
+    effects, limited = np.zeros((model.different, 2)), np.full(model.different, np.inf)
+    contact = assembly.body_contact
+    if contact is not None and contact.limits_dampers:
+        damped = contact.blocks_of(model.different)[1]
+        blocks[1].assign(blocks[1].numpy() - damped[..., None, None] * np.eye(model.dim))
+        limited = _bounds(model, blocks)[:, 1]
     if acts_on_rates(assembly.all) and not model.in_worlds:
         effects = _with_effects(assembly, state, _blocks(model))
     return [
-        Rates(stiffness, damping, _least_ratio(model, k), *effects[k])
+        Rates(stiffness, damping, _least_ratio(model, k), *effects[k], limited_damping=limited[k])
         for k, (stiffness, damping) in enumerate(bounds.tolist())
     ]
 
@@ -105,10 +112,7 @@ def _blocks(model: Model) -> list[wp.array]:
 
 
 def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
-    """Add the blocks of effects, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2].
-
-    They are twice the largest eigenvalue of a block over its particle's mass.
-    """
+    """Add the blocks of effects, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
     model, contact = assembly.model, assembly.body_contact if assembly.model.in_worlds else None
     others = [one for one in assembly.all if one is not contact]
     for world in range(model.different if acts_on_rates(others) else 0):
@@ -124,6 +128,11 @@ def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> N
     if contact is not None:  # for all worlds at once
         for block, each in zip(blocks, contact.blocks_of(model.different), strict=True):
             block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
+    return _bounds(model, blocks)
+
+
+def _bounds(model: Model, blocks: list[wp.array]) -> NDArray[np.float64]:
+    """Return twice the largest eigenvalue of a block over its particle's mass, shape [different, 2]."""
     bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
     inputs = [model.table("inverse_mass"), *blocks]
     wp.launch(largest_rate(model.dim, model.scalar), blocks[0].shape, inputs, [bounds], device=model.device)
