@@ -4,7 +4,7 @@ Only this room composes the kernels that move particles. It also launches them, 
 launches its own solver.
 """
 
-from .collision.body_contact import DAMPING_LIMIT as DAMPING_LIMIT, BodyContact as BodyContact
+from .collision.body_contact import BodyContact as BodyContact
 from .collision.contact_forces import ContactForces as ContactForces
 from .diagnostics.divergence_monitor import (
     Backup as Backup,

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from .. import checks
 from ..bodies import System
-from ..engine import DAMPING_LIMIT, Rates, rate_bounds
+from ..engine import Rates, rate_bounds
 from .base import Integrator
 
 SAFETY = 0.8
@@ -98,7 +98,7 @@ def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY)
     if not integrator.lagging or math.isinf(rates.limited_damping):
         return limit, safety * limit
     free = integrator.stable_step(rates._replace(damping=rates.limited_damping))
-    reserved = (1.0 - 0.5 * DAMPING_LIMIT) * free  # h²λ + 2hμ < 4 with h μ = DAMPING_LIMIT for contacts
+    reserved = (1.0 - rates.limited_share) * free
     return max(limit, reserved), max(safety * limit, min(reserved, safety * free))
 
 

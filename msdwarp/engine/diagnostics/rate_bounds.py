@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...bodies import LINEAR, System, is_uniform, stored
 from ...kernels.reductions import largest_rate
 from ...runtime import in_turn
+from ..collision.body_contact import DAMPING_LIMIT
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
@@ -33,6 +34,8 @@ class Rates(NamedTuple):
     """Contribution of effects to `damping` [1/s]."""
     limited_damping: float = math.inf
     """`damping` without the dampers of contacts, if these are limited by the step [1/s]; inf if they are not."""
+    limited_share: float = 0.0
+    """Share of the longest stable step that limited dampers of contacts take."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -74,7 +77,14 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     if acts_on_rates(assembly.all) and not model.in_worlds:
         effects = _with_effects(assembly, state, _blocks(model))
     return [
-        Rates(stiffness, damping, _least_ratio(model, k), *effects[k], limited_damping=limited[k])
+        Rates(
+            stiffness,
+            damping,
+            _least_ratio(model, k),
+            *effects[k],
+            limited_damping=limited[k],
+            limited_share=0.5 * DAMPING_LIMIT,
+        )
         for k, (stiffness, damping) in enumerate(bounds.tolist())
     ]
 
