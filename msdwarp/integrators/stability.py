@@ -95,7 +95,7 @@ def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY)
     Dampers of contacts that limit themselves take a share of the largest step without them, and of its margin.
     """
     limit = integrator.stable_step(rates)
-    if not integrator.lagging or math.isinf(rates.limited_damping):
+    if not integrator.lagging or rates.limited_share == 0.0:
         return limit, safety * limit
     free = integrator.stable_step(rates._replace(damping=rates.limited_damping))
     reserved = (1.0 - rates.limited_share) * free

@@ -86,7 +86,8 @@ class BodyContact(WithHistory):
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
         """Contributions to the blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
-        self._worth = self._worth_limiting() if surfaces.triangles else np.zeros(1, dtype=bool)
+        self.limiting = self._worth_limiting() if surfaces.triangles else np.zeros(1, dtype=bool)
+        """Which of the worlds that differ limit dampers."""
         if self.limits_dampers:
             data.surfaces.touches = wp.zeros(model.worlds * model.stride, dtype=int, device=device)
             side, shape = wp.types.vector(4, scalar), (STORED, self._points)
@@ -130,7 +131,7 @@ class BodyContact(WithHistory):
     @property
     def limits_dampers(self) -> bool:
         """Whether dampers of contacts limit themselves, in methods whose velocities lag."""
-        return bool(self._worth.any())
+        return bool(self.limiting.any())
 
     def _worth_limiting(self) -> NDArray[np.bool_]:
         """Return for which rows of worlds limited dampers allow a much longer step, shape [rows].
@@ -148,8 +149,8 @@ class BodyContact(WithHistory):
         stiff, damped = self.blocks_of(rows)
         inverse = 2.0 / model.row_of("mass")[np.arange(rows) % len(model.row_of("mass"))]
         rate, own, whole = ((inverse * each).max(axis=1) for each in (springs + stiff, dampers, dampers + damped))
-        free, now = (4.0 / (one + np.sqrt(one**2 + 4.0 * rate)) for one in (own, whole))
-        return free > WORTH * now
+        free, now = (one + np.sqrt(one**2 + 4.0 * rate) for one in (own, whole))  # 4 by the longest steps
+        return now > WORTH * free
 
     def _release_initial_overlap(self) -> None:
         """Find points that start inside other bodies, and allow their overlap, which then shrinks.
@@ -205,7 +206,7 @@ class BodyContact(WithHistory):
         """Set the length of substeps, and by it how strong dampers may be."""
         self._dt = dt
         limits = self._limited = self.limits_dampers and self.steps.lagging
-        rate = np.where(self._worth & limits, DAMPING_LIMIT / dt, UNLIMITED)
+        rate = np.where(self.limiting & limits, DAMPING_LIMIT / dt, UNLIMITED)
         wanted = np.resize(rate, self._model.worlds).astype(self._model.dtype)
         if (self._data.surfaces.damping_limit.numpy() != wanted).any():
             self._data.surfaces.damping_limit.assign(wanted)

@@ -56,7 +56,7 @@ WIDEST_SKIN = 0.5
 """The skin at most, by how far off bodies touch, unless the next is more."""
 SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.9
 """The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
-FARTHEST_WAY = 16.0
+FARTHEST_WAY = 64.0
 """A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
 PATIENCE = 1
 """Frames in which little moves after which searches are made less often."""

@@ -32,10 +32,10 @@ class Rates(NamedTuple):
     """Contribution of effects to `stiffness` [1/s²]; every method treats them explicitly."""
     effect_damping: float = 0.0
     """Contribution of effects to `damping` [1/s]."""
-    limited_damping: float = math.inf
-    """`damping` without the dampers of contacts, if these are limited by the step [1/s]; inf if they are not."""
+    limited_damping: float = 0.0
+    """`damping` without the dampers of contacts, if these are limited by the step [1/s]."""
     limited_share: float = 0.0
-    """Share of the longest stable step that limited dampers of contacts take."""
+    """Share of the longest stable step that limited dampers take; 0 if none are limited."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -68,12 +68,13 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     blocks = _blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
     bounds = _with_effects(assembly, state, blocks)
-    effects, limited = np.zeros((model.different, 2)), np.full(model.different, np.inf)
+    effects, limited, share = np.zeros((model.different, 2)), np.zeros(model.different), 0.0
     contact = assembly.body_contact
     if contact is not None and contact.limits_dampers:
+        share = 0.5 * DAMPING_LIMIT  # h²λ + 2hμ < 4, with μ at most DAMPING_LIMIT / h for these dampers
         damped = contact.blocks_of(model.different)[1]
         blocks[1].assign(blocks[1].numpy() - damped[..., None, None] * np.eye(model.dim))
-        limited = _bounds(model, blocks)[:, 1]
+        limited = np.where(contact.limiting, _bounds(model, blocks)[:, 1], bounds[:, 1])
     if acts_on_rates(assembly.all) and not model.in_worlds:
         effects = _with_effects(assembly, state, _blocks(model))
     return [
@@ -83,7 +84,7 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
             _least_ratio(model, k),
             *effects[k],
             limited_damping=limited[k],
-            limited_share=0.5 * DAMPING_LIMIT,
+            limited_share=share,
         )
         for k, (stiffness, damping) in enumerate(bounds.tolist())
     ]
