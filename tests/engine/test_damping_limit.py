@@ -121,6 +121,9 @@ def test_each_world_limits_as_if_it_were_alone(plain_device):
     ensemble.step(6)
     for world in range(2):
         alone = Simulation(scene.replace(damping=dampers[world]), **options)
-        alone.step(6)
-        assert alone.assembly.body_contact.deepest > 0
+        deepest = 0.0
+        for _ in range(6):
+            alone.step()
+            deepest = max(deepest, alone.assembly.body_contact.deepest)
+        assert deepest > 0
         np.testing.assert_array_equal(ensemble.frame().position[world], alone.frame().position)
