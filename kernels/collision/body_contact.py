@@ -185,6 +185,7 @@ def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
     point_of, thickness_of = points(scalar, worlds)[1], pairs(scalar, worlds)[1]
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
     count, Side = damping_limits(scalar)[0], wp.types.vector(4, scalar)
+    zero, far = scalar(0.0), scalar(FAR)
 
     @wp.func
     def count_of_point(
@@ -202,8 +203,7 @@ def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
         while first < data.neighbors.candidate_count[p]:
             pair = pair_of(data, point.body, data.neighbors.candidate_body[p, first])
             nearest = find_nearest(data, point, lane, pair, first, step.buffer)
-            side = Side()
-            side[3] = scalar(FAR)
+            side = Side(zero, zero, zero, far)
             if nearest.squared < pair.reach * pair.reach:
                 away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
                 gap, normal = separate(data, point, lane, pair, nearest, away, step.buffer)
@@ -211,7 +211,7 @@ def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
                 overlap = thickness_of(data, pair.rule, pair.mine, pair.other) - gap
                 if wp.static(overlapping_at_start):
                     overlap -= data.history.initial_overlap[p]
-                if overlap > scalar(0.0) and lane == 0:
+                if overlap > zero and lane == 0:
                     first_of, particle = data.surfaces.first, data.surfaces.particle
                     count(first_of, particle, data.surfaces.touches, point.ends, nearest.corner, nearest.w)
             if lane == 0 and slot < wp.static(STORED):
