@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from msdwarp import Contact, Plane, Simulation, SimulationDiverged, System, box
 
 from ..common import METHODS
+from .contact import CONSTANTS, FPS, G
 
-G, FPS = 9.82, 60.0
-CONSTANTS: dict[str, Any] = {"mass": 0.02, "stiffness": 2e4, "damping": 8.0}
 SPACING, WIDE = 0.1, 0.2
 """Spacing of a die, and its width [m]."""
 RESTITUTIONS = (0.05, 0.3, 1.0)
@@ -99,6 +98,21 @@ def die_at(low: ArrayLike) -> System:
     return die.translate(np.asarray(low) - die.position.min(axis=0))
 
 
+def methods(both: bool) -> tuple[str, ...]:
+    """Return the methods of a case: leapfrog, and symplectic Euler if it is measured with both."""
+    return ("leapfrog", "symplectic Euler") if both else ("leapfrog",)
+
+
+def advances(simulation: Simulation) -> bool:
+    """Take a frame; print why, and return False, if the run diverges in it."""
+    try:
+        simulation.step()
+    except SimulationDiverged as error:
+        print(f"diverged: {str(error).splitlines()[0]}")
+        return False
+    return True
+
+
 def motion(simulation: Simulation, seconds: float, particles: slice) -> tuple[NDArray, NDArray]:
     """Return positions and velocities of some particles after each frame, shape [frame_count, particle_count, 3].
 
@@ -106,10 +120,7 @@ def motion(simulation: Simulation, seconds: float, particles: slice) -> tuple[ND
     """
     kept = []
     for _ in range(round(seconds * simulation.fps)):
-        try:
-            simulation.step()
-        except SimulationDiverged as error:
-            print(f"diverged: {str(error).splitlines()[0]}")
+        if not advances(simulation):
             break
         frame = simulation.frame()
         kept.append((frame.position[particles], frame.velocity[particles]))
@@ -128,7 +139,7 @@ def measure_sliding(options) -> list[dict]:
     """Return a row for each die that slides, or should stick."""
     rows = []
     for case in SLIDES[:3] if options.quick else SLIDES:
-        for method in ("leapfrog", "symplectic Euler")[: 1 + (case.both and not options.quick)]:
+        for method in methods(case.both and not options.quick):
             rows.append(_row_of(case, method, options.device))
     return rows
 
@@ -177,7 +188,7 @@ def _row_of(case: Slide, method: str, device: str) -> dict:
 def measure_stack(options) -> list[dict]:
     """Return a row for each ground and die at rest: the forces on its layers against the weights they carry."""
     rows = []
-    for ground, method in itertools.product(("plane", "pinned slab"), ("leapfrog", "symplectic Euler")):
+    for ground, method in itertools.product(("plane", "pinned slab"), methods(both=True)):
         low = np.array([*FIRST, 0.0])
         stack = [die_at(low + k * np.array([*OFFSET, WIDE])) for k in range(3)]
         dice = stack[0] + stack[1] + stack[2]

@@ -14,7 +14,6 @@ from msdwarp import (
     Plane,
     PrescribedMotion,
     Simulation,
-    SimulationDiverged,
     System,
     ball,
     chain,
@@ -22,7 +21,7 @@ from msdwarp import (
 )
 
 from ..common import METHODS
-from .contact_blocks import FPS, RESTITUTIONS, G, down, motion, pinned_slab, slope_of
+from .contact_blocks import FPS, RESTITUTIONS, G, advances, down, methods, motion, pinned_slab, slope_of
 
 GROUNDS = ("plane", "plane, surface", "pinned slab")
 """A `Plane`; one with `Contact(surface_colliders=True)`; a body."""
@@ -48,9 +47,7 @@ def measure_rolling(options) -> list[dict]:
     """Return a row for each ground and restitution."""
     rows = []
     for ground, restitution in itertools.product(GROUNDS, RESTITUTIONS[1:2] if options.quick else RESTITUTIONS):
-        for method in ("leapfrog", "symplectic Euler")[
-            : 1 + (ground == GROUNDS[2] and restitution == 0.3 and not options.quick)
-        ]:
+        for method in methods(ground == GROUNDS[2] and restitution == 0.3 and not options.quick):
             rows.append(_rolled(ground, restitution, method, options.device))
     return rows
 
@@ -131,9 +128,7 @@ def measure_capstan(options) -> list[dict]:
     """Return a row for each bollard and friction."""
     rows = []
     for bollard, friction in itertools.product(BOLLARDS, FRICTIONS[1:2] if options.quick else FRICTIONS):
-        for method in ("leapfrog", "symplectic Euler")[
-            : 1 + (bollard == BOLLARDS[0] and friction == 0.3 and not options.quick)
-        ]:
+        for method in methods(bollard == BOLLARDS[0] and friction == 0.3 and not options.quick):
             rows.append(_pulled(bollard, friction, method, options.device))
     return rows
 
@@ -173,10 +168,7 @@ def _pulled(bollard: str, friction: float, method: str, device: str) -> dict:
     row = {"bollard": bollard, "friction": friction, "method": method, "substeps": simulation.substeps}
     height, speed = [], []
     while simulation.time < RISES + PULLS and (not height or height[-1] < -4 * LINK):
-        try:
-            simulation.step()
-        except SimulationDiverged as error:
-            print(f"diverged: {str(error).splitlines()[0]}")
+        if not advances(simulation):
             break
         frame = simulation.frame()
         height.append(float(frame.position[light, 2]))

@@ -32,7 +32,7 @@ from ...kernels.collision import (
 from ...world import Contact
 from ..device.launcher import Launcher
 from ..model.model import Model
-from ..springs.linearised import write_diagonal_blocks
+from ..springs.linearised import largest_rates, write_diagonal_blocks, zero_blocks
 from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
 from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import UNLIMITED, ContactSurfaces
@@ -139,16 +139,13 @@ class BodyContact(WithHistory):
         All contacts are counted first each time, so it must pay. With the rates λ of springs and μ of dampers,
         methods with velocities that lag are stable for h²λ + 2hμ < 4.
         """
-        model, rows = self._model, self._model.different
-        Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
-        blocks = [wp.zeros((rows, model.particle_count), dtype=Block, device=model.device) for _ in "kb"]
+        model, blocks = self._model, zero_blocks(self._model)
         x = model.vectors()
         x.assign(model.spread(model.row_of("position").astype(model.dtype)))
         write_diagonal_blocks(model, x, *blocks)
-        springs, dampers = (np.linalg.norm(one.numpy(), ord=2, axis=(2, 3)) for one in blocks)
-        stiff, damped = self.blocks_of(rows)
-        inverse = 2.0 / model.row_of("mass")[np.arange(rows) % len(model.row_of("mass"))]
-        rate, own, whole = ((inverse * each).max(axis=1) for each in (springs + stiff, dampers, dampers + damped))
+        own = largest_rates(model, *blocks)[:, 1]
+        self.add_blocks_of_worlds(*blocks)
+        rate, whole = largest_rates(model, *blocks).T
         free, now = (one + np.sqrt(one**2 + 4.0 * rate) for one in (own, whole))  # 4 by the longest steps
         return now > WORTH * free
 
@@ -207,9 +204,7 @@ class BodyContact(WithHistory):
         self._dt = dt
         limits = self._limited = self.limits_dampers and self.steps.lagging
         rate = np.where(self.limiting & limits, DAMPING_LIMIT / dt, UNLIMITED)
-        wanted = np.resize(rate, self._model.worlds).astype(self._model.dtype)
-        if (self._data.surfaces.damping_limit.numpy() != wanted).any():
-            self._data.surfaces.damping_limit.assign(wanted)
+        self._data.surfaces.damping_limit.assign(np.resize(rate, self._model.worlds).astype(self._model.dtype))
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """Reserve room for the facets near each point: a search between frames is not repeated."""
@@ -322,6 +317,11 @@ class BodyContact(WithHistory):
         stiffness, damping = self.blocks
         each = np.arange(worlds) % len(stiffness)
         return stiffness[each], damping[each]
+
+    def add_blocks_of_worlds(self, stiffness: wp.array, damping: wp.array) -> None:
+        """Add the same as `add_blocks` to the blocks of all worlds, shape [different, particle_count] each."""
+        for blocks, each in zip((stiffness, damping), self.blocks_of(len(stiffness)), strict=True):
+            blocks.assign(blocks.numpy() + each[..., None, None] * np.eye(self._model.dim))
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness and damping of contacts, as if all points of a surface were in contact."""

@@ -79,7 +79,12 @@ class Colliders(Effect):
         self.piece = ColliderTerm(
             *collider_contact(
                 *(model.dim, model.scalar, rule, kinds, contact_forces),
-                Needed(self._bounces, len(colliders) > 1, self._deepest > 0.0, spares),
+                Needed(
+                    self._bounces,
+                    several=len(colliders) > 1,
+                    overlapping_at_start=self._deepest > 0.0,
+                    spares=spares,
+                ),
                 self.moves,
             ),
             moving=self.moves,

@@ -47,8 +47,10 @@ class ContactSurfaces:
         data.mobility = each.by_row((surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2), scalar)
         first, near = neighbourhoods(surfaces, hops)
         data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
-        facet, first = facets_around(surfaces)
-        data.first_facet, data.facet = each.starts(np.diff(first)), each.alike(facet, int, len(surfaces.corner))
+        if surfaces.closed.any():  # only contact with these looks at the triangles around a vertex
+            facet, first = facets_around(surfaces)
+            data.first_facet = each.starts(np.diff(first))
+            data.facet = each.alike(facet, int, len(surfaces.corner))
         data.body_of = each.alike(surfaces.body, int, bodies)
         data.x, data.v = (in_records(model.worlds * vertices, model.dim, scalar, model.device) for _ in "xv")
         start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])

@@ -9,13 +9,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import LINEAR, System, is_uniform, stored
-from ...kernels.reductions import largest_rate
 from ...runtime import in_turn
 from ..collision.body_contact import DAMPING_LIMIT
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
-from ..springs.linearised import write_diagonal_blocks
+from ..springs.linearised import largest_rates, write_diagonal_blocks, zero_blocks
 from ..stepping.assemble import Assembly, assemble
 
 
@@ -65,7 +64,7 @@ def rate_bounds(system: System, assembly: Assembly | None = None, state: State |
 def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     """Return upper bounds of the rates of each world that differs from the others."""
     model = assembly.model
-    blocks = _blocks(model)
+    blocks = zero_blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
     bounds = _with_effects(assembly, state, blocks)
     effects, limited, share = np.zeros((model.different, 2)), np.zeros(model.different), 0.0
@@ -74,9 +73,9 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
         share = 0.5 * DAMPING_LIMIT  # h²λ + 2hμ < 4, with μ at most DAMPING_LIMIT / h for these dampers
         damped = contact.blocks_of(model.different)[1]
         blocks[1].assign(blocks[1].numpy() - damped[..., None, None] * np.eye(model.dim))
-        limited = np.where(contact.limiting, _bounds(model, blocks)[:, 1], bounds[:, 1])
+        limited = np.where(contact.limiting, largest_rates(model, *blocks)[:, 1], bounds[:, 1])
     if acts_on_rates(assembly.all) and not model.in_worlds:
-        effects = _with_effects(assembly, state, _blocks(model))
+        effects = _with_effects(assembly, state, zero_blocks(model))
     return [
         Rates(
             stiffness,
@@ -115,13 +114,6 @@ def acts_on_rates(effects: Sequence[Effect]) -> bool:
     return any(one.overrides("add_blocks", "add_resistance") for one in effects)
 
 
-def _blocks(model: Model) -> list[wp.array]:
-    """Return zeros for the diagonal blocks of K and B, float64 matrices of shape [different, particle_count]."""
-    Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
-    shape = (model.different, model.particle_count)
-    return [wp.zeros(shape, dtype=Block, device=model.device) for _ in range(2)]
-
-
 def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
     """Add the blocks of effects, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
     model, contact = assembly.model, assembly.body_contact if assembly.model.in_worlds else None
@@ -137,14 +129,5 @@ def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> N
         if resistance.any():
             damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))
     if contact is not None:  # for all worlds at once
-        for block, each in zip(blocks, contact.blocks_of(model.different), strict=True):
-            block.assign(block.numpy() + each[..., None, None] * np.eye(model.dim))
-    return _bounds(model, blocks)
-
-
-def _bounds(model: Model, blocks: list[wp.array]) -> NDArray[np.float64]:
-    """Return twice the largest eigenvalue of a block over its particle's mass, shape [different, 2]."""
-    bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
-    inputs = [model.table("inverse_mass"), *blocks]
-    wp.launch(largest_rate(model.dim, model.scalar), blocks[0].shape, inputs, [bounds], device=model.device)
-    return bounds.numpy().astype(np.float64)
+        contact.add_blocks_of_worlds(*blocks)
+    return largest_rates(model, *blocks)

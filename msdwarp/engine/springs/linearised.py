@@ -1,7 +1,12 @@
 """The linearised system on a device: products with K and B, and their diagonal blocks."""
 
-import warp as wp
+from typing import Any
 
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.reductions import largest_rate
 from ...kernels.springs import linearised as kernels
 from ..model.model import Model
 
@@ -32,6 +37,21 @@ def add_linearised(
             outputs=[z],
             device=model.device,
         )
+
+
+def zero_blocks(model: Model) -> list[wp.array]:
+    """Return zeros for the diagonal blocks of K and B, float64 matrices of shape [different, particle_count]."""
+    Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
+    shape = (model.different, model.particle_count)
+    return [wp.zeros(shape, dtype=Block, device=model.device) for _ in range(2)]
+
+
+def largest_rates(model: Model, springs: wp.array, dampers: wp.array) -> NDArray[np.float64]:
+    """Return twice the largest eigenvalue of a block over its particle's mass, shape [different, 2]."""
+    bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
+    inputs = [model.table("inverse_mass"), springs, dampers]
+    wp.launch(largest_rate(model.dim, model.scalar), springs.shape, inputs, [bounds], device=model.device)
+    return bounds.numpy().astype(np.float64)
 
 
 def write_diagonal_blocks(model: Model, x: wp.array, springs: wp.array, dampers: wp.array) -> None:
