@@ -5,15 +5,11 @@ from .body_contact import (
     count_contacts as count_contacts,
     evaluate_contact as evaluate_contact,
 )
-from .bounding_boxes import (
-    box_facets as box_facets,
-    box_neighbours as box_neighbours,
-    clear_boxes as clear_boxes,
-    find_roots as find_roots,
-)
 from .contact_data import (
     DEEPEST as DEEPEST,
+    DUE as DUE,
     FLAGS as FLAGS,
+    FORCED as FORCED,
     HELD_BACK as HELD_BACK,
     HISTORY as HISTORY,
     LONGEST_ROW as LONGEST_ROW,
@@ -30,6 +26,13 @@ from .division_planes import (
     PHASES as PHASES,
     catch_up as catch_up,
     keep_apart as keep_apart,
+)
+from .facet_tree import (
+    FacetTree as FacetTree,
+    begin_search as begin_search,
+    box_facets as box_facets,
+    box_neighbours as box_neighbours,
+    find_roots as find_roots,
 )
 from .force_sums import add_impulses as add_impulses
 from .history import (

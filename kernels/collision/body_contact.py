@@ -67,7 +67,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     moved_along, note = displacements(scalar), note_tunnelling(scalar)
     thickness_of, exert = pairs(scalar, worlds)[1], exert_force(scalar, lanes)
-    facing_of, load = facing(scalar), damping_limits(scalar)[1]
+    facing_of, load = facing(scalar, lanes), damping_limits(scalar, lanes)[1]
     zero, half, tangential, far = scalar(0.0), scalar(0.5), scalar(TANGENTIAL), scalar(FAR)
 
     @wp.func
@@ -111,6 +111,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                     point.ends,
                     normal,
                     data.surfaces.closed[pair.mine],
+                    lane,
                 )
             strongest = far
             if wp.static(limited):
@@ -127,6 +128,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                     point.share,
                     nearest.corner,
                     nearest.w,
+                    lane,
                 )
             k_n, f_n, f_t, moved, u_n, slides = press(
                 data, pair, mobility, overlap, normal, faces, strongest, u, before, step
@@ -184,7 +186,7 @@ def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
     place_on, pair_of = places(scalar)[1], pair_with(scalar, worlds)
     point_of, thickness_of = points(scalar, worlds)[1], pairs(scalar, worlds)[1]
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
-    count, Side = damping_limits(scalar)[0], wp.types.vector(4, scalar)
+    count, Side = damping_limits(scalar, lanes)[0], wp.types.vector(4, scalar)
     zero, far = scalar(0.0), scalar(FAR)
 
     @wp.func
@@ -211,9 +213,9 @@ def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
                 overlap = thickness_of(data, pair.rule, pair.mine, pair.other) - gap
                 if wp.static(overlapping_at_start):
                     overlap -= data.history.initial_overlap[p]
-                if overlap > zero and lane == 0:
+                if overlap > zero:
                     first_of, particle = data.surfaces.first, data.surfaces.particle
-                    count(first_of, particle, data.surfaces.touches, point.ends, nearest.corner, nearest.w)
+                    count(first_of, particle, data.surfaces.touches, point.ends, nearest.corner, nearest.w, lane)
             if lane == 0 and slot < wp.static(STORED):
                 data.contacts.facet[slot, p] = nearest.facet
                 data.contacts.until[slot, p] = nearest.until
@@ -306,4 +308,4 @@ def _each_point(
                 if wp.static(overlapping_at_start):
                     shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds)
+    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=not measuring)

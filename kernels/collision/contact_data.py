@@ -10,12 +10,14 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 
 MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, PAIRS, HELD_BACK = range(7)
-"""Indices of flags: longest path of a vertex since the last search [m], and between two searches; longest row;
-most bodies near one body; deepest overlap [m]; near pairs of all worlds, in the first world's flags; and the
+"""Indices of flags: longest path of a vertex since the last search [m], and in a substep; longest row; most bodies
+near one body; deepest overlap [m]; near pairs of all worlds, in the first world's flags; and the
 furthest that a particle was held back in a substep [m]."""
 FLAGS = 7
 STORED = 2
 """Bodies near a point whose nearest facets are stored, where contacts are counted first."""
+NOT_DUE, DUE, FORCED = range(3)
+"""Whether lists must be made: no; yes, since vertices have moved far; yes, since positions were changed."""
 HISTORY = 2
 """Number of bodies that a point can stick to at a time; along others it only slides."""
 
@@ -80,6 +82,8 @@ def BodyContactData(scalar: type, worlds: bool = False):
     @wp.struct
     class NeighborList:
         x_found: wp.array(dtype=V)  # positions of vertices at the last search [m], in records
+        since: wp.array(dtype=float)  # time from it to the end of the last substep [s], shape [1]
+        due: wp.array(dtype=int)  # whether lists are invalid: NOT_DUE, DUE or FORCED, shape [1]
         # Rows of facets near points:
         candidates: wp.array2d(dtype=int)  # facets, grouped by body, shape [point_count, room]
         candidate_body: wp.array2d(dtype=int)  # the body of each
@@ -95,7 +99,6 @@ def BodyContactData(scalar: type, worlds: bool = False):
         # Bodies:
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
         body_pair_count: wp.array(dtype=int)  # length of each row
-        root: wp.array(dtype=int)  # root of each body's subtree in the tree of facets
         if worlds:
             root_of_world: wp.array(dtype=int)  # root of each world's subtree in the tree of bodies
 

@@ -45,6 +45,28 @@ WAIT = """
     __syncwarp({sharing}u << (threadIdx.x & {first}));
 #endif
 """
+BALLOT = """
+#if defined(__CUDA_ARCH__)
+    const unsigned at = threadIdx.x & {first};
+    return (__ballot_sync({sharing}u << at, chosen) >> at) & {sharing}u;
+#else
+    return chosen;
+#endif
+"""
+LOWEST = """
+#if defined(__CUDA_ARCH__)
+    return __ffs(bits) - 1;
+#else
+    return __builtin_ctz(bits);
+#endif
+"""
+COUNT = """
+#if defined(__CUDA_ARCH__)
+    return __popc(bits);
+#else
+    return __builtin_popcount(bits);
+#endif
+"""
 
 
 def bounds_of_blocks(scalar: type) -> tuple[int, int]:
@@ -52,8 +74,11 @@ def bounds_of_blocks(scalar: type) -> tuple[int, int]:
     return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
 
 
-def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool):
-    """Compose the kernel that evaluates all active points; `lanes` of its threads share a point."""
+def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, counts_time: bool = False):
+    """Compose the kernel that evaluates all active points; `lanes` of its threads share a point.
+
+    One such kernel of each substep also counts the time since the last search (`counts_time`).
+    """
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
 
     def evaluate_points(
@@ -70,6 +95,9 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool):
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
         step = Step(h, behind, per_unit, buffer[0], parts)
+        if wp.static(counts_time):
+            if wp.tid() == 0 and part == 0:
+                data.neighbors.since[0] += float(h)
         k = first_of_part(wp.tid(), part) / wp.static(lanes)
         lane = wp.tid() % wp.static(lanes)
         while k < data.neighbors.active_count[0]:
@@ -134,3 +162,31 @@ def chosen_of_lanes(kind: type, lanes: int):
         def pick(chosen: bool, value: kind) -> kind: ...
 
     return pick
+
+
+@functools.cache
+def ballot_of_lanes(lanes: int):
+    """Compose (chosen) -> a bit for each thread of a point, 1 where `chosen` is true; all of them must call it."""
+
+    @wp.func_native(BALLOT.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
+    def ballot(chosen: bool) -> wp.uint32: ...
+
+    return ballot
+
+
+@wp.func_native(LOWEST)
+def lowest_bit(bits: wp.uint32) -> int:
+    """Return the number of the lowest bit that is 1; at least one must be."""
+    ...
+
+
+@wp.func_native(COUNT)
+def count_bits(bits: wp.uint32) -> int:
+    """Count the bits that are 1."""
+    ...
+
+
+@wp.func
+def count_before(bits: wp.uint32, lane: int) -> int:
+    """Count the bits that are 1 among those of the threads before this one."""
+    return count_bits(bits & ((wp.uint32(1) << wp.uint32(lane)) - wp.uint32(1)))

@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..springs import sum_over_lanes
 from .contact_data import DEEPEST, BodyContactData, Substep, first_flag
 from .cpu_partition import count_up, raise_to
 from .pairs import Pair, pairs
@@ -41,7 +42,7 @@ def friction(scalar: type):
 
 
 @functools.cache
-def damping_limits(scalar: type):
+def damping_limits(scalar: type, lanes: int):
     """Compose (count, load): how strong the damper of a contact may be beside all others there are.
 
     With the gradient g of a contact, n_i the contacts of particle i, and its mass m_i, Cauchy's inequality says
@@ -50,10 +51,11 @@ def damping_limits(scalar: type):
 
     and the second sum, added up over all contacts, is Σ m_i v_i². So if each b ≤ c / Σ g_i² n_i/m_i, no rate of
     all dampers together exceeds c. A particle in several vertices of a contact counts once for each.
-    `count` adds a contact to its particles, and `load` returns Σ g_i² n_i/m_i [1/kg]. They take arrays, not the
-    whole data struct: on the CPU a function copies its arguments.
+    `count` adds a contact to its particles, and `load` returns Σ g_i² n_i/m_i [1/kg]. The `lanes` threads of a
+    point share the five vertices. They take arrays, not the whole data struct: on the CPU a function copies its
+    arguments.
     """
-    V, one, zero = vector(3, scalar), scalar(1.0), scalar(0.0)
+    V, one, zero, sum_of = vector(3, scalar), scalar(1.0), scalar(0.0), sum_over_lanes(3, scalar, lanes)
 
     @wp.func
     def count(
@@ -63,8 +65,9 @@ def damping_limits(scalar: type):
         ends: wp.vec2i,
         corner: wp.vec3i,
         w: V,
+        lane: int,
     ):
-        for m in range(5):
+        for m in range(lane, 5, wp.static(lanes)):
             if (m != 1 or ends[0] != ends[1]) and (m < 2 or w[m - 2] != zero):
                 vertex = ends[m % 2]
                 if m >= 2:
@@ -83,9 +86,10 @@ def damping_limits(scalar: type):
         share: scalar,
         corner: wp.vec3i,
         w: V,
+        lane: int,
     ) -> scalar:
         total = zero
-        for m in range(5):
+        for m in range(lane, 5, wp.static(lanes)):
             g = one
             vertex = ends[m % 2]
             if m >= 2:
@@ -102,7 +106,7 @@ def damping_limits(scalar: type):
                     i = particle[s]
                     g_i = g * weight[s]
                     total += g_i * g_i * scalar(touches[i]) * inverse_mass[i]
-        return total
+        return sum_of(V(total, zero, zero))[0]
 
     return count, load
 

@@ -7,9 +7,9 @@ import warp as wp
 from ..basis import kernel, vector
 from ..records import records
 from .body_contact import both_closed
-from .bounding_boxes import margin_of_boxes
 from .contact_data import PAIRS, BodyContactData
 from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
+from .facet_tree import FacetTree, facets_within, margin_of_boxes, overlap
 from .nearest_point import nearest_on_segments
 from .pairs import places
 
@@ -86,7 +86,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     (place_of, place_on, nearest_to), on_segments = places(scalar), nearest_on_segments(scalar)
-    margin = margin_of_boxes(scalar)
+    margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
     doubt = scalar(1.01)
 
     @wp.func
@@ -126,16 +126,10 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
         x: V,
         y: V,
         facet: int,
-        turn: int,
         reach: scalar,
         flags: wp.array(dtype=float),
     ):
-        """Add the near pairs of a vertex, or of edge e if e >= 0, with a facet to the list.
-
-        `turn` counts the facets found; a lane handles only every `lanes`-th.
-        """
-        if turn % wp.static(lanes) != 0:
-            return
+        """Add the near pairs of a vertex, or of edge e if e >= 0, with a facet to the list."""
         c = data.surfaces.corner[facet]
         if e < 0:
             if c[1] != c[2] and c[0] != vertex and c[1] != vertex and c[2] != vertex:
@@ -167,12 +161,8 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
     @kernel
     def find(
         data: Data,
+        tree: FacetTree,
         pairs: Pairs,
-        facets: wp.uint64,  # tree of the boxes around facets
-        lower: wp.array(dtype=wp.vec3),  # boxes around bodies, shape [body_count]
-        upper: wp.array(dtype=wp.vec3),
-        least: wp.array(dtype=wp.vec3),  # box outside of which no point of a body is near any, shape [body_count]
-        most: wp.array(dtype=wp.vec3),
         buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
         apart: scalar,  # [m]
         threads: int,  # in each part
@@ -197,7 +187,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
             wide = margin(below, above, reach)
             below -= wide
             above += wide
-            near = wp.min(above, least[body]) == least[body] and wp.max(below, most[body]) == most[body]
+            near = overlap(below, above, tree.near_lower[body], tree.near_upper[body])
             if near and not is_tangled(pairs, ends[0], ends[1]):
                 for b in range(data.neighbors.body_pair_count[body]):
                     other = data.neighbors.body_pairs[body, b]
@@ -205,27 +195,26 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
                         continue  # they press into each other, and are pushed out
                     if e >= 0 and pairs.rank[body] > pairs.rank[other]:
                         continue
-                    if wp.min(above, lower[other]) == lower[other] and wp.max(below, upper[other]) == upper[other]:
-                        found = wp.bvh_query_aabb(facets, below, above, data.neighbors.root[other])
-                        facet = int(0)
-                        turn = int(lane)
-                        while wp.bvh_query_next(found, facet):
-                            pairs_of_facet(data, pairs, n, e, ends, x, y, facet, turn, reach, flags)
-                            turn += 1
+                    if overlap(below, above, tree.body_lower[other], tree.body_upper[other]):
+                        cursor = begin(tree, other)
+                        while not cursor.ended:
+                            cursor = find_next(tree, cursor, below, above, lane)
+                            if cursor.facet >= 0:
+                                pairs_of_facet(data, pairs, n, e, ends, x, y, cursor.facet, reach, flags)
             n = next_of_part(n, threads / wp.static(lanes), parts)
 
     return find
 
 
 @functools.cache
-def find_tangles(scalar: type, worlds: bool = False):
+def find_tangles(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel that marks the vertices that no near pair may have: surfaces cross there since the start.
 
     They are the vertices of an edge that goes through a triangle, those of this triangle, and those of points
-    inside another body since the start. Its threads share edges and points.
+    inside another body since the start. Its threads share edges and points, `lanes` of them one.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
-    load = records(3, scalar).load
+    load, (begin, find_next) = records(3, scalar).load, facets_within(lanes)
     zero = scalar(0.0)
 
     @wp.func
@@ -243,53 +232,56 @@ def find_tangles(scalar: type, worlds: bool = False):
         return on_pq >= zero and on_qr >= zero and on_rp >= zero
 
     @wp.func
-    def find_crossings(data: Data, pairs: Pairs, facets: wp.uint64, ends: wp.vec2i):
+    def mark_crossing(data: Data, pairs: Pairs, facet: int, ends: wp.vec2i, a: V, b: V):
+        c = data.surfaces.corner[facet]
+        joined = bool(False)
+        for k in range(3):
+            joined = joined or c[k] == ends[0] or c[k] == ends[1]
+        if c[1] != c[2] and not joined:
+            p = load(data.surfaces.x, c[0])
+            if crosses(a, b, p, load(data.surfaces.x, c[1]), load(data.surfaces.x, c[2])):
+                for k in range(3):
+                    pairs.tangled[c[k]] = 1
+                pairs.tangled[ends[0]] = 1
+                pairs.tangled[ends[1]] = 1
+                pairs.tangles[0] = 1
+
+    @wp.func
+    def find_crossings(data: Data, tree: FacetTree, pairs: Pairs, ends: wp.vec2i, lane: int):
         a = load(data.surfaces.x, ends[0])
         b = load(data.surfaces.x, ends[1])
+        low = wp.min(wp.vec3(a), wp.vec3(b))
+        high = wp.max(wp.vec3(a), wp.vec3(b))
         mine = data.surfaces.body_of[ends[0]]
         for n in range(data.neighbors.body_pair_count[mine]):
             other = data.neighbors.body_pairs[mine, n]
             if both_closed(data.surfaces.closed, mine, other):
                 continue
-            found = wp.bvh_query_aabb(
-                facets,
-                wp.min(wp.vec3(a), wp.vec3(b)),
-                wp.max(wp.vec3(a), wp.vec3(b)),
-                data.neighbors.root[other],
-            )
-            facet = int(0)
-            while wp.bvh_query_next(found, facet):
-                c = data.surfaces.corner[facet]
-                joined = bool(False)
-                for k in range(3):
-                    joined = joined or c[k] == ends[0] or c[k] == ends[1]
-                if c[1] != c[2] and not joined:
-                    p = load(data.surfaces.x, c[0])
-                    if crosses(a, b, p, load(data.surfaces.x, c[1]), load(data.surfaces.x, c[2])):
-                        for k in range(3):
-                            pairs.tangled[c[k]] = 1
-                        pairs.tangled[ends[0]] = 1
-                        pairs.tangled[ends[1]] = 1
-                        pairs.tangles[0] = 1
+            cursor = begin(tree, other)
+            while not cursor.ended:
+                cursor = find_next(tree, cursor, low, high, lane)
+                if cursor.facet >= 0:
+                    mark_crossing(data, pairs, cursor.facet, ends, a, b)
 
     @kernel
     def find(
         data: Data,
+        tree: FacetTree,
         pairs: Pairs,
-        facets: wp.uint64,  # tree of the boxes around facets
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
     ):
         edge_count = pairs.edge.shape[0]
-        n = first_of_part(wp.tid(), part)
+        n = first_of_part(wp.tid(), part) / wp.static(lanes)
+        lane = wp.tid() % wp.static(lanes)
         while n < edge_count + data.surfaces.ends.shape[0]:
             if n < edge_count:
-                find_crossings(data, pairs, facets, pairs.edge[n])
+                find_crossings(data, tree, pairs, pairs.edge[n], lane)
             elif data.history.initial_overlap[n - edge_count] > zero:
                 ends = data.surfaces.ends[n - edge_count]
                 pairs.tangled[ends[0]] = 1
                 pairs.tangled[ends[1]] = 1
-            n = next_of_part(n, threads, parts)
+            n = next_of_part(n, threads / wp.static(lanes), parts)
 
     return find

@@ -6,6 +6,7 @@ import warp as wp
 
 from ..basis import vector
 from ..records import records
+from ..springs import sum_over_lanes
 from .contact_data import BodyContactData
 from .lanes import chosen_of_lanes, least_of_lanes
 from .pairs import ALMOST, FAR, NONE, Pair, places, points, unit_normal
@@ -159,17 +160,17 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
 
 
 @functools.cache
-def facing(scalar: type):
-    """Compose (first_facet, facet, corner, x, ends, normal, closed) -> the share of damping and friction, 0 to 1.
+def facing(scalar: type, lanes: int):
+    """Compose (first_facet, facet, corner, x, ends, normal, closed, lane) -> the share of damping, 0 to 1.
 
     A point of a surface that slides beneath an edge of another body enters it through its side. The spring pushes
     it along the direction of sliding, and gives the work back at the other end. A damper would brake the body, as
     if it ran against the point, and so would friction on a side along which the body slides. So both act only
     where the two surfaces face each other. The point lies between the vertices `ends`; `closed` tells whether its
     body has an inside, and `normal` points out of the other body, which has one. The share is 1 for a point
-    without a surface.
+    without a surface. The `lanes` threads of the point share the facets around it.
     """
-    V, normal_of = vector(3, scalar), unit_normal(scalar)
+    V, normal_of, sum_of = vector(3, scalar), unit_normal(scalar), sum_over_lanes(3, scalar, lanes)
     zero, one, least = scalar(0.0), scalar(1.0), scalar(LEAST_FACING)
     by = scalar(1.0 / (FULL_FACING - LEAST_FACING))
 
@@ -182,12 +183,14 @@ def facing(scalar: type):
         ends: wp.vec2i,
         normal: V,
         closed: int,
+        lane: int,
     ) -> scalar:
         outward = V()
         for k in range(2):
             if k == 0 or ends[0] != ends[1]:
-                for e in range(first_facet[ends[k]], first_facet[ends[k] + 1]):
+                for e in range(first_facet[ends[k]] + lane, first_facet[ends[k] + 1], wp.static(lanes)):
                     outward += normal_of(x, corner[facet[e]])
+        outward = sum_of(outward)
         share = one
         if wp.length_sq(outward) > zero:
             towards = -wp.dot(wp.normalize(outward), normal)

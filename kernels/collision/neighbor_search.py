@@ -5,11 +5,19 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from .bounding_boxes import NEVER, margin_of_boxes
 from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, first_flag
 from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
-from .lanes import FAST, bounds_of_blocks, least_of_lanes
-from .pairs import pairs, places, unit_normal
+from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
+from .lanes import (
+    FAST,
+    ballot_of_lanes,
+    bounds_of_blocks,
+    count_before,
+    count_bits,
+    least_of_lanes,
+    wait_for_lanes,
+)
+from .pairs import FAR, NONE, pairs, places, unit_normal
 
 
 @functools.cache
@@ -24,8 +32,7 @@ def find_candidates(scalar: type, worlds: bool = False):
     @kernel
     def list_candidates(
         data: Data,
-        least: wp.array(dtype=wp.vec3),  # box that holds all points of a body near others, shape [body_count]
-        most: wp.array(dtype=wp.vec3),
+        tree: FacetTree,
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -34,11 +41,9 @@ def find_candidates(scalar: type, worlds: bool = False):
         while e < data.neighbors.candidate_count.shape[0]:
             p = data.neighbors.in_order[e]
             place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
-            low = least[data.surfaces.body[p]]
-            high = most[data.surfaces.body[p]]
-            within = wp.min(place, low) == low and wp.max(place, high) == high
+            body = data.surfaces.body[p]
             if (
-                within
+                overlap(place, place, tree.near_lower[body], tree.near_upper[body])
                 or data.neighbors.candidate_count[p] > 0
                 or data.history.contact_body[0, p] >= 0
                 or data.history.initial_overlap[p] > scalar(0.0)
@@ -50,18 +55,41 @@ def find_candidates(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def find_rows(scalar: type, worlds: bool = False):
-    """Compose the kernel that lists the facets which each point may touch before the next search.
+def Row(scalar: type):
+    """Compose the struct of one point's row of facets while it is searched for."""
 
-    Its threads share the points to search for. For each body it keeps the facets that may become the nearest, the
-    current nearest first; none if the point is outside and cannot get in. Distances are stored, so that later most
-    facets can be skipped. Results depend neither on listed facets without contact, nor on the buffer, nor on the
-    order in which facets are found.
+    @wp.struct
+    class Row:
+        point: int
+        ends: wp.vec2i
+        x: vector(3, scalar)  # [m]
+        mine: int
+        other: int  # the body that is searched now
+        begin: int  # where its facets begin in the row
+        count: int  # entries so far
+        missed: int  # not listed for lack of room
+        limit: scalar  # no facet of this body counts beyond [m]
+        nearest: scalar  # at most this far is the nearest facet of this body [m]
+        buffer: scalar  # [m]
+
+    return Row
+
+
+@functools.cache
+def entries(scalar: type, lanes: int, worlds: bool):
+    """Compose (enter, is_outside, keep_near): the entries of one body in a row, shared by the threads of a point.
+
+    `enter` adds the facets that these threads have found. `is_outside` tells whether the point is outside the
+    closed body. `keep_near` keeps the entries up to a distance.
     """
-    Data, margin, V = BodyContactData(scalar, worlds), margin_of_boxes(scalar), vector(3, scalar)
-    (place_of, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
-    (find_rule, thickness_of, reach_of, _), first_of = pairs(scalar, worlds), first_flag(scalar, worlds)
-    zero, doubt = scalar(0.0), scalar(1.01)
+    Data, SearchedRow = BodyContactData(scalar, worlds), Row(scalar)
+    (_, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
+    ballot, least_of, least_number = (
+        ballot_of_lanes(lanes),
+        least_of_lanes(scalar, lanes),
+        least_of_lanes(int, lanes),
+    )
+    wait, zero, doubt, far = wait_for_lanes(lanes), scalar(0.0), scalar(1.01), scalar(FAR)
 
     @wp.func
     def is_near(first_near: wp.array(dtype=int), near: wp.array(dtype=int), vertex: int, corner: wp.vec3i) -> bool:
@@ -74,123 +102,166 @@ def find_rows(scalar: type, worlds: bool = False):
         return found
 
     @wp.func
-    def is_outside(data: Data, p: int, x: V, begin: int, end: int, nearest: scalar) -> bool:
-        """Tell whether point p at x is outside the closed body whose facets are entries begin … end of row p."""
-        side = scalar(0.0)
-        for e in range(begin, end):
-            if data.neighbors.candidate_distance[p, e] <= doubt * nearest:
-                corner = data.surfaces.corner[data.neighbors.candidates[p, e]]
-                away = x - place_on(data.surfaces.x, corner, nearest_to(data.surfaces.x, corner, x))
+    def enter(data: Data, before: SearchedRow, facet: int, lane: int) -> SearchedRow:
+        row = before
+        away = far
+        if facet >= 0:
+            c = data.surfaces.corner[facet]
+            may = bool(True)
+            if row.mine == row.other:
+                may = not is_near(data.surfaces.first_near, data.surfaces.near, row.ends[0], c)
+                may = may and not is_near(data.surfaces.first_near, data.surfaces.near, row.ends[1], c)
+            if may:
+                away = wp.length(row.x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, row.x)))
+        listed = away < row.limit and away <= doubt * (row.nearest + scalar(2.0) * row.buffer)
+        those = ballot(listed)
+        at = row.count + count_before(those, lane)
+        if listed and at < data.neighbors.candidates.shape[1]:
+            data.neighbors.candidates[row.point, at] = facet
+            data.neighbors.candidate_distance[row.point, at] = away
+        count = row.count + count_bits(those)
+        row.count = wp.min(count, data.neighbors.candidates.shape[1])
+        row.missed += count - row.count
+        row.nearest = wp.min(row.nearest, least_of(away))
+        return row
+
+    @wp.func
+    def is_outside(data: Data, row: SearchedRow, lane: int) -> bool:
+        side = zero
+        for e in range(row.begin + lane, row.count, wp.static(lanes)):
+            if data.neighbors.candidate_distance[row.point, e] <= doubt * row.nearest:
+                corner = data.surfaces.corner[data.neighbors.candidates[row.point, e]]
+                away = row.x - place_on(data.surfaces.x, corner, nearest_to(data.surfaces.x, corner, row.x))
                 seen = wp.dot(away, normal_of(data.surfaces.x, corner))
                 if wp.abs(seen) > wp.abs(side):
                     side = seen
-        return side > zero
+        most = -least_of(-wp.abs(side))
+        return ballot(side == most and most > zero) != wp.uint32(0)
 
     @wp.func
-    def keep_near(data: Data, p: int, other: int, begin: int, end: int, nearest: scalar, limit: scalar) -> int:
-        """Keep the facets of body `other` in row p up to the distance `limit`, the nearest first.
-
-        They are its entries begin … end. Return the end of those that are kept.
-        """
-        kept = int(begin)
-        for e in range(begin, end):
-            away = data.neighbors.candidate_distance[p, e]
-            if away <= limit:
+    def keep_near(data: Data, row: SearchedRow, limit: scalar, lane: int) -> int:
+        """Keep the entries of the body up to the distance `limit`, the nearest first; return the row's end."""
+        p = row.point
+        kept = int(row.begin)
+        first = int(wp.static(NONE))
+        for chunk in range(row.begin, row.count, wp.static(lanes)):
+            e = chunk + lane
+            facet = int(0)
+            away = far
+            if e < row.count:
                 facet = data.neighbors.candidates[p, e]
-                to = int(kept)
-                if away == nearest:  # swap it with the first one
-                    data.neighbors.candidates[p, kept] = data.neighbors.candidates[p, begin]
-                    data.neighbors.candidate_distance[p, kept] = data.neighbors.candidate_distance[p, begin]
-                    to = begin
-                data.neighbors.candidates[p, to] = facet
-                data.neighbors.candidate_distance[p, to] = away
-                data.neighbors.candidate_body[p, kept] = other
-                kept += 1
+                away = data.neighbors.candidate_distance[p, e]
+            wait()
+            those = ballot(away <= limit)
+            if away <= limit:
+                at = kept + count_before(those, lane)
+                data.neighbors.candidates[p, at] = facet
+                data.neighbors.candidate_distance[p, at] = away
+                data.neighbors.candidate_body[p, at] = row.other
+                if away == row.nearest:
+                    first = wp.min(first, at)
+            kept += count_bits(those)
+        first = least_number(first)
+        wait()
+        if lane == 0 and first < wp.static(NONE):
+            facet = data.neighbors.candidates[p, first]
+            data.neighbors.candidates[p, first] = data.neighbors.candidates[p, row.begin]
+            data.neighbors.candidate_distance[p, first] = data.neighbors.candidate_distance[p, row.begin]
+            data.neighbors.candidates[p, row.begin] = facet
+            data.neighbors.candidate_distance[p, row.begin] = row.nearest
         return kept
+
+    return enter, is_outside, keep_near
+
+
+@functools.cache
+def find_rows(scalar: type, lanes: int, worlds: bool = False):
+    """Compose the kernel that lists the facets which each point may touch before the next search.
+
+    Its threads share the points to search for, `lanes` of them a point. For each body it keeps the facets that may
+    become the nearest, the current nearest first; none if the point is outside and cannot get in. Distances are
+    stored, so that later most facets can be skipped. Results depend neither on listed facets without contact, nor
+    on the buffer, nor on the order in which facets are found.
+    """
+    Data, margin, SearchedRow = BodyContactData(scalar, worlds), margin_of_boxes(scalar), Row(scalar)
+    place_of, place_on, nearest_to = places(scalar)
+    (find_rule, thickness_of, reach_of, _), first_of = pairs(scalar, worlds), first_flag(scalar, worlds)
+    (begin, find_next), (enter, is_outside, keep_near) = facets_within(lanes), entries(scalar, lanes, worlds)
+    wait, zero, doubt = wait_for_lanes(lanes), scalar(0.0), scalar(1.01)
+
+    @wp.func
+    def search_body(data: Data, tree: FacetTree, before: SearchedRow, rule: int, known: int, lane: int):
+        """Return the row with the facets of body `other`; `known` is the facet that was nearest before, or -1."""
+        row = before
+        row.limit = reach_of(data, rule, row.mine, row.other) + row.buffer
+        row.begin = row.count
+        row.nearest = row.limit
+        if known >= 0:
+            if data.surfaces.owner[known] == row.other:
+                # The distance of the previous nearest facet bounds that of the nearest one now.
+                c = data.surfaces.corner[known]
+                nearest = row.x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, row.x))
+                row.nearest = wp.min(row.limit, wp.length(nearest))
+        cursor = begin(tree, row.other)
+        x = wp.vec3(row.x)
+        while not cursor.ended:
+            wide = margin(x, x, wp.min(row.limit, doubt * (row.nearest + scalar(2.0) * row.buffer)))
+            cursor = find_next(tree, cursor, x - wide, x + wide, lane)
+            if not cursor.ended:
+                row = enter(data, row, cursor.facet, lane)
+        wait()  # each thread reads what the others have entered
+        return row
 
     @wp.func
     def find_one(
         data: Data,
+        tree: FacetTree,
         p: int,
-        x: V,
-        facets: wp.uint64,  # tree of the boxes around facets
-        lower: wp.array(dtype=wp.vec3),  # boxes around bodies, shape [body_count]
-        upper: wp.array(dtype=wp.vec3),
+        lane: int,  # index of this thread among those of the point
         farthest: scalar,  # largest distance of any contact [m]
         buffer: scalar,  # [m]
         flags: wp.array(dtype=float),
     ):
-        # One function: with the tree query in its own function, a search took 1.8 times as long on an H200.
-        ends = data.surfaces.ends[p]
-        mine = data.surfaces.body[p]
-        room = data.neighbors.candidates.shape[1]
-        count = int(0)
-        missed = int(0)  # not listed for lack of room
+        row = SearchedRow()
+        row.point = p
+        row.ends = data.surfaces.ends[p]
+        row.x = place_of(data.surfaces.x, row.ends, data.surfaces.share[p])
+        row.mine = data.surfaces.body[p]
+        row.buffer = buffer
         most = int(0)
         known = int(-1)  # the facet that was nearest before
         if data.neighbors.candidate_count[p] > 0:
             known = data.neighbors.candidates[p, 0]
-        wide = margin(wp.vec3(x), wp.vec3(x), farthest + buffer)
-        low = wp.vec3(x) - wide
-        high = wp.vec3(x) + wide
-        for b in range(data.neighbors.body_pair_count[mine]):
-            other = data.neighbors.body_pairs[mine, b]
-            if wp.min(high, lower[other]) == lower[other] and wp.max(low, upper[other]) == upper[other]:
-                rule = find_rule(data, mine, other)
-                limit = reach_of(data, rule, mine, other) + buffer
-                begin = int(count)
-                nearest = scalar(limit)
-                around = scalar(limit)
-                if known >= 0:
-                    if data.surfaces.owner[known] == other:
-                        # The distance of the previous nearest facet bounds that of the nearest one now.
-                        c = data.surfaces.corner[known]
-                        nearest = wp.min(
-                            limit, wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
-                        )
-                        around = wp.min(limit, doubt * (nearest + scalar(2.0) * buffer))
-                close = margin(wp.vec3(x), wp.vec3(x), around)
-                near_facets = wp.bvh_query_aabb(
-                    facets, wp.vec3(x) - close, wp.vec3(x) + close, data.neighbors.root[other]
-                )
-                facet = int(0)
-                while wp.bvh_query_next(near_facets, facet):
-                    c = data.surfaces.corner[facet]
-                    may = bool(True)
-                    if mine == other:
-                        may = not is_near(data.surfaces.first_near, data.surfaces.near, ends[0], c)
-                        may = may and not is_near(data.surfaces.first_near, data.surfaces.near, ends[1], c)
-                    if may:
-                        away = wp.length(x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, x)))
-                        if away < limit and away <= doubt * (nearest + scalar(2.0) * buffer):
-                            if count < room:
-                                data.neighbors.candidates[p, count] = facet
-                                data.neighbors.candidate_distance[p, count] = away
-                                count += 1
-                            else:
-                                missed += 1
-                            nearest = wp.min(nearest, away)
-                most = wp.max(most, count + missed)
-                if data.surfaces.closed[other] != 0 and mine != other and count > begin:
-                    if nearest > doubt * (thickness_of(data, rule, mine, other) + buffer):
-                        if is_outside(data, p, x, begin, count, nearest):
-                            count = begin
+        wait()
+        wide = margin(wp.vec3(row.x), wp.vec3(row.x), farthest + buffer)
+        low = wp.vec3(row.x) - wide
+        high = wp.vec3(row.x) + wide
+        for b in range(data.neighbors.body_pair_count[row.mine]):
+            row.other = data.neighbors.body_pairs[row.mine, b]
+            if overlap(low, high, tree.body_lower[row.other], tree.body_upper[row.other]):
+                rule = find_rule(data, row.mine, row.other)
+                row = search_body(data, tree, row, rule, known, lane)
+                most = wp.max(most, row.count + row.missed)
+                if data.surfaces.closed[row.other] != 0 and row.mine != row.other and row.count > row.begin:
+                    if row.nearest > doubt * (thickness_of(data, rule, row.mine, row.other) + buffer):
+                        if is_outside(data, row, lane):
+                            row.count = row.begin
                 # Another facet can become the nearest only if it is at most two buffers further away.
-                limit = doubt * (nearest + scalar(2.0) * buffer)
-                count = keep_near(data, p, other, begin, count, nearest, limit)
-        data.neighbors.candidate_count[p] = count
-        if count + missed == 0:
-            for k in range(wp.static(HISTORY)):
-                data.history.contact_body[k, p] = -1
-        at = first_of(data, mine) + wp.static(LONGEST_ROW)
-        if most > int(flags[at]):
-            raise_to(flags, at, float(most))
+                row.count = keep_near(data, row, doubt * (row.nearest + scalar(2.0) * buffer), lane)
+        if lane == 0:
+            data.neighbors.candidate_count[p] = row.count
+            if row.count + row.missed == 0:
+                for k in range(wp.static(HISTORY)):
+                    data.history.contact_body[k, p] = -1
+            at = first_of(data, row.mine) + wp.static(LONGEST_ROW)
+            if most > int(flags[at]):
+                raise_to(flags, at, float(most))
+            if row.count > 0 or data.history.initial_overlap[p] > zero:
+                data.neighbors.active_points[count_up(data.neighbors.active_count, 0)] = p
 
     def find(
         data: Data,
-        facets: wp.uint64,
-        lower: wp.array(dtype=wp.vec3),
-        upper: wp.array(dtype=wp.vec3),
+        tree: FacetTree,
         farthest: scalar,
         buffer: wp.array(dtype=scalar),
         threads: int,
@@ -198,14 +269,11 @@ def find_rows(scalar: type, worlds: bool = False):
         parts: int,
         flags: wp.array(dtype=float),
     ):
-        e = first_of_part(wp.tid(), part)
+        e = first_of_part(wp.tid(), part) / wp.static(lanes)
+        lane = wp.tid() % wp.static(lanes)
         while e < data.neighbors.search_point_count[0]:
-            p = data.neighbors.search_points[e]
-            x = place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p])
-            find_one(data, p, x, facets, lower, upper, farthest, buffer[0], flags)
-            if data.neighbors.candidate_count[p] > 0 or data.history.initial_overlap[p] > zero:
-                data.neighbors.active_points[count_up(data.neighbors.active_count, 0)] = p
-            e = next_of_part(e, threads, parts)
+            find_one(data, tree, data.neighbors.search_points[e], lane, farthest, buffer[0], flags)
+            e = next_of_part(e, threads / wp.static(lanes), parts)
 
     return kernel(find, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
 

@@ -139,4 +139,4 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
             if wp.static(overlapping_at_start):
                 shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds)
+    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=True)

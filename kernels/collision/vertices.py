@@ -7,8 +7,9 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensated_sum
 from ..records import records
-from .contact_data import BodyContactData, first_flag
+from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
+from .facet_tree import FacetTree, overlap
 
 
 @functools.cache
@@ -16,8 +17,9 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     """Compose the kernel that updates vertices from their particles and clears their forces and contacts.
 
     It also measures how far vertices have moved since the last search, beyond the common drift of points in
-    contact: this decides whether neighbor lists are valid. Vertices far from other bodies may move further. Its
-    threads share the vertices. On the CPU a part has a single thread, since each thread would copy `data`.
+    contact, and how far they move in a substep. A new search is due if any has moved by more than half of the
+    skin, or may do so in the coming substep. Vertices far from other bodies may move further. Its threads share
+    the vertices. On the CPU a part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -26,24 +28,26 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     @kernel
     def place(
         data: Data,
+        tree: FacetTree,
         compensation: Compensation,
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
-        since: float,  # time since the last search [s]
+        after: float,  # time from the end of the last substep [s]
+        h: float,  # length of a substep [s]
+        ahead: float,  # for how long the lists must still hold [s]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
         more: float,  # additional path allowed to distant vertices, both together [m]
-        widest: wp.array(dtype=float),  # longest side of a facet's box, by body [m]
-        least: wp.array(dtype=wp.vec3),  # box that holds all parts of a body near others, shape [body_count]
-        most: wp.array(dtype=wp.vec3),
-        listing: bool,  # whether a search follows
+        beyond: float,  # a vertex that has moved further is flying apart [m]
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
-        way: wp.array(dtype=float),  # longest path of a vertex [m], at the first flag of its world
+        flags: wp.array(dtype=float),
     ):
         i = first_of_part(wp.tid(), part)
-        drift = (0.5 * since) * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
-        far = float(buffer[0]) / (float(buffer[0]) + more)
+        drift = 0.5 * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
+        since = data.neighbors.since[0] + after
+        skin = float(buffer[0])
+        far = skin / (skin + more)
         while i < data.surfaces.x.shape[0]:
             place = V()
             speed = V()
@@ -62,19 +66,22 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                 data.surfaces.force[i, k] = wp.int64(0)
             x_found = load(data.neighbors.x_found, i)
             before = wp.vec3(x_found)
-            moved = wp.length(wp.vec3(place - x_found) - drift)
-            if listing:
-                store(data.neighbors.x_found, i, place)
+            moved = wp.length(wp.vec3(place - x_found) - since * drift)
+            fast = wp.length(wp.vec3(speed) - drift)
             # The box is widened so that no corner of a near facet counts as distant.
             body = data.surfaces.body_of[i]
-            further = wp.vec3(1.0, 1.0, 1.0) * (more + widest[body])
-            low = least[body] - further
-            high = most[body] + further
-            if not (wp.min(before, low) == low and wp.max(before, high) == high):
+            further = wp.vec3(1.0, 1.0, 1.0) * (more + tree.widest[body])
+            if not overlap(before, before, tree.near_lower[body] - further, tree.near_upper[body] + further):
                 moved *= far
+                fast *= far
             at = first_of(data, body)
-            if not (moved <= way[at]):
-                raise_to(way, at, moved)
+            if not (h * fast <= flags[at + wp.static(WAY)]):
+                raise_to(flags, at + wp.static(WAY), h * fast)
+            if data.neighbors.due[0] != wp.static(FORCED):
+                if not (moved <= flags[at + wp.static(MOVED)]):
+                    raise_to(flags, at + wp.static(MOVED), moved)
+                if moved + ahead * fast > 0.5 * skin and moved < beyond:
+                    data.neighbors.due[0] = wp.static(DUE)
             i = next_of_part(i, threads, parts)
 
     return place

@@ -17,6 +17,7 @@ from .lanes import (
     gather_of_lanes as gather_of_lanes,
     lane_of as lane_of,
     stencil_of_lanes as stencil_of_lanes,
+    sum_over_lanes as sum_over_lanes,
 )
 from .linearised import add_blocks as add_blocks
 from .plasticity import yielding as yielding

@@ -256,17 +256,16 @@ class Stepping:
         self._forget_outdated()
         partition, graphs = self.dynamics.partition, track.graphs
         summed = track.sums_balance = self._can_sum_balance and self.sum_balance
-        kind = summed, self.dynamics.search_intervals
-        if kind not in graphs and (partition is not None or not self._unrecorded):
-            graphs[kind] = self._record(partial(self._launch_frame, track), partition)
+        if summed not in graphs and (partition is not None or not self._unrecorded):
+            graphs[summed] = self._record(partial(self._launch_frame, track), partition)
         self.dynamics.begin_frame(time)
-        if kind not in graphs:
+        if summed not in graphs:
             self._unrecorded -= 1
             self._launch_frame(track)
         elif partition is not None:
-            graphs[kind].replay()
+            graphs[summed].replay()
         else:
-            wp.capture_launch(graphs[kind])
+            wp.capture_launch(graphs[summed])
         track.found.mark()
 
     def _forget_outdated(self) -> None:

@@ -45,7 +45,9 @@ def contact_forces(simulation: Simulation, velocity: np.ndarray) -> np.ndarray:
     effect, model = simulation.assembly.body_contact, simulation.model
     v = model.vectors()
     v.assign(model.spread(velocity[None].astype(model.dtype)))
-    effect.before_forces(simulation.stepping.state.x, v, None, False)
+    x = simulation.stepping.state.x
+    effect.search(x, v, None, 0.0, False, True)
+    effect.before_forces(x, v, None, False)
     on_vertices = effect._data.surfaces.force.numpy() * effect.data.unit
     surfaces, found = effect.surfaces.on_host, np.zeros_like(velocity)
     for k in range(surfaces.particle.shape[1]):

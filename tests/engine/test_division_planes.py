@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from listing import search_always
 
 from benchmarks.accuracy import crossings
 from msdwarp import (
@@ -181,7 +182,7 @@ def test_a_folded_strip_does_not_depend_on_lists(monkeypatch):
         return np.concatenate(simulation.frame()[1:])
 
     expected = folded()
-    monkeypatch.setattr(nearby, "BETWEEN", (1,))
+    search_always(monkeypatch)
     np.testing.assert_array_equal(folded(), expected)
 
 

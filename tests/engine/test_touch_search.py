@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from listing import search_always
 from problems import EPS32, EPS64
 from routes import preferring
 from scipy.spatial import cKDTree
@@ -23,7 +24,8 @@ def contact_of(simulation: Simulation) -> BodyContact:
 def rows_of(simulation: Simulation) -> list[list[int]]:
     """Return the facets that are listed for each point after a search, by their numbers."""
     effect, state = contact_of(simulation), simulation.state
-    effect.search(state.x, state.v, state.compensation, False)
+    effect.hold(0.0)
+    effect.search(state.x, state.v, state.compensation, 0.0, False, True)
     rows, lengths = effect.neighbors.data.candidates.numpy(), effect.neighbors.data.candidate_count.numpy()
     assert lengths.max() < rows.shape[1]  # all had room
     return [sorted(rows[p, :n].tolist()) for p, n in enumerate(lengths)]
@@ -152,10 +154,9 @@ def test_the_skin_changes_nothing(device_that_repeats, monkeypatch, buffer):
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
-@pytest.mark.parametrize("every", [1, 32])
-def test_how_often_lists_are_made_changes_nothing(device_that_repeats, monkeypatch, every):
+def test_how_often_lists_are_made_changes_nothing(device_that_repeats, monkeypatch):
     expected = ran(scene(device_that_repeats))
-    monkeypatch.setattr(BodyContact, "rebuild_interval", every)
+    search_always(monkeypatch)
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
@@ -189,7 +190,7 @@ def test_what_comes_from_afar_is_listed_in_time(monkeypatch, names):
 
     gaps = 0.7 + 0.0063 * np.arange(5)
     rare = [thrown(gap) for gap in gaps]
-    monkeypatch.setattr(nearby, "BETWEEN", (1,))
+    search_always(monkeypatch)
     for gap, found in zip(gaps, rare, strict=True):
         np.testing.assert_array_equal(found, thrown(gap))
 
@@ -221,8 +222,8 @@ def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
     find_rows = nearby.NeighborList._find_rows
     lists = []
 
-    def found_backwards(self, within=False) -> None:
-        find_rows(self, within)
+    def found_backwards(self, frame_begins=True) -> None:
+        find_rows(self, frame_begins)
         data = self.data
         for numbers in (
             data.candidates,
@@ -370,20 +371,17 @@ def test_lists_get_room_to_spare():
         assert many <= nearby.ROOM_TO_SPARE * room
 
 
-def test_searches_are_rarer_again_soon_after_what_was_fast():
-    # Patience is for searches that were made rarer too early, not for what came faster and faster before.
+def test_the_skin_follows_the_fastest_motion():
     near = contact_of(scene("cpu")).neighbors
 
-    def frames(count: int, way: float) -> int:
-        for _ in range(count):
-            near.judge(np.array([way * near.rebuild_interval, way * near.rebuild_interval, 0, 0, 0, 0, 0]), 100)
-        return near.rebuild_interval
+    def skin(way: float, moved: float = 0.0) -> float:
+        near.judge(np.array([moved, way, 0, 0, 0, 0, 0]))
+        return float(near.buffer.numpy()[0])
 
-    # By the rule every = widest / (3 way), as a power of 2.
-    slow, fast, faster = (near._widest / (nearby.SKIN_BY_WAY * by) for by in (40, 4.5, 2.5))
-    assert frames(1, fast) == 4
-    assert frames(1, faster) == 2
-    assert frames(nearby.PATIENCE, slow) == 32
-    assert frames(1, fast) == 4  # that was too early
-    assert frames(nearby.PATIENCE, slow) == 4
-    assert frames(nearby.PATIENCE, slow) == 32
+    least, widest = near._least_skin, near._widest
+    assert skin(0.0) == pytest.approx(least)
+    fast = widest / (nearby.SKIN_BY_WAY * nearby.MOST_BETWEEN)
+    assert skin(fast) == pytest.approx(widest)  # MOST_BETWEEN substeps of such motion
+    assert skin(0.9 * fast) == pytest.approx(widest)  # wide enough, and not much too wide
+    assert skin(widest) == pytest.approx(nearby.AHEAD * nearby.SKIN_BY_WAY * widest)  # it must hold for a substep
+    assert skin(0.0) == pytest.approx(least)

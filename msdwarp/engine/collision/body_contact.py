@@ -108,7 +108,6 @@ class BodyContact(WithHistory):
         if not on_host.closed.all():  # closed bodies have no near pairs with each other
             self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
         self.neighbors = NeighborList(model, surfaces, data, each, self.planes, thickest)
-        self.neighbors.rebuild_interval = self.rebuild_interval
         self._flags, self._nowhere = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found, self._noted = self._flags, data.tunnelling
         if device.is_cuda:
@@ -201,7 +200,7 @@ class BodyContact(WithHistory):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Set the length of substeps, and by it how strong dampers may be."""
-        self._dt = dt
+        self._dt = self.neighbors.dt = dt
         limits = self._limited = self.limits_dampers and self.steps.lagging
         rate = np.where(self.limiting & limits, DAMPING_LIMIT / dt, UNLIMITED)
         self._data.surfaces.damping_limit.assign(np.resize(rate, self._model.worlds).astype(self._model.dtype))
@@ -210,22 +209,22 @@ class BodyContact(WithHistory):
         """Reserve room for the facets near each point: a search between frames is not repeated."""
         self.neighbors.make_room(x, v)
 
-    def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch the search of the facets near each point."""
-        self.neighbors.search(x, v, compensation, within)
+    def hold(self, time: float) -> None:
+        """Let the next evaluation of forces list neighbours anew: particles may have been moved."""
+        self.neighbors.invalidate()
+
+    def search(
+        self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
+    ) -> None:
+        """Launch the update of vertices, and the search of the facets near each point if it is due."""
+        self.neighbors.search(x, v, compensation, after, begins, frame_begins)
 
     def place_vertices(self, x: wp.array, v: wp.array) -> None:
         """Launch the update of vertices between frames, for positions x and velocities v."""
-        self.neighbors.place(x, v, None, self.neighbors.unread)
-
-    def begin_substep(self, substep: int) -> bool:
-        """Set the time within the frame [s] at which this substep begins, for the neighbor list."""
-        self.neighbors.now = substep * self._dt
-        return False
+        self.neighbors.place(x, v, None)
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the contact forces for positions x and velocities v."""
-        self.neighbors.place(x, v, compensation)
         lag = self._dt if self.steps.lagging else 0.0
         self._evaluate(False, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
 
@@ -274,9 +273,7 @@ class BodyContact(WithHistory):
         self.held_back = flags[:, HELD_BACK].astype(np.float64)
         if self._found is self._flags:
             self._clear()
-        void = self.neighbors.judge(flags[~self.frozen], self.steps.substeps)
-        self.rebuild_interval = self.neighbors.rebuild_interval
-        return void
+        return self.neighbors.judge(flags[~self.frozen])
 
     def warnings(self) -> str | None:
         """Return a warning about the first contact of the last frame that may tunnel, or None."""
@@ -336,7 +333,7 @@ class BodyContact(WithHistory):
 
     def _stored_and_heated(self, x: wp.array, v: wp.array) -> list[wp.array]:
         """Return the energy that the contacts of each point store [J] and the power they dissipate [W]."""
-        self.search(x, v, None, False)
+        self.neighbors.search(x, v, None, 0.0, False, True)
         sums = [wp.zeros(self._points, dtype=wp.float64, device=self._model.device) for _ in range(2)]
         self._evaluate(True, [0.0, 0.0], sums)
         return sums

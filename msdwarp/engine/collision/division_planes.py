@@ -34,10 +34,6 @@ MOST_IN_CLUSTER = 2**15
 """With room for more pairs each phase is a launch of its own."""
 CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
-LANES = 8
-"""Threads on a GPU that share a vertex or an edge when pairs are listed, if these are few."""
-MOST_THREADS_LISTING = 2**18
-"""With more threads than this in all, each vertex or edge has one."""
 PAIR_THREADS = 2**16
 """Threads on a GPU that share the pairs, at most: with more, launches take longer where nothing comes near."""
 
@@ -94,22 +90,20 @@ class DivisionPlanes(Effect):
         self._per_unit = 1.0 / unit_of_sums(heaviest * thickness)
         self._give_room(ROOM * model.worlds * (vertices + len(edge)))
 
-    def find(self, within: bool) -> None:
-        """Launch the listing of near pairs, after the search of the `NeighborList`, by its trees and boxes.
+    def find(self, frame_begins: bool) -> None:
+        """Launch the listing of near pairs, after the search of the `NeighborList`, by its tree.
 
-        Surfaces that still cross since the start are found only where a frame begins, not `within` it, so that
-        results do not depend on when lists are made.
+        Surfaces that still cross since the start are found only where a frame begins.
         """
         data, model, neighbors = self.pairs, self._model, self.neighbors
         for array in (data.count, data.particle_count, data.in_pair):
             array.zero_()
-        if self.tangles and not within:
+        if self.tangles and frame_begins:
             self._find_tangles()
         many = len(self._contact.surfaces.x) + len(data.edge)
-        lanes = LANES if model.device.is_cuda and LANES * many <= MOST_THREADS_LISTING else 1
-        kernel = find_pairs(model.scalar, self.tangles, lanes, model.in_worlds)
-        inputs = [self._contact, data, neighbors.tree.id, *neighbors.boxes, *neighbors.limits, neighbors.buffer]
-        neighbors.share(kernel, lanes * many, [*inputs, self._apart], [neighbors.flags])
+        kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, model.in_worlds)
+        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self._apart]
+        neighbors.share(kernel, neighbors.lanes * many, inputs, [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
         """Leave out surfaces that cross at the start, or are inside another body, until they are apart."""
@@ -119,14 +113,14 @@ class DivisionPlanes(Effect):
     def _find_tangles(self) -> None:
         pairs, surfaces, neighbors = self.pairs, self._contact.surfaces, self.neighbors
         pairs.tangled.zero_()
-        inputs = [self._contact, pairs, neighbors.tree.id]
-        kernel = find_tangles(self._model.scalar, self._model.in_worlds)
-        neighbors.share(kernel, len(pairs.edge) + len(surfaces.ends), inputs, [])
+        inputs, lanes = [self._contact, neighbors.tree, pairs], neighbors.lanes
+        kernel = find_tangles(self._model.scalar, lanes, self._model.in_worlds)
+        neighbors.share(kernel, lanes * (len(pairs.edge) + len(surfaces.ends)), inputs, [])
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch the kernels that keep near pairs apart at a substep's end.
 
-        At a frame's end also launch the measurement of motion that tells whether neighbor lists were valid.
+        At a frame's end also launch the measurement of motion that tells whether lists of near pairs were valid.
         """
         model, neighbors, steps = self._model, self.neighbors, self.steps
         if len(self.pairs.driven):
@@ -137,8 +131,7 @@ class DivisionPlanes(Effect):
         kernel = measure_pairs(model.scalar, model.in_worlds)
         neighbors.share(kernel, len(self.pairs.vertices), measured, [], PAIR_THREADS)
         self._keep_apart(before, after, substep)
-        if substep + 1 == steps.substeps:  # a search within the frame finds it for the substeps before
-            neighbors.now = steps.substeps * steps.dt
+        if substep + 1 == steps.substeps:  # for the others the next substep finds it
             neighbors.place(after.x, after.v, after.compensation)
 
     def _keep_apart(self, before: Instant, after: Instant, substep: int) -> None:

@@ -1,11 +1,12 @@
 """NeighborList: the facets near each point of bodies that touch, in lists that are valid for some substeps.
 
-`judge` chooses how many substeps lie between two searches. `simulation/stepping.py` repeats a frame whose lists
-were not valid or had no room.
+The device decides when to search, `judge` how wide the skin is. `simulation/stepping.py` repeats a frame whose
+lists were not valid or had no room.
 """
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,16 @@ from ...bodies import places_along_curve
 from ...kernels.collision import (
     BLOCK,
     FLAGS,
+    FORCED,
     LONGEST_ROW,
     MOST_BODY_PAIRS,
     MOVED,
     PAIRS,
     WAY,
+    FacetTree,
+    begin_search,
     box_facets,
     box_neighbours,
-    clear_boxes,
     find_candidates,
     find_roots,
     find_rows,
@@ -38,8 +41,14 @@ from .contact_surfaces import ContactSurfaces
 from .division_planes import DivisionPlanes
 from .tables_by_world import Repeated
 
-PIECE = 32
-"""Facets that are boxed together, on a GPU by a warp."""
+WIDTH, WIDTH_ON_GPU = 8, 32
+"""Facets in a piece of the tree, and pieces in a group; on a GPU as many as the threads of a warp."""
+MOST_GROUPS = 64
+"""With more groups in a body the CPU's pieces and groups are as wide as a GPU's."""
+MOST_BODIES, MOST_BODIES_ON_GPU = 64, 4096
+"""Bodies of a world, up to which all pairs of them are tested; more are searched by a tree."""
+SEARCH_LANES = 32
+"""Threads on a GPU that share a point, a body, a vertex or an edge in a search."""
 MORTON_BITS = 16
 """Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
@@ -51,29 +60,28 @@ MOST_ROOM = 2**30
 LEAST_SKIN = 0.25
 """The skin at first, and at least, by how far off bodies touch."""
 SKIN_BY_WAY = 2.5
-"""The skin by the furthest way of a vertex between two searches: lists hold as long as it is more than 2."""
+"""The skin by the furthest way of a vertex that lists should allow for: they hold as long as it is more than 2."""
 WIDEST_SKIN = 0.5
 """The skin at most, by how far off bodies touch, unless the next is more."""
 SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.9
 """The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 64.0
 """A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
-PATIENCE = 1
-"""Frames in which little moves after which searches are made less often."""
-MOST_PATIENCE = 32
-"""That doubles, up to this, when it was too early: when searches were needed again within as many frames."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
-BETWEEN = (1, 2, 4, 8, 16, 32)
-"""Substeps from one search to the next: a frame is recorded for each. With more of them piles take longer."""
+MOST_BETWEEN = 32
+"""Substeps between two searches for which the skin allows, unless it would become wider than the widest."""
+AHEAD = 2.0
+"""Near pairs must hold to a substep's end: vertices may move this many times as far as at their initial speed."""
 
 
 class NeighborList:
     """Lists the facets near each point.
 
-    A list is valid until a vertex has moved by half of its skin. Lists are made again before every few substeps,
-    as often as the fastest motion needs; a frame in which that was too seldom must be repeated. Facets that are
-    listed and not touched change nothing: results depend neither on the skin nor on how often lists are made.
+    A list is valid until a vertex has moved by half of its skin. The device finds that where it places vertices,
+    and makes the lists again. A frame must be repeated if lists had no room, or if near pairs moved further in one
+    substep than expected. Facets that are listed and not touched change nothing: results depend neither on the
+    skin nor on how often lists are made.
 
     It alone replaces arrays that recorded launches write to, and counts that in `Model.generation`.
 
@@ -103,48 +111,48 @@ class NeighborList:
         self._widest = max(WIDEST_SKIN * farthest, spacings * least_spacing)
         self._least_skin = LEAST_SKIN * farthest
         self._farthest_way = FARTHEST_WAY * max(farthest, float(spacing.max(initial=0.0)))
-        self.rebuild_interval = 8
-        """Substeps from one search to the next."""
-        self._skin_now, self._calm, self._patience = self._least_skin, 0, PATIENCE
-        self._since_rarer = MOST_PATIENCE
+        self._skin_now = self._least_skin
         self.partition: Launcher | None = None
         """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
-        self.now = self._found_at = 0.0
-        """The time in the frame of the next launches [s]."""
+        self.dt = 0.0
+        """Length of a substep [s]."""
         self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
         """How much farther than it touches a point searches [m], shape [1]."""
         self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
         """What launches have found since they were read, in each world: see `kernels.collision.contact_data`."""
-        self.unread = wp.zeros_like(self.flags)
         owner, x_first = surfaces.data.owner.numpy(), surfaces.data.x.numpy()[: len(on_host.particle)]
         a, b = (x_first[end] for end in on_host.ends.T)
         on_curve = places_along_curve(a + on_host.share[:, None] * (b - a), MORTON_BITS)
         in_order = np.lexsort([on_curve, surfaces.body_of_point]).astype(np.int32)
         data.in_order = each.alike(in_order, int, len(on_host.share))
         data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
-        self._lower, self._upper = (wp.zeros(len(owner), dtype=wp.vec3, device=device) for _ in "lu")
-        boxes = [wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in range(4)]
-        self.boxes, self.limits = boxes[:2], boxes[2:]
-        self._widest_facet = wp.zeros(bodies, dtype=float, device=device)
+        data.since, data.due = (
+            wp.zeros(1, dtype=float, device=device),
+            wp.full(1, FORCED, dtype=int, device=device),
+        )
         # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
-        self._piece = wp.array(pieces(owner), dtype=wp.vec3i, device=device)
-        self._box()
-        worlds = wp.array(np.arange(bodies) // len(closed), dtype=int, device=device)
-        self._bodies = wp.Bvh(boxes[0], boxes[1], groups=worlds if model.in_worlds else None)
-        if model.in_worlds:
-            data.root_of_world = wp.zeros(model.worlds, dtype=int, device=device)
-            wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
-        # Each point is searched for in the facets of one body after the other.
-        self.tree = wp.Bvh(self._lower, self._upper, groups=surfaces.data.owner)
-        data.root = wp.zeros(bodies, dtype=int, device=device)
-        wp.launch(find_roots(), bodies, [self.tree.id], [data.root], device=device)
+        self.lanes = SEARCH_LANES if device.is_cuda else 1
+        corner = on_host.corner
+        centre = np.tile(places_along_curve(x_first[corner].mean(axis=1), MORTON_BITS), model.worlds)
+        self.tree = facet_tree(np.lexsort([centre, owner]), owner, bodies, device)
         data.candidate_count, data.search_points, data.active_points = (
             wp.zeros(self._points, dtype=int, device=device) for _ in "lcb"
         )
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
+        self._bodies: wp.Bvh | None = None
+        """Tree of the boxes around bodies, if there are many."""
+        self._begin(0.0)
+        self.invalidate()
+        if len(closed) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES):
+            worlds = wp.array(np.arange(bodies) // len(closed), dtype=int, device=device)
+            boxes = self.tree.body_lower, self.tree.body_upper
+            self._bodies = wp.Bvh(*boxes, groups=worlds if model.in_worlds else None)
+            if model.in_worlds:
+                data.root_of_world = wp.zeros(model.worlds, dtype=int, device=device)
+                wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
         self._give_room(ROOM, min(ROOM, bodies))
         self.planes = planes
         if planes is not None:
@@ -174,47 +182,65 @@ class NeighborList:
         else:
             launch(0, 1)
 
-    def place(
-        self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array | None = None, listing: bool = False
-    ) -> None:
+    def place(self, x: wp.array, v: wp.array, compensation: Any, after: float = 0.0, begins: bool = False) -> None:
         """Launch the placing of vertices where particles are at x, corrected by `compensation` if given.
 
-        If lists are made for these positions (`listing`), later motion is measured from them. `moved` takes the
-        furthest motion of a vertex since the last search [m].
+        `after` is the time from the end of the last substep [s]; `begins` tells whether a substep begins.
         """
         model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
         if compensation is None:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
-        inputs = [contact, compensation, x, v, self.now - self._found_at, self.buffer, self._more]
-        inputs += [self._widest_facet, *self.limits, listing]
-        self.share(kernel, len(contact.surfaces.x), inputs, [self.flags[MOVED:] if moved is None else moved])
+        ahead = AHEAD * self.dt if begins and self.planes is not None else 0.0
+        inputs = [contact, self.tree, compensation, x, v, after, self.dt, ahead, self.buffer, self._more]
+        self.share(kernel, len(contact.surfaces.x), [*inputs, self._farthest_way], [self.flags])
 
-    def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch the search of the facets near each point.
+    def search(
+        self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
+    ) -> None:
+        """Launch the placing of vertices, and the search of the facets near each point if it is due.
 
-        Within a frame, the furthest motion since the last search decides how often to search.
+        Surfaces that still cross since the start are found only where a frame begins, so that results do not
+        depend on when lists are made.
         """
-        self._place_and_box(x, v, compensation, self.flags[WAY:] if within else self.unread)
-        self._find_rows(within)
-        if not self._model.in_worlds:  # bodies of different worlds have no common drift
-            device = self._model.device
-            lanes, threads = (PIECE, min(self._points, MOST_THREADS)) if device.is_cuda else (1, 1)
-            wp.launch(range_of_speeds(self._model.scalar, lanes), threads, [self._contact, threads], device=device)
-        self._found_at = self.now
+        self.place(x, v, compensation, after, begins)
+        if frame_begins and self.planes is not None and self.planes.tangles:
+            self._find(after, True)
+        elif self.partition is not None and self.partition.is_recording:
+            self.partition.launch_if(self.data.due, partial(self._find, after))
+        else:
+            wp.capture_if(self.data.due, partial(self._find, after))
+
+    def invalidate(self) -> None:
+        """Let the next evaluation of forces make new lists: positions have been changed."""
+        self.data.due.fill_(FORCED)
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and make room for all."""
-        self._place_and_box(x, v, None, self.unread)
+        self.place(x, v, None)
+        self._begin(0.0)
         self._find_rows_with_room()
 
-    def _place_and_box(self, x: wp.array, v: wp.array, compensation: Any, moved: wp.array) -> None:
-        """Launch the placing of vertices, and of the boxes around facets and bodies, where particles are at x."""
-        self.place(x, v, compensation, moved, listing=True)
-        self._box()
-        self.tree.refit()
-        self._bodies.refit()
+    def _begin(self, after: float) -> None:
+        """Launch the start of a search: the boxes around facets, pieces, groups and bodies."""
+        model, tree, given = self._model, self.tree, [self._contact, self.tree]
+        many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
+        wp.launch(begin_search(model.scalar, model.in_worlds), many, [*given, after], device=model.device)
+        kernel = box_facets(model.scalar, self.lanes, model.in_worlds)
+        wp.launch(kernel, self.lanes * len(tree.piece), given, device=model.device)
+        if self._bodies is not None:
+            self._bodies.refit()
+
+    def _find(self, after: float, frame_begins: bool = False) -> None:
+        """Launch a search where vertices have been placed."""
+        self._begin(after)
+        self._find_rows(frame_begins)
+        if not self._model.in_worlds:  # bodies of different worlds have no common drift
+            device = self._model.device
+            threads = min(self._points, MOST_THREADS) if device.is_cuda else 1
+            kernel = range_of_speeds(self._model.scalar, self.lanes)
+            wp.launch(kernel, threads, [self._contact, threads], device=device)
 
     def _find_rows_with_room(self) -> None:
         """List the facets near each point, and repeat with more room until all fit."""
@@ -227,59 +253,38 @@ class NeighborList:
                 break
         self.flags.zero_()
 
-    def _find_rows(self, within: bool = False) -> None:
+    def _find_rows(self, frame_begins: bool = True) -> None:
         """Launch the search of the facets near each point, by the current bounding boxes, and of near pairs."""
-        contact, device, kinds = self._contact, self._model.device, (self._model.scalar, self._model.in_worlds)
-        around = [self._around, self.buffer]
-        inputs = [contact, self._bodies.id, *self.boxes, *around, self.flags, self.data.active_count]
-        wp.launch(box_neighbours(*kinds), len(self.boxes[0]), inputs, self.limits, device=device)
-        self.share(find_candidates(*kinds), self._points, [contact, *self.limits], [])
-        inputs = [contact, self.tree.id, *self.boxes, *around]
-        self.share(find_rows(*kinds), self._points, inputs, [self.flags], block=BLOCK)
+        contact, tree, many, model = self._contact, self.tree, len(self.tree.body_lower), self._model
+        by_tree, around, lanes = self._bodies is not None, [self._around, self.buffer], self.lanes
+        inputs = [contact, tree, self._bodies.id if by_tree else 0, *around, self.flags]
+        kernel = box_neighbours(model.scalar, 0 if by_tree else lanes, model.in_worlds)
+        wp.launch(kernel, many if by_tree else lanes * many, inputs, device=model.device)
+        self.share(find_candidates(model.scalar, model.in_worlds), self._points, [contact, tree], [])
+        kernel = find_rows(model.scalar, lanes, model.in_worlds)
+        self.share(kernel, lanes * self._points, [contact, tree, *around], [self.flags], block=BLOCK)
         if self.planes is not None:
-            self.planes.find(within)
+            self.planes.find(frame_begins)
 
-    def _box(self) -> None:
-        """Launch the boxes around facets and bodies."""
-        device, boxes = self._model.device, [*self.boxes, self._widest_facet]
-        wp.launch(clear_boxes(), len(boxes[0]), outputs=boxes, device=device)
-        lanes, outputs = PIECE if device.is_cuda else 1, [self._lower, self._upper, *boxes]
-        kernel = box_facets(self._model.scalar, lanes, self._model.in_worlds)
-        threads = lanes * len(self._piece)
-        wp.launch(kernel, threads, [self._contact, self._piece], outputs, device=device)
-
-    def judge(self, flags: NDArray[Any], substeps: int) -> bool:
-        """Choose how often to search, by the flags of a frame; return whether the frame must be repeated.
+    def judge(self, flags: NDArray[Any]) -> bool:
+        """Choose the skin by the flags of a frame; return whether the frame must be repeated.
 
         Worlds that fly apart do not count: divergence is found elsewhere.
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
-        flags = flags[flags[:, MOVED] < self._farthest_way * self.rebuild_interval]
+        flags = flags[flags[:, WAY] < self._farthest_way]
         if not len(flags):
             return False
         chosen = [MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]
         moved, way, longest, body_pairs, pairs = flags.max(axis=0)[chosen].tolist()
-        # `way` is that of all substeps between two searches; `moved` lacks the last one, but for a frame's end.
-        lacking = int(self.planes is None)
-        # Contact forces act before the last substep of a list, near pairs after it.
-        held = max(moved, 0.0 if lacking else way) <= 0.5 * self._skin_now
-        per_substep = max(
-            way / self.rebuild_interval, moved / max(min(self.rebuild_interval, substeps) - lacking, 1), 1e-30
-        )
-        best = max(1.0, lacking + self._widest / (SKIN_BY_WAY * per_substep))
-        best = max(every for every in BETWEEN if every <= best)
-        self._calm = self._calm + 1 if best > self.rebuild_interval else 0
-        self._since_rarer += 1
-        if best < self.rebuild_interval:
-            if self._since_rarer <= self._patience:
-                self._patience = min(2 * self._patience, MOST_PATIENCE)
-            self.rebuild_interval, self._since_rarer = best, MOST_PATIENCE
-        elif self._calm >= self._patience:
-            self.rebuild_interval, self._calm, self._since_rarer = best, 0, 0
-        wanted = max(self._least_skin, SKIN_BY_WAY * per_substep * max(self.rebuild_interval - lacking, 1))
+        # Contact forces act where vertices have just been placed; near pairs must have held through the substep.
+        held = self.planes is None or moved <= 0.5 * self._skin_now
+        wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * way))
+        wanted = max(wanted, SKIN_BY_WAY * (way if held else moved), AHEAD * SKIN_BY_WAY * way)
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted
             self.buffer.fill_(wanted)
+            self.invalidate()
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
         overflown |= self.planes is not None and pairs > len(self.planes.pairs.vertices)
         self._make_room(int(longest), int(body_pairs), int(pairs))
@@ -292,6 +297,8 @@ class NeighborList:
         """
         data, extended = self.data, self.planes is not None and self.planes.extend(near_pairs)
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
+        if extended:
+            self.invalidate()
         if longest <= ROOM_TO_SPARE * room and (
             body_pairs <= ROOM_TO_SPARE * room_beside or room_beside >= bodies
         ):
@@ -312,6 +319,7 @@ class NeighborList:
         data.candidate_count.zero_()
         data.body_pair_count.zero_()
         self._model.generation += 1
+        self.invalidate()
 
 
 def room_for(many: int) -> int:
@@ -319,10 +327,34 @@ def room_for(many: int) -> int:
     return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()
 
 
-def pieces(owner: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return pieces of at most PIECE facets of one body each, as rows (body, first facet, last facet + 1)."""
-    begins = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int, device: Any) -> Any:
+    """Return the tree of facets that lie in the given order, those of one body after the other, without its boxes.
+
+    `owner` has the body of each facet.
+    """
+    tree, width = FacetTree(), WIDTH_ON_GPU
+    most = np.bincount(owner, minlength=bodies).max(initial=0)
+    if not device.is_cuda and most <= MOST_GROUPS * WIDTH**2:
+        width = WIDTH
+    first, last, body = runs(owner[order], width)
+    first_piece, last_piece, of_group = runs(body, width)
+    group = np.repeat(np.arange(len(of_group)), last_piece - first_piece)
+    tree.facet = wp.array(order, dtype=int, device=device)
+    tree.piece = wp.array(np.stack([body, group, first, last], axis=1), dtype=wp.vec4i, device=device)
+    tree.group = wp.array(np.stack([first_piece, last_piece], axis=1), dtype=wp.vec2i, device=device)
+    tree.first_group = wp.array(np.searchsorted(of_group, np.arange(bodies + 1)), dtype=int, device=device)
+    counts = {"": len(order), "piece_": len(body), "group_": len(of_group), "body_": bodies, "near_": bodies}
+    for name, count in counts.items():
+        for side in ("lower", "upper"):
+            setattr(tree, name + side, wp.zeros(count, dtype=wp.vec3, device=device))
+    tree.widest = wp.zeros(bodies, dtype=float, device=device)
+    return tree
+
+
+def runs(owner: NDArray[np.integer], width: int) -> tuple[NDArray[np.integer], ...]:
+    """Return runs of at most `width` items of one owner, as (first items, ends, owners); owners are sorted."""
+    begins = np.flatnonzero(np.diff(owner, prepend=-1))
     ends = np.append(begins[1:], len(owner))
-    firsts = np.concatenate([np.arange(a, b, PIECE) for a, b in zip(begins, ends, strict=True)])
-    lasts = np.minimum(firsts + PIECE, ends[np.searchsorted(begins, firsts, side="right") - 1])
-    return np.stack([owner[firsts], firsts, lasts], axis=1).astype(np.int32)
+    firsts = np.concatenate([np.arange(a, b, width) for a, b in zip(begins, ends, strict=True)] or [begins])
+    lasts = np.minimum(firsts + width, ends[np.searchsorted(begins, firsts, side="right") - 1])
+    return firsts, lasts, owner[firsts]

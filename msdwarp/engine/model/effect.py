@@ -65,9 +65,6 @@ class Effect:
     The work of a `piece` that `works` is summed elsewhere.
     """
 
-    rebuild_interval: int = 8
-    """Substeps from one `search` to the next."""
-
     shared_points: int = 0
     """Number of its points that CPU threads can share, each about as much work as a connection."""
 
@@ -108,11 +105,13 @@ class Effect:
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """Reserve room for the neighbours of particles, for positions x and velocities v, when a run continues."""
 
-    def search(self, x: wp.array, v: wp.array, compensation: Any, within: bool) -> None:
-        """Launch the search for neighbours, for positions x and velocities v.
+    def search(
+        self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
+    ) -> None:
+        """Launch the search for neighbours, if it is due, for positions x and velocities v.
 
-        It is launched before every few substeps, and before forces are evaluated between frames. `within` tells
-        whether the last search was in the same frame.
+        It is launched before `before_forces`. `after` is the time from the end of the last substep [s]; `begins`
+        and `frame_begins` tell whether a substep begins, and a frame. Between frames only the latter is true.
         """
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:

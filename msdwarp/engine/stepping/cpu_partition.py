@@ -89,6 +89,22 @@ class CpuPartition:
 
         self._launch(launch)
 
+    def launch_if(self, condition: wp.array, launch: Callable[[], None]) -> None:
+        """Record launches that each thread runs only if `condition`, shape [1], is not 0 in that frame.
+
+        There must be a barrier before; the first of these launches is another one, behind which it may change.
+        """
+        assert self.is_recording
+        outer, self._launches = self._launches, [self._launch_barrier]
+
+        def launch_first() -> None:
+            self._launch_barrier(0)
+            launch()
+
+        wp.capture_if(condition, launch_first)
+        inner, self._launches = self._launches, outer
+        self._launches.append(lambda k: wp.capture_if(condition, lambda: [one(k) for one in inner]))
+
     def _launch(self, launch: Callable[[int], None]) -> None:
         self._launches.append(launch)
         launch(0)

@@ -73,8 +73,7 @@ class Dynamics:
         self._one_thread = not self.model.device.is_cuda and self.launches_before_forces and self._single_launch
         self._stage_arrays = StageArrays()
         self._steps, self._last_stage, self._stage = Steps(1.0, 1), 0, 0
-        self._measuring = self._in_frame = self._at_substep_start = self._searched_in_frame = False
-        self._due_searches: list[Effect] = []
+        self._measuring = self._in_frame = self._at_substep_start = self._at_frame_start = False
 
     def _forces(self) -> tuple[Any, Differences | None]:
         """Return the force algorithm with its data, and for an ensemble the differences between worlds."""
@@ -220,16 +219,10 @@ class Dynamics:
             wp.launch(
                 kernel, of_each_world(self.model, self.model.connection_count), inputs, device=self.model.device
             )
-        self._due_searches = [effect for effect in self._searching if substep % effect.rebuild_interval == 0]
-        self._searched_in_frame = substep > 0
         self._in_frame = self._at_substep_start = True
+        self._at_frame_start = substep == 0
         self._stage = 0
         self.go_to_substep(substep)
-
-    @property
-    def search_intervals(self) -> tuple[int, ...]:
-        """The numbers of substeps between searches: a recorded frame is valid for these alone."""
-        return tuple(effect.rebuild_interval for effect in self._searching)
 
     def end_substep(self, state: State, substep: int) -> None:
         """End substep number `substep` of a frame: launch effects' changes of its result, `state.state_out`."""
@@ -261,8 +254,12 @@ class Dynamics:
         method, step = stage.method, stage.step(self.composition)
         forced = method(self.composition).forced
         if forced and self._preceding:
+            begins = self._at_substep_start and not self._measuring
+            self._search(step, begins)
             with self._per_stage.side_stream():
-                self._launch_before_forces(step)
+                self._launch_before_forces(step, begins)
+            if not self._measuring:
+                self._at_substep_start = self._at_frame_start = False
         partition, measuring = self.partition, self._measuring
         if forced and partition is not None and partition.is_recording and self._single_launch and not measuring:
             steps = self._stage_arrays.array_of(step, partition.kernel(method), self.model.device)
@@ -285,18 +282,22 @@ class Dynamics:
             return persistent(self.composition, method, 1, threads, threads_at_a_time(self.assembly))
         return persistent(self.composition, method, blocks)
 
-    def _launch_before_forces(self, step: Any) -> None:
+    def _search(self, step: Any, begins: bool) -> None:
+        """Launch the searches of effects for a stage: not on a side stream, where no launch can be conditional."""
+        steps, after = self._steps, 0.0
+        if self._in_frame and not begins and not self._measuring and self._stage < len(steps.stage_times):
+            after = (steps.stage_times[self._stage] - 1.0) * steps.dt
+        frame_begins = not self._in_frame or (begins and self._at_frame_start)
+        for effect in self._searching:
+            effect.search(step.x, step.v, step.compensation, after, begins, frame_begins)
+
+    def _launch_before_forces(self, step: Any, begins: bool) -> None:
         """Launch what effects need before the forces of a stage."""
-        for effect in self._due_searches if self._in_frame else self._searching:
-            effect.search(step.x, step.v, step.compensation, self._in_frame and self._searched_in_frame)
-        self._due_searches = []
-        begins = self._at_substep_start and not self._measuring
         for effect in self._preceding:
             effect.before_forces(step.x, step.v, step.compensation, begins)
         if self._in_frame and not self._measuring:
             for effect in self._summing:
                 effect.add_up(self._steps.dt * self._steps.weights[self._stage])
-        self._at_substep_start = self._at_substep_start and self._measuring
 
     @property
     def drives(self) -> bool:

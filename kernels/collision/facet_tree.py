@@ -1,0 +1,321 @@
+"""The tree of boxes around the facets of each body, and the broad phase: which bodies are near each other.
+
+The facets of a body are sorted along a space-filling curve. Runs of them are pieces, runs of pieces are groups;
+each has a box. The boxes follow the facets, while the tree stays as it was at the start. On a GPU the threads of a
+warp share a search: each tests one box. So few memory accesses wait for each other; a thread alone in a binary
+tree has hundreds of them.
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+from ..records import records
+from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
+from .lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit
+from .pairs import pairs
+
+NEVER = 1e30
+"""A speed that no point reaches [m/s], and a coordinate beyond all others [m]."""
+
+
+@wp.struct
+class FacetTree:
+    """The tree, see above."""
+
+    # Facets in the order of the tree, shape [facet_count]:
+    facet: wp.array(dtype=int)
+    lower: wp.array(dtype=wp.vec3)  # its box [m]
+    upper: wp.array(dtype=wp.vec3)
+    # Pieces:
+    piece: wp.array(dtype=wp.vec4i)  # body, group, first facet and end in the order above, shape [piece_count]
+    piece_lower: wp.array(dtype=wp.vec3)
+    piece_upper: wp.array(dtype=wp.vec3)
+    # Groups:
+    group: wp.array(dtype=wp.vec2i)  # first piece and end, shape [group_count]
+    group_lower: wp.array(dtype=wp.vec3)
+    group_upper: wp.array(dtype=wp.vec3)
+    # Bodies:
+    first_group: wp.array(dtype=int)  # row starts of the groups, shape [body_count + 1]
+    body_lower: wp.array(dtype=wp.vec3)
+    body_upper: wp.array(dtype=wp.vec3)
+    near_lower: wp.array(dtype=wp.vec3)  # box outside of which no part of the body is near another
+    near_upper: wp.array(dtype=wp.vec3)
+    widest: wp.array(dtype=float)  # longest side of a facet's box [m]
+
+
+@wp.struct
+class Cursor:
+    """Where a search of the facets of one body has come to."""
+
+    facet: int  # the facet found by this thread, or -1
+    ended: bool
+    place: int  # the next facet in the order of the tree, and the end of its piece
+    last_place: int
+    first_piece: int  # first of the pieces that were tested together, and the end of their group
+    last_piece: int
+    pieces: wp.uint32  # those of them that are still to be searched, as bits
+    first_group: int
+    last_group: int
+    groups: wp.uint32
+
+
+@wp.func
+def overlap(low: wp.vec3, high: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
+    """Tell whether two boxes overlap or touch."""
+    return wp.min(high, lower) == lower and wp.max(low, upper) == upper
+
+
+@functools.cache
+def facets_within(lanes: int):
+    """Compose (begin, find_next), which find the facets of a body whose boxes overlap a box low … high.
+
+    `lanes` threads share a search, and find up to as many facets at a time. The box may shrink meanwhile.
+    """
+    ballot = ballot_of_lanes(lanes)
+
+    @wp.func
+    def begin(tree: FacetTree, body: int) -> Cursor:
+        cursor = Cursor()
+        cursor.facet = -1
+        cursor.first_group = tree.first_group[body] - wp.static(lanes)
+        cursor.last_group = tree.first_group[body + 1]
+        return cursor
+
+    @wp.func
+    def find_next(tree: FacetTree, before: Cursor, low: wp.vec3, high: wp.vec3, lane: int) -> Cursor:
+        cursor = before
+        cursor.facet = -1
+        found = bool(False)
+        while not found and not cursor.ended:
+            hit = bool(False)
+            if cursor.place < cursor.last_place:
+                own = cursor.place + lane
+                if own < cursor.last_place:
+                    if overlap(low, high, tree.lower[own], tree.upper[own]):
+                        hit = True
+                        cursor.facet = tree.facet[own]
+                found = ballot(hit) != wp.uint32(0)
+                cursor.place += wp.static(lanes)
+            elif cursor.pieces != wp.uint32(0):
+                piece = tree.piece[cursor.first_piece + lowest_bit(cursor.pieces)]
+                cursor.pieces &= cursor.pieces - wp.uint32(1)
+                cursor.place = piece[2]
+                cursor.last_place = piece[3]
+            elif cursor.first_piece + wp.static(lanes) < cursor.last_piece:
+                cursor.first_piece += wp.static(lanes)
+                own = cursor.first_piece + lane
+                if own < cursor.last_piece:
+                    hit = overlap(low, high, tree.piece_lower[own], tree.piece_upper[own])
+                cursor.pieces = ballot(hit)
+            elif cursor.groups != wp.uint32(0):
+                group = tree.group[cursor.first_group + lowest_bit(cursor.groups)]
+                cursor.groups &= cursor.groups - wp.uint32(1)
+                cursor.first_piece = group[0] - wp.static(lanes)
+                cursor.last_piece = group[1]
+            elif cursor.first_group + wp.static(lanes) < cursor.last_group:
+                cursor.first_group += wp.static(lanes)
+                own = cursor.first_group + lane
+                if own < cursor.last_group:
+                    hit = overlap(low, high, tree.group_lower[own], tree.group_upper[own])
+                cursor.groups = ballot(hit)
+            else:
+                cursor.ended = True
+        return cursor
+
+    return begin, find_next
+
+
+@functools.cache
+def begin_search(scalar: type, worlds: bool = False):
+    """Compose the kernel, over vertices, groups and bodies, that begins a search where the vertices are now.
+
+    It empties the boxes. `after` is the time from the end of the last substep [s].
+    """
+    Data, (load, store, _) = BodyContactData(scalar, worlds), records(3, scalar)
+
+    @kernel
+    def begin(data: Data, tree: FacetTree, after: float):
+        i = wp.tid()
+        if i == 0:
+            data.neighbors.since[0] = -after
+            data.neighbors.due[0] = wp.static(NOT_DUE)
+        if i < data.surfaces.x.shape[0]:
+            store(data.neighbors.x_found, i, load(data.surfaces.x, i))
+        beyond = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+        if i < tree.group.shape[0]:
+            tree.group_lower[i] = beyond
+            tree.group_upper[i] = -beyond
+        if i < tree.body_lower.shape[0]:
+            tree.body_lower[i] = beyond
+            tree.body_upper[i] = -beyond
+            tree.widest[i] = 0.0
+
+    return begin
+
+
+@functools.cache
+def box_facets(scalar: type, lanes: int, worlds: bool = False):
+    """Compose the kernel, over pieces, that bounds facets and pieces, and extends the boxes of groups and bodies.
+
+    `lanes` threads share a piece.
+    """
+    Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
+    load = records(3, scalar).load
+
+    @wp.func
+    def least_corner(x: wp.vec3) -> wp.vec3:
+        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
+
+    @wp.func
+    def extend(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), i: int, least: wp.vec3, most: wp.vec3):
+        if not (wp.min(least, low[i]) == low[i] and wp.max(most, high[i]) == high[i]):  # seldom
+            wp.atomic_min(low, i, least)
+            wp.atomic_max(high, i, most)
+
+    @kernel
+    def write_boxes(data: Data, tree: FacetTree):
+        p = wp.tid() / wp.static(lanes)
+        piece = tree.piece[p]
+        least = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+        most = -least
+        side = float(0.0)
+        for e in range(piece[2] + wp.tid() % wp.static(lanes), piece[3], wp.static(lanes)):
+            c = data.surfaces.corner[tree.facet[e]]
+            a = wp.vec3(load(data.surfaces.x, c[0]))
+            b = wp.vec3(load(data.surfaces.x, c[1]))
+            d = wp.vec3(load(data.surfaces.x, c[2]))
+            below = wp.min(wp.min(a, b), d)
+            above = wp.max(wp.max(a, b), d)
+            tree.lower[e] = below
+            tree.upper[e] = above
+            least = wp.min(least, below)
+            most = wp.max(most, above)
+            side = wp.max(side, wp.max(above - below))
+        least = least_corner(least)
+        most = -least_corner(-most)
+        side = -least_of(-side)
+        if wp.tid() % wp.static(lanes) == 0:
+            tree.piece_lower[p] = least
+            tree.piece_upper[p] = most
+            extend(tree.group_lower, tree.group_upper, piece[1], least, most)
+            extend(tree.body_lower, tree.body_upper, piece[0], least, most)
+            if side > tree.widest[piece[0]]:
+                wp.atomic_max(tree.widest, piece[0], side)
+
+    return write_boxes
+
+
+@functools.cache
+def find_roots():
+    """Compose the kernel, over worlds, that finds the root of each world's subtree in the tree of bodies."""
+
+    @kernel
+    def find(tree: wp.uint64, root: wp.array(dtype=int)):
+        i = wp.tid()
+        root[i] = wp.bvh_get_group_root(tree, i)
+
+    return find
+
+
+@functools.cache
+def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
+    """Compose the kernel, over bodies, that lists the bodies each may touch, and finds a box around all of these.
+
+    A point outside this box touches none of them. Most points of a large body are outside: no further test.
+    `lanes` threads share a body and test all others of its world; with 0, one thread searches a tree of bodies.
+    """
+    Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
+    find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
+    lanes = max(lanes, 1)
+    ballot, least_of = ballot_of_lanes(lanes), least_of_lanes(wp.float32, lanes)
+
+    @wp.func
+    def list_pair(data: Data, i: int, j: int, at: int):
+        if at < data.neighbors.body_pairs.shape[1]:
+            data.neighbors.body_pairs[i, at] = j
+
+    @kernel
+    def extend_neighbours(
+        data: Data,
+        tree: FacetTree,
+        bodies: wp.uint64,  # tree of the boxes around bodies, if needed
+        farthest: scalar,  # largest distance of any contact [m]
+        buffer: wp.array(dtype=scalar),  # [m], shape [1]
+        flags: wp.array(dtype=float),
+    ):
+        i = wp.tid() / wp.static(lanes)
+        lane = wp.tid() % wp.static(lanes)
+        if wp.tid() == 0:  # reset the lists of the new search
+            data.neighbors.active_count[0] = 0
+            data.neighbors.search_point_count[0] = 0
+            for k in range(2):
+                data.neighbors.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
+        around = farthest + buffer[0]
+        lower = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+        upper = -lower
+        wide = margin(tree.body_lower[i], tree.body_upper[i], around)
+        low = tree.body_lower[i] - wide
+        high = tree.body_upper[i] + wide
+        j = int(0)
+        count = int(0)
+        if wp.static(by_tree):
+            if wp.static(worlds):
+                own = data.neighbors.root_of_world[i / data.surfaces.bodies_each]
+                near_bodies = wp.bvh_query_aabb(bodies, low, high, own)
+            else:
+                near_bodies = wp.bvh_query_aabb(bodies, low, high)
+            while wp.bvh_query_next(near_bodies, j):
+                if find_rule(data, i, j) >= 0:
+                    list_pair(data, i, j, count)
+                    count += 1
+                    wide = margin(tree.body_lower[j], tree.body_upper[j], around)
+                    lower = wp.min(lower, tree.body_lower[j] - wide)
+                    upper = wp.max(upper, tree.body_upper[j] + wide)
+        else:
+            begin = int(0)
+            end = tree.body_lower.shape[0]
+            if wp.static(worlds):
+                begin = i / data.surfaces.bodies_each * data.surfaces.bodies_each
+                end = begin + data.surfaces.bodies_each
+            for first in range(begin, end, wp.static(lanes)):
+                j = first + lane
+                hit = bool(False)
+                if j < end:
+                    if overlap(low, high, tree.body_lower[j], tree.body_upper[j]):
+                        hit = find_rule(data, i, j) >= 0
+                those = ballot(hit)
+                if hit:
+                    list_pair(data, i, j, count + count_before(those, lane))
+                    wide = margin(tree.body_lower[j], tree.body_upper[j], around)
+                    lower = wp.min(lower, tree.body_lower[j] - wide)
+                    upper = wp.max(upper, tree.body_upper[j] + wide)
+                count += count_bits(those)
+        lower = wp.vec3(least_of(lower[0]), least_of(lower[1]), least_of(lower[2]))
+        upper = -wp.vec3(least_of(-upper[0]), least_of(-upper[1]), least_of(-upper[2]))
+        if lane == 0:
+            data.neighbors.body_pair_count[i] = wp.min(count, data.neighbors.body_pairs.shape[1])
+            at = first_of(data, i) + wp.static(MOST_BODY_PAIRS)
+            if count > int(flags[at]):
+                wp.atomic_max(flags, at, float(count))
+            tree.near_lower[i] = lower
+            tree.near_upper[i] = upper
+
+    return extend_neighbours
+
+
+@functools.cache
+def margin_of_boxes(scalar: type):
+    """Compose (low, high, around) -> by how much a box is widened to hold all points within `around` of it [m].
+
+    That is `around` and a bound on the rounding of float32.
+    """
+
+    @wp.func
+    def margin(low: wp.vec3, high: wp.vec3, around: scalar) -> wp.vec3:
+        reach = wp.float32(around)
+        reach += wp.float32(2.0e-6) * (wp.length(wp.max(wp.abs(low), wp.abs(high))) + reach)
+        return wp.vec3(reach, reach, reach)
+
+    return margin
