@@ -105,7 +105,7 @@ def test_no_frame_of_an_ensemble_writes_into_lists_that_were_replaced(plain_devi
     ensemble.step(2)
     nearby = nearby_in(ensemble)
     old = marked(nearby)
-    nearby._give_room(64, 4)
+    nearby._give_room(256, 4)
     ensemble.step()
     assert nearby.data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
     assert untouched(old)
