@@ -21,8 +21,8 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..integrators.persistent import wait
 from ..records import records
+from ..threads import grid_thread, wait
 from .contact_data import FLAGS, HELD_BACK, BodyContactData
 from .cpu_partition import raise_to
 from .near_pairs import NearPairs, vertex_of
@@ -74,16 +74,20 @@ def catch_up(scalar: type):
         x: wp.array(dtype=V),  # positions at the substep's start [m]
         h: scalar,  # length of the substep [s]
         least: scalar,  # the least distance from a plane [m]
+        threads: int,
         # In and out: positions and velocities at its end
         x_out: wp.array(dtype=V),
         v_out: wp.array(dtype=V),
     ):
-        i = pairs.driven[wp.tid()]
-        way = h * load(v_out, i)
-        behind = load(x_out, i) - load(x, i) - way
-        most = wp.max(wp.length(way), scalar(CATCH_UP) * least)
-        if wp.length(behind) > most:
-            store(x_out, i, load(x, i) + way + (most / wp.length(behind)) * behind)
+        n = grid_thread()
+        while n < pairs.driven.shape[0]:
+            i = pairs.driven[n]
+            way = h * load(v_out, i)
+            behind = load(x_out, i) - load(x, i) - way
+            most = wp.max(wp.length(way), scalar(CATCH_UP) * least)
+            if wp.length(behind) > most:
+                store(x_out, i, load(x, i) + way + (most / wp.length(behind)) * behind)
+            n += threads
 
     return follow
 
@@ -216,7 +220,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
             return
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         for phase in range(first_phase, last_phase + 1):
-            n = wp.tid()
+            n = grid_thread()
             if phase == wp.static(PHASES - 1) or phase % 3 == 2:
                 while n < pairs.particle_count[0]:
                     i = pairs.particle[n]

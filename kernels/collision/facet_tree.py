@@ -12,6 +12,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..records import records
+from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
 from .lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit
 from .pairs import pairs
@@ -129,37 +130,43 @@ def facets_within(lanes: int):
 
 @functools.cache
 def begin_search(scalar: type, worlds: bool = False):
-    """Compose the kernel, over vertices, groups and bodies, that begins a search where the vertices are now.
+    """Compose the kernel that begins a search where the vertices are now, and empties the boxes.
 
-    It empties the boxes. `after` is the time from the end of the last substep [s].
+    Its threads share the vertices, groups and bodies. `after` is the time from the end of the last substep [s].
     """
     Data, (load, store, _) = BodyContactData(scalar, worlds), records(3, scalar)
 
     @kernel
-    def begin(data: Data, tree: FacetTree, after: float):
-        i = wp.tid()
+    def begin(data: Data, tree: FacetTree, after: float, threads: int):
+        beyond = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+        i = grid_thread()
         if i == 0:
             data.neighbors.since[0] = -after
             data.neighbors.due[0] = wp.static(NOT_DUE)
-        if i < data.surfaces.x.shape[0]:
-            store(data.neighbors.x_found, i, load(data.surfaces.x, i))
-        beyond = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
-        if i < tree.group.shape[0]:
-            tree.group_lower[i] = beyond
-            tree.group_upper[i] = -beyond
-        if i < tree.body_lower.shape[0]:
-            tree.body_lower[i] = beyond
-            tree.body_upper[i] = -beyond
-            tree.widest[i] = 0.0
+            data.neighbors.active_count[0] = 0
+            data.neighbors.search_point_count[0] = 0
+            for k in range(2):
+                data.neighbors.speeds[k] = -beyond
+        while i < data.surfaces.x.shape[0] or i < tree.group.shape[0] or i < tree.body_lower.shape[0]:
+            if i < data.surfaces.x.shape[0]:
+                store(data.neighbors.x_found, i, load(data.surfaces.x, i))
+            if i < tree.group.shape[0]:
+                tree.group_lower[i] = beyond
+                tree.group_upper[i] = -beyond
+            if i < tree.body_lower.shape[0]:
+                tree.body_lower[i] = beyond
+                tree.body_upper[i] = -beyond
+                tree.widest[i] = 0.0
+            i += threads
 
     return begin
 
 
 @functools.cache
 def box_facets(scalar: type, lanes: int, worlds: bool = False):
-    """Compose the kernel, over pieces, that bounds facets and pieces, and extends the boxes of groups and bodies.
+    """Compose the kernel that bounds facets and pieces, and extends the boxes of groups and bodies.
 
-    `lanes` threads share a piece.
+    Its threads share the pieces, `lanes` of them a piece.
     """
     Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
     load = records(3, scalar).load
@@ -174,14 +181,13 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
             wp.atomic_min(low, i, least)
             wp.atomic_max(high, i, most)
 
-    @kernel
-    def write_boxes(data: Data, tree: FacetTree):
-        p = wp.tid() / wp.static(lanes)
+    @wp.func
+    def box_piece(data: Data, tree: FacetTree, p: int, lane: int):
         piece = tree.piece[p]
         least = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         most = -least
         side = float(0.0)
-        for e in range(piece[2] + wp.tid() % wp.static(lanes), piece[3], wp.static(lanes)):
+        for e in range(piece[2] + lane, piece[3], wp.static(lanes)):
             c = data.surfaces.corner[tree.facet[e]]
             a = wp.vec3(load(data.surfaces.x, c[0]))
             b = wp.vec3(load(data.surfaces.x, c[1]))
@@ -196,13 +202,20 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         least = least_corner(least)
         most = -least_corner(-most)
         side = -least_of(-side)
-        if wp.tid() % wp.static(lanes) == 0:
+        if lane == 0:
             tree.piece_lower[p] = least
             tree.piece_upper[p] = most
             extend(tree.group_lower, tree.group_upper, piece[1], least, most)
             extend(tree.body_lower, tree.body_upper, piece[0], least, most)
             if side > tree.widest[piece[0]]:
                 wp.atomic_max(tree.widest, piece[0], side)
+
+    @kernel
+    def write_boxes(data: Data, tree: FacetTree, threads: int):
+        p = grid_thread() / wp.static(lanes)
+        while p < tree.piece.shape[0]:
+            box_piece(data, tree, p, grid_thread() % wp.static(lanes))
+            p += threads / wp.static(lanes)
 
     return write_boxes
 
@@ -221,10 +234,10 @@ def find_roots():
 
 @functools.cache
 def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
-    """Compose the kernel, over bodies, that lists the bodies each may touch, and finds a box around all of these.
+    """Compose the kernel that lists the bodies each body may touch, and finds a box around all of these.
 
-    A point outside this box touches none of them. Most points of a large body are outside: no further test.
-    `lanes` threads share a body and test all others of its world; with 0, one thread searches a tree of bodies.
+    A point outside this box touches none of them. Most points of a large body are outside: no further test. The
+    threads share the bodies: `lanes` of them test all others of a world, or, if 0, one searches a tree of bodies.
     """
     Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
     find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
@@ -236,23 +249,16 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         if at < data.neighbors.body_pairs.shape[1]:
             data.neighbors.body_pairs[i, at] = j
 
-    @kernel
-    def extend_neighbours(
+    @wp.func
+    def find_neighbours(
         data: Data,
         tree: FacetTree,
-        bodies: wp.uint64,  # tree of the boxes around bodies, if needed
-        farthest: scalar,  # largest distance of any contact [m]
-        buffer: wp.array(dtype=scalar),  # [m], shape [1]
+        bodies: wp.uint64,
+        around: scalar,
         flags: wp.array(dtype=float),
+        i: int,
+        lane: int,  # index of this thread among those of body i
     ):
-        i = wp.tid() / wp.static(lanes)
-        lane = wp.tid() % wp.static(lanes)
-        if wp.tid() == 0:  # reset the lists of the new search
-            data.neighbors.active_count[0] = 0
-            data.neighbors.search_point_count[0] = 0
-            for k in range(2):
-                data.neighbors.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
-        around = farthest + buffer[0]
         lower = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         upper = -lower
         wide = margin(tree.body_lower[i], tree.body_upper[i], around)
@@ -301,6 +307,22 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                 wp.atomic_max(flags, at, float(count))
             tree.near_lower[i] = lower
             tree.near_upper[i] = upper
+
+    @kernel
+    def extend_neighbours(
+        data: Data,
+        tree: FacetTree,
+        bodies: wp.uint64,  # tree of the boxes around bodies, if needed
+        farthest: scalar,  # largest distance of any contact [m]
+        buffer: wp.array(dtype=scalar),  # [m], shape [1]
+        threads: int,
+        flags: wp.array(dtype=float),
+    ):
+        i = grid_thread() / wp.static(lanes)
+        while i < tree.body_lower.shape[0]:
+            lane = grid_thread() % wp.static(lanes)
+            find_neighbours(data, tree, bodies, farthest + buffer[0], flags, i, lane)
+            i += threads / wp.static(lanes)
 
     return extend_neighbours
 

@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel
+from ..threads import grid_thread
 from .contact_data import BodyContactData, Substep
 from .cpu_partition import first_of_part, next_of_part
 
@@ -96,10 +97,10 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, co
     ):
         step = Step(h, behind, per_unit, buffer[0], parts)
         if wp.static(counts_time):
-            if wp.tid() == 0 and part == 0:
+            if grid_thread() == 0 and part == 0:
                 data.neighbors.since[0] += float(h)
-        k = first_of_part(wp.tid(), part) / wp.static(lanes)
-        lane = wp.tid() % wp.static(lanes)
+        k = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
         while k < data.neighbors.active_count[0]:
             evaluate_point(data, data.neighbors.active_points[k], lane, step, flags, stored, heated)
             k = next_of_part(k, threads / wp.static(lanes), parts)

@@ -6,6 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
+from ..threads import grid_thread
 from .body_contact import both_closed
 from .contact_data import PAIRS, BodyContactData
 from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
@@ -172,8 +173,8 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
     ):
         reach = doubt * (buffer[0] + apart)
         vertex_count = data.surfaces.x.shape[0]
-        n = first_of_part(wp.tid(), part) / wp.static(lanes)
-        lane = wp.tid() % wp.static(lanes)
+        n = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
         while n < vertex_count + pairs.edge.shape[0]:
             e = n - vertex_count
             ends = wp.vec2i(n, n)
@@ -273,8 +274,8 @@ def find_tangles(scalar: type, lanes: int, worlds: bool = False):
         parts: int,  # number of parts, one for each CPU thread
     ):
         edge_count = pairs.edge.shape[0]
-        n = first_of_part(wp.tid(), part) / wp.static(lanes)
-        lane = wp.tid() % wp.static(lanes)
+        n = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
         while n < edge_count + data.surfaces.ends.shape[0]:
             if n < edge_count:
                 find_crossings(data, tree, pairs, pairs.edge[n], lane)

@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..threads import grid_thread
 from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, first_flag
 from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
 from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
@@ -37,7 +38,7 @@ def find_candidates(scalar: type, worlds: bool = False):
         part: int,
         parts: int,  # number of parts, one for each CPU thread
     ):
-        e = first_of_part(wp.tid(), part)
+        e = first_of_part(grid_thread(), part)
         while e < data.neighbors.candidate_count.shape[0]:
             p = data.neighbors.in_order[e]
             place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
@@ -269,8 +270,8 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         parts: int,
         flags: wp.array(dtype=float),
     ):
-        e = first_of_part(wp.tid(), part) / wp.static(lanes)
-        lane = wp.tid() % wp.static(lanes)
+        e = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
         while e < data.neighbors.search_point_count[0]:
             find_one(data, tree, data.neighbors.search_points[e], lane, farthest, buffer[0], flags)
             e = next_of_part(e, threads / wp.static(lanes), parts)
@@ -293,7 +294,7 @@ def range_of_speeds(scalar: type, lanes: int):
 
     @kernel
     def find_range(data: Data, threads: int):
-        k = wp.tid()
+        k = grid_thread()
         fast = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         slow = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         while k < data.neighbors.active_count[0]:
@@ -304,7 +305,7 @@ def range_of_speeds(scalar: type, lanes: int):
             k += threads
         fast = most_corner(fast)
         slow = most_corner(slow)
-        if wp.tid() % wp.static(lanes) == 0 and fast[0] > wp.static(-NEVER):
+        if grid_thread() % wp.static(lanes) == 0 and fast[0] > wp.static(-NEVER):
             wp.atomic_max(data.neighbors.speeds, 0, fast)
             wp.atomic_max(data.neighbors.speeds, 1, slow)
 

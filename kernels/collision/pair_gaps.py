@@ -6,6 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
+from ..threads import grid_thread
 from .contact_data import BodyContactData
 from .cpu_partition import first_of_part, next_of_part
 from .near_pairs import NearPairs, vertex_of
@@ -132,7 +133,7 @@ def measure_pairs(scalar: type, worlds: bool = False):
         parts: int,  # number of parts, one for each CPU thread
     ):
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
-        k = first_of_part(wp.tid(), part)
+        k = first_of_part(grid_thread(), part)
         while k < count:
             measure(data, pairs, x, least, k)
             vertices = pairs.vertices[k]

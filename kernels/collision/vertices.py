@@ -7,6 +7,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..compensation import compensated_sum
 from ..records import records
+from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
 from .facet_tree import FacetTree, overlap
@@ -43,7 +44,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         parts: int,  # number of parts, one for each CPU thread
         flags: wp.array(dtype=float),
     ):
-        i = first_of_part(wp.tid(), part)
+        i = first_of_part(grid_thread(), part)
         drift = 0.5 * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
         since = data.neighbors.since[0] + after
         skin = float(buffer[0])

@@ -8,37 +8,12 @@ import warp as wp
 from ..basis import kernel
 from ..places import arrays_of, on_device
 from ..springs import NO_SUBSTEP
+from ..threads import wait, wait_in_block
 from .composition import Composition, beginning, by_first_lane, tools
 from .enter_world import enter_world, to_world
 
 MOST_THREADS = 512
 """Threads per block; the launch bounds limit registers accordingly."""
-WAIT = """
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
-    asm volatile("barrier.cluster.arrive.release; barrier.cluster.wait.acquire;" ::: "memory");
-#elif defined(__CUDA_ARCH__)
-    __syncthreads();
-#endif
-"""
-
-
-@wp.func_native(WAIT)
-def wait():
-    """Wait until all threads of the cluster of blocks have reached this call; their writes are then visible."""
-    ...
-
-
-WAIT_IN_BLOCK = """
-#if defined(__CUDA_ARCH__)
-    __syncthreads();
-#endif
-"""
-
-
-@wp.func_native(WAIT_IN_BLOCK)
-def wait_in_block():
-    """Wait until all threads of the block have reached this call; their writes are then visible."""
-    ...
 
 
 @functools.cache

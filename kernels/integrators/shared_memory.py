@@ -8,9 +8,9 @@ import warp as wp
 from ..basis import kernel
 from ..places import Place, arrays_of, shifts
 from ..springs import COLUMN
+from ..threads import wait_in_block
 from .composition import Composition, loads, tools
 from .enter_world import enter_world
-from .persistent import wait_in_block
 
 MOST_BYTES = 44 * 1024
 """Every GPU gives a block 48 KB of shared memory by default, of which Warp uses 4 bytes per thread."""

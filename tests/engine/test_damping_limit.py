@@ -117,7 +117,12 @@ def test_each_world_limits_as_if_it_were_alone(plain_device):
     high = box((3, 3, 2), 0.1, mass=0.001, stiffness=200.0, damping=0.002).translate((0.02, 0.01, 0.14))
     scene = low + high.rotate(0.2, axis=(1, 2, 0)).with_velocity((0.0, 0.0, -1.0))
     dampers = np.stack([scene.damping, 200.0 * scene.damping])
-    options = {"contact": Contact(restitution=0.5), "device": plain_device, "substeps": 80}
+    options = {
+        "contact": Contact(restitution=0.5),
+        "device": plain_device,
+        "substeps": 80,
+        "force_algorithm": "gather",
+    }
     ensemble = Ensemble(scene, 2, damping=dampers, **options)
     assert ensemble.assembly.body_contact.limiting.tolist() == [True, False]
     ensemble.step(6)

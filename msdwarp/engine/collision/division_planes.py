@@ -125,8 +125,9 @@ class DivisionPlanes(Effect):
         model, neighbors, steps = self._model, self.neighbors, self.steps
         if len(self.pairs.driven):
             outputs = [after.x, after.v]
-            inputs = [self.pairs, before.x, steps.dt, self._least_gap]
-            wp.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs, device=model.device)
+            threads = len(self.pairs.driven) if model.device.is_cuda else 1
+            inputs = [self.pairs, before.x, steps.dt, self._least_gap, threads]
+            wp.launch(catch_up(model.scalar), threads, inputs, outputs, device=model.device)
         measured = [self._contact, self.pairs, before.x, after.x, self._least_gap, self._apart, substep + 1]
         kernel = measure_pairs(model.scalar, model.in_worlds)
         neighbors.share(kernel, len(self.pairs.vertices), measured, [], PAIR_THREADS)

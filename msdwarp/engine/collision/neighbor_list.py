@@ -219,16 +219,21 @@ class NeighborList:
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and make room for all."""
         self.place(x, v, None)
-        self._begin(0.0)
         self._find_rows_with_room()
+
+    def _launch(self, kernel: Any, many: int, inputs: list, outputs: list) -> None:
+        """Launch a kernel whose threads share `many` items: on a GPU a thread for each, on the CPU one in all."""
+        device = self._model.device
+        threads = many if device.is_cuda else 1
+        wp.launch(kernel, threads, [*inputs, threads], outputs, device=device)
 
     def _begin(self, after: float) -> None:
         """Launch the start of a search: the boxes around facets, pieces, groups and bodies."""
         model, tree, given = self._model, self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
-        wp.launch(begin_search(model.scalar, model.in_worlds), many, [*given, after], device=model.device)
+        self._launch(begin_search(model.scalar, model.in_worlds), many, [*given, after], [])
         kernel = box_facets(model.scalar, self.lanes, model.in_worlds)
-        wp.launch(kernel, self.lanes * len(tree.piece), given, device=model.device)
+        self._launch(kernel, self.lanes * len(tree.piece), given, [])
         if self._bodies is not None:
             self._bodies.refit()
 
@@ -237,15 +242,14 @@ class NeighborList:
         self._begin(after)
         self._find_rows(frame_begins)
         if not self._model.in_worlds:  # bodies of different worlds have no common drift
-            device = self._model.device
-            threads = min(self._points, MOST_THREADS) if device.is_cuda else 1
             kernel = range_of_speeds(self._model.scalar, self.lanes)
-            wp.launch(kernel, threads, [self._contact, threads], device=device)
+            self._launch(kernel, min(self._points, MOST_THREADS), [self._contact], [])
 
     def _find_rows_with_room(self) -> None:
         """List the facets near each point, and repeat with more room until all fit."""
         while True:
             self.flags.zero_()
+            self._begin(0.0)
             self._find_rows()
             found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
             longest, body_pairs, pairs = found[[LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]].astype(int)
@@ -257,9 +261,9 @@ class NeighborList:
         """Launch the search of the facets near each point, by the current bounding boxes, and of near pairs."""
         contact, tree, many, model = self._contact, self.tree, len(self.tree.body_lower), self._model
         by_tree, around, lanes = self._bodies is not None, [self._around, self.buffer], self.lanes
-        inputs = [contact, tree, self._bodies.id if by_tree else 0, *around, self.flags]
+        inputs = [contact, tree, self._bodies.id if by_tree else 0, *around]
         kernel = box_neighbours(model.scalar, 0 if by_tree else lanes, model.in_worlds)
-        wp.launch(kernel, many if by_tree else lanes * many, inputs, device=model.device)
+        self._launch(kernel, many if by_tree else lanes * many, inputs, [self.flags])
         self.share(find_candidates(model.scalar, model.in_worlds), self._points, [contact, tree], [])
         kernel = find_rows(model.scalar, lanes, model.in_worlds)
         self.share(kernel, lanes * self._points, [contact, tree, *around], [self.flags], block=BLOCK)
