@@ -15,3 +15,11 @@ def kernel(function, **options):
     Kernels with equal source code and equal terms share one cache entry.
     """
     return wp.kernel(function, module="unique", enable_backward=False, **options)
+
+
+def as_function(of):
+    """Return the text of a kernel as a function that other kernels can call.
+
+    The text must have no `wp.tid`, but `grid_thread`.
+    """
+    return wp.func(of.func)

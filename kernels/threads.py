@@ -4,7 +4,7 @@ import warp as wp
 
 GRID_THREAD = """
 #if defined(__CUDA_ARCH__)
-    return int(blockIdx.x * blockDim.x + threadIdx.x);
+    return static_cast<wp::int32>(blockIdx.x * blockDim.x + threadIdx.x);
 #else
     return 0;
 #endif

@@ -45,7 +45,12 @@ from .history import (
     SPEED as SPEED,
 )
 from .lanes import BLOCK as BLOCK, BLOCKS as BLOCKS, FEW_ON_GPU as FEW_ON_GPU, ON_GPU as ON_GPU
-from .near_pairs import NearPairs as NearPairs, find_pairs as find_pairs, find_tangles as find_tangles
+from .near_pairs import (
+    NearPairs as NearPairs,
+    clear_pairs as clear_pairs,
+    find_pairs as find_pairs,
+    find_tangles as find_tangles,
+)
 from .nearest_point import nearest_on_triangle as nearest_on_triangle
 from .neighbor_search import (
     find_candidates as find_candidates,

@@ -77,6 +77,24 @@ def NearPairs(scalar: type):
 
 
 @functools.cache
+def clear_pairs(scalar: type):
+    """Compose the kernel that empties the list of pairs, before `find_pairs`; its threads share the particles."""
+    Pairs = NearPairs(scalar)
+
+    @kernel
+    def clear(pairs: Pairs, threads: int):
+        i = grid_thread()
+        if i == 0:
+            pairs.count[0] = 0
+            pairs.particle_count[0] = 0
+        while i < pairs.in_pair.shape[0]:
+            pairs.in_pair[i] = 0
+            i += threads
+
+    return clear
+
+
+@functools.cache
 def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
     """Compose the kernel that lists the near pairs: those that may come too near before the next search.
 

@@ -285,7 +285,7 @@ def range_of_speeds(scalar: type, lanes: int):
 
     Its threads share these points; `lanes` of them combine their results.
     """
-    Data, least_of = BodyContactData(scalar), least_of_lanes(wp.float32, lanes)
+    Data, least_of = BodyContactData(scalar, False), least_of_lanes(wp.float32, lanes)
     place_of = places(scalar)[0]
 
     @wp.func

@@ -30,6 +30,11 @@ from .implicit import (
     mass_product as mass_product,
 )
 from .persistent import MOST_THREADS as MOST_THREADS, persistent as persistent
+from .persistent_contact import (
+    ContactNumbers as ContactNumbers,
+    ContactParts as ContactParts,
+    persistent_contact as persistent_contact,
+)
 from .runge_kutta import chebyshev as chebyshev, rk4 as rk4
 from .shared_memory import MOST_BYTES as MOST_BYTES, on_chip_worlds as on_chip_worlds
 from .stages import (

@@ -108,7 +108,7 @@ class BodyContact(WithHistory):
         if not on_host.closed.all():  # closed bodies have no near pairs with each other
             self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
         self.neighbors = NeighborList(model, surfaces, data, each, self.planes, thickest)
-        self._flags, self._nowhere = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
+        self._flags, self.nothing = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found, self._noted = self._flags, data.tunnelling
         if device.is_cuda:
             self._found, self._noted = (
@@ -131,6 +131,16 @@ class BodyContact(WithHistory):
     def limits_dampers(self) -> bool:
         """Whether dampers of contacts limit themselves, in methods whose velocities lag."""
         return bool(self.limiting.any())
+
+    @property
+    def limits_now(self) -> bool:
+        """Whether dampers limit themselves in the frames that `begin` has prepared."""
+        return self._limited
+
+    @property
+    def on_device(self) -> tuple[Any, Any]:
+        """The structs that kernels of contact take: all data, and the tree of facets."""
+        return self._data, self.neighbors.tree
 
     def _worth_limiting(self) -> NDArray[np.bool_]:
         """Return for which rows of worlds limited dampers allow a much longer step, shape [rows].
@@ -226,7 +236,7 @@ class BodyContact(WithHistory):
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the contact forces for positions x and velocities v."""
         lag = self._dt if self.steps.lagging else 0.0
-        self._evaluate(False, [self._dt if begins else 0.0, lag], [self._nowhere, self._nowhere])
+        self._evaluate(False, [self._dt if begins else 0.0, lag], [self.nothing, self.nothing])
 
     def _evaluate(self, measuring: bool, times: list[float], sums: list[wp.array]) -> None:
         """Launch a kernel over the active points, which exerts contact forces or, if `measuring`, sums energies.

@@ -12,6 +12,7 @@ from ...kernels.collision import (
     PHASES,
     NearPairs,
     catch_up,
+    clear_pairs,
     find_pairs,
     find_tangles,
     keep_apart,
@@ -63,7 +64,7 @@ class DivisionPlanes(Effect):
         """Whether anything crossed at the start, or was inside another body."""
         thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
         thickness = float(thick[thick > 0].min(initial=thick.max()))  # the least at which anything touches
-        self._least_gap, self._apart = LEAST_GAP * thickness, APART * thickness
+        self.least_gap, self.apart = LEAST_GAP * thickness, APART * thickness
         scalar, device = model.scalar, model.device
         data = self.pairs = NearPairs(scalar)()
         edge, bare, of_facet = edges(on_host)
@@ -87,7 +88,7 @@ class DivisionPlanes(Effect):
             data.contact_impulse = impulse
         data.restitution = wp.array(rules.restitution, dtype=scalar, device=device)
         heaviest = float(mass[np.isfinite(mass)].max(initial=0.0))
-        self._per_unit = 1.0 / unit_of_sums(heaviest * thickness)
+        self.per_unit = 1.0 / unit_of_sums(heaviest * thickness)
         self._give_room(ROOM * model.worlds * (vertices + len(edge)))
 
     def find(self, frame_begins: bool) -> None:
@@ -96,13 +97,13 @@ class DivisionPlanes(Effect):
         Surfaces that still cross since the start are found only where a frame begins.
         """
         data, model, neighbors = self.pairs, self._model, self.neighbors
-        for array in (data.count, data.particle_count, data.in_pair):
-            array.zero_()
+        threads = len(data.in_pair) if model.device.is_cuda else 1
+        wp.launch(clear_pairs(model.scalar), threads, [data, threads], device=model.device)
         if self.tangles and frame_begins:
             self._find_tangles()
         many = len(self._contact.surfaces.x) + len(data.edge)
         kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, model.in_worlds)
-        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self._apart]
+        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.apart]
         neighbors.share(kernel, neighbors.lanes * many, inputs, [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
@@ -126,9 +127,9 @@ class DivisionPlanes(Effect):
         if len(self.pairs.driven):
             outputs = [after.x, after.v]
             threads = len(self.pairs.driven) if model.device.is_cuda else 1
-            inputs = [self.pairs, before.x, steps.dt, self._least_gap, threads]
+            inputs = [self.pairs, before.x, steps.dt, self.least_gap, threads]
             wp.launch(catch_up(model.scalar), threads, inputs, outputs, device=model.device)
-        measured = [self._contact, self.pairs, before.x, after.x, self._least_gap, self._apart, substep + 1]
+        measured = [self._contact, self.pairs, before.x, after.x, self.least_gap, self.apart, substep + 1]
         kernel = measure_pairs(model.scalar, model.in_worlds)
         neighbors.share(kernel, len(self.pairs.vertices), measured, [], PAIR_THREADS)
         self._keep_apart(before, after, substep)
@@ -141,7 +142,7 @@ class DivisionPlanes(Effect):
         blocks = CLUSTER if small and device.is_cuda and device.arch >= 90 else 1
         threads = (blocks * MOST_THREADS if small else PAIR_THREADS) if device.is_cuda else 1
         kernel = keep_apart(model.scalar, blocks, model.in_worlds)
-        inputs = [self._contact, self.pairs, before.x, self.steps.dt, self._per_unit, self._apart, model.stride]
+        inputs = [self._contact, self.pairs, before.x, self.steps.dt, self.per_unit, self.apart, model.stride]
         outputs = [after.x, after.v, neighbors.flags]
 
         def launch(part: int, parts: int) -> None:

@@ -216,6 +216,11 @@ class NeighborList:
         """Let the next evaluation of forces make new lists: positions have been changed."""
         self.data.due.fill_(FORCED)
 
+    @property
+    def margins(self) -> tuple[float, float, float]:
+        """Numbers of kernels: `more` and `beyond` of placing, and the largest distance of any contact [m]."""
+        return self._more, self._farthest_way, self._around
+
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and make room for all."""
         self.place(x, v, None)

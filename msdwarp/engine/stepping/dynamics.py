@@ -305,6 +305,13 @@ class Dynamics:
         return any(piece.drive is not None for piece in self.composition.pieces)
 
     @property
+    def only_contact_precedes(self) -> bool:
+        """Whether contact between bodies, without sums of its forces, is all that is launched beside the stages."""
+        effect = self.assembly.body_contact
+        alone = effect is not None and self._preceding == [effect] and effect.impulse is None
+        return alone and all(one is effect.planes for one in self._ending)
+
+    @property
     def launches_before_forces(self) -> bool:
         """Whether any effect launches something before forces."""
         return bool(self._preceding)

@@ -8,6 +8,7 @@ import warp as wp
 from ... import checks
 from ...kernels.integrators import MOST_THREADS
 from ..model.state import State
+from .contact_launch import ContactLaunch, contact_launch
 from .dynamics import Dynamics
 from .persistent import CLUSTER, launch_persistent, persistent_blocks
 from .shared_memory import Chip, on_chip
@@ -60,9 +61,14 @@ class Stepper:
         both = [one for substep in self._substeps for one in substep]
         stages_only = [one for one in both if isinstance(one, Stage)]
         launches_between = after_substep is not None or dynamics.launches_before_forces
-        one_launch = len(stages_only) == len(both) and not launches_between
+        single = len(stages_only) == len(both)
+        one_launch = single and not launches_between
         self.blocks: tuple[int, int] | None = blocks if one_launch else None
         """Blocks, and threads per block, of the single launch; None for a launch per stage."""
+        self.contact: ContactLaunch | None = None
+        """Launches whole frames of small bodies in contact; None if that is not possible."""
+        if chosen and single and not one_launch and after_substep is None:
+            self.contact = contact_launch(dynamics, stages_only, len(stages_only) // 2)
         if self.blocks is None and not (model.in_worlds and one_launch and chosen):
             return
         self._method, self._per_substep = stages_only[0].method, len(stages_only) // 2
@@ -78,7 +84,11 @@ class Stepper:
 
     def take(self, substeps: int, first: int = 0) -> None:
         """Take substeps from number `first` of a frame on. The new state is in the arrays that had the old one."""
-        if self.blocks is None:
+        if self.contact is not None:
+            self.contact.launch(substeps, first)
+            if substeps % 2:
+                self._state.flip()
+        elif self.blocks is None:
             for k in range(substeps):
                 self._dynamics.begin_substep(self._state, first + k)
                 for stage in self._substeps[k % 2]:

@@ -1,0 +1,262 @@
+"""Many substeps in one launch for small bodies in contact: the kernels of contact are parts of one kernel."""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import as_function, kernel, vector
+from ..collision import (
+    PHASES,
+    BodyContactData,
+    FacetTree,
+    NearPairs,
+    begin_search,
+    box_facets,
+    box_neighbours,
+    catch_up,
+    clear_pairs,
+    count_contacts,
+    evaluate_contact,
+    evaluate_segments_and_spheres,
+    find_candidates,
+    find_pairs,
+    find_rows,
+    keep_apart,
+    measure_pairs,
+    place_vertices,
+    range_of_speeds,
+)
+from ..places import arrays_of, on_device
+from ..threads import grid_thread, wait
+from .composition import Composition, beginning, by_first_lane, tools
+from .persistent import MOST_THREADS
+
+SEARCH_LANES = 8
+"""Threads that share a point in a search: a cluster has too few for more."""
+
+
+class ContactParts(NamedTuple):
+    """What a kernel with contact is composed from."""
+
+    triangles: bool
+    """Whether any body has triangles: otherwise there are only segments and spheres."""
+    overlapping_at_start: bool
+    limited: bool
+    """Whether dampers of contacts are limited."""
+    planes: bool
+    """Whether near pairs are kept apart."""
+    lanes: int
+    """Threads that share a point where forces are evaluated."""
+
+
+@functools.cache
+def ContactNumbers(scalar: type):
+    """Compose the struct of the numbers that the parts take, named as there."""
+
+    @wp.struct
+    class ContactNumbers:
+        h: scalar  # length of a substep [s]
+        behind: scalar
+        per_unit: wp.float64
+        ahead: float
+        more: float
+        beyond: float
+        farthest: scalar
+        least: scalar
+        apart: scalar
+        per_unit_of_impulse: wp.float64
+        particles: int
+
+    return ContactNumbers
+
+
+@functools.cache
+def search_in_launch(scalar: type, planes: bool):
+    """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists where vertices are now."""
+    Data, Pairs, Numbers, lanes = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar), SEARCH_LANES
+    begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
+    box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
+    candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))
+    near, speeds = as_function(find_pairs(scalar, False, lanes)), as_function(range_of_speeds(scalar, lanes))
+
+    @wp.func
+    def search(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        numbers: Numbers,
+        buffer: wp.array(dtype=scalar),
+        flags: wp.array(dtype=float),
+        threads: int,
+    ):
+        begin(data, tree, 0.0, threads)
+        if wp.static(planes):
+            clear(pairs, threads)
+        wait()
+        box(data, tree, threads)
+        wait()
+        neighbours(data, tree, wp.uint64(0), numbers.farthest, buffer, threads, flags)
+        wait()
+        candidates(data, tree, threads, 0, 1)
+        wait()
+        rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
+        if wp.static(planes):
+            near(data, tree, pairs, buffer, numbers.apart, threads, 0, 1, flags)
+        wait()
+        speeds(data, threads)
+        wait()
+
+    return search
+
+
+@functools.cache
+def persistent_contact(composition: Composition, method: Any, parts: ContactParts, blocks: int):
+    """Compose the kernel that takes many substeps of one stage, with the forces of contact, in one launch.
+
+    It is for a single world on a GPU, whose threads form a cluster of `blocks` blocks. `steps` has two substeps.
+    """
+    dim, scalar, V = composition.dim, composition.scalar, vector(composition.dim, composition.scalar)
+    _, SceneData, *_ = tools(composition)
+    Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
+    begin, masked_particles = beginning(composition), bool(composition.selective)
+    moving, timed, planes = composition.collider_term.moving, composition.timed, parts.planes
+    force_at, lanes = composition.force_algorithm.force_at, composition.force_algorithm.lanes
+    Step = method(composition).Step
+    advance, load = by_first_lane(composition, method)
+    say_where = on_device(Step, arrays_of(Step, composition.compensated))
+    place = as_function(place_vertices(dim, scalar, composition.compensated))
+    search, composed = search_in_launch(scalar, planes), (scalar, parts.overlapping_at_start, parts.lanes)
+    if parts.triangles:
+        count_touches = as_function(count_contacts(*composed))
+        evaluate = as_function(evaluate_contact(*composed, False, parts.limited))
+    else:
+        count_touches, evaluate = None, as_function(evaluate_segments_and_spheres(*composed))
+    follow, measure = as_function(catch_up(scalar)), as_function(measure_pairs(scalar))
+    keep = as_function(keep_apart(scalar, blocks))
+
+    @wp.func
+    def place_all(
+        data: Data,
+        tree: FacetTree,
+        numbers: Numbers,
+        buffer: wp.array(dtype=scalar),
+        flags: wp.array(dtype=float),
+        step: Step,
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        ahead: float,
+        threads: int,
+    ):
+        dt = float(numbers.h)
+        lost = step.compensation
+        place(data, tree, lost, x, v, 0.0, dt, ahead, buffer, numbers.more, numbers.beyond, threads, 0, 1, flags)
+
+    @wp.func
+    def exert_contacts(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        numbers: Numbers,
+        buffer: wp.array(dtype=scalar),
+        flags: wp.array(dtype=float),
+        none: wp.array(dtype=wp.float64),
+        step: Step,
+        threads: int,
+    ):
+        place_all(data, tree, numbers, buffer, flags, step, step.x, step.v, numbers.ahead, threads)
+        wait()
+        due = data.neighbors.due[0]
+        wait()  # all have read it
+        if due != 0:
+            search(data, tree, pairs, numbers, buffer, flags, threads)
+        h = numbers.h
+        behind = numbers.behind
+        per_unit = numbers.per_unit
+        if wp.static(parts.limited):
+            count_touches(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
+            wait()
+        evaluate(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
+        wait()
+
+    @wp.func
+    def keep_pairs_apart(
+        data: Data,
+        pairs: Pairs,
+        numbers: Numbers,
+        flags: wp.array(dtype=float),
+        step: Step,
+        substep: int,
+        threads: int,
+    ):
+        if pairs.driven.shape[0] > 0:
+            follow(pairs, step.x, numbers.h, numbers.least, threads, step.x_out, step.v_out)
+            wait()
+        measure(data, pairs, step.x, step.x_out, numbers.least, numbers.apart, substep, threads, 0, 1)
+        wait()
+        keep(
+            data,
+            pairs,
+            step.x,
+            numbers.h,
+            numbers.per_unit_of_impulse,
+            numbers.apart,
+            numbers.particles,
+            substep,
+            0,
+            wp.static(PHASES - 1),
+            threads,
+            step.x_out,
+            step.v_out,
+            flags,
+        )
+        wait()
+
+    def take_substeps(
+        scene: SceneData,
+        steps: wp.array(dtype=Step),
+        count: int,
+        connection_count: int,
+        threads: int,
+        substep: int,  # the first one, from 1 in each frame
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        numbers: Numbers,
+        buffer: wp.array(dtype=scalar),
+        flags: wp.array(dtype=float),
+        none: wp.array(dtype=wp.float64),  # empty
+    ):
+        thread = grid_thread()
+        if wp.static(moving):
+            first = int(scene.colliders.substep)
+        if wp.static(timed):
+            first_stage = int(scene.stage)
+        for k in range(count):
+            step = steps[k % 2]
+            say_where(step)
+            if wp.static(timed):
+                scene.stage = first_stage + k
+            if wp.static(moving):
+                scene.colliders.substep = first + k
+            if wp.static(begin is not None):
+                c = thread
+                while c < connection_count:
+                    begin(scene, step.compensation, step.x, c)
+                    c += threads
+            exert_contacts(data, tree, pairs, numbers, buffer, flags, none, step, threads)
+            i = thread / wp.static(lanes)
+            while i < scene.inverse_mass.shape[0]:
+                force = force_at(scene.forces, step.compensation, step.x, step.v, i)
+                mask = wp.uint8(0)
+                if wp.static(masked_particles):
+                    mask = scene.effect_mask[i]
+                advance(scene, step, force + load(scene, step.compensation, step.x, step.v, i, mask), i)
+                i += threads / wp.static(lanes)
+            wait()
+            if wp.static(planes):
+                keep_pairs_apart(data, pairs, numbers, flags, step, substep + k, threads)
+                if k == count - 1:
+                    place_all(data, tree, numbers, buffer, flags, step, step.x_out, step.v_out, 0.0, threads)
+
+    return kernel(take_substeps, launch_bounds=MOST_THREADS, cluster_dim=blocks)

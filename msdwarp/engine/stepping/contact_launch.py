@@ -1,0 +1,84 @@
+"""ContactLaunch: takes the substeps of small bodies in contact in one launch, by a cluster of blocks of a GPU."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ...kernels.collision import FEW_ON_GPU, ON_GPU, NearPairs
+from ...kernels.integrators import MOST_THREADS, ContactNumbers, ContactParts, persistent_contact
+from ..collision.body_contact import BodyContact
+from ..collision.neighbor_list import AHEAD
+from .dynamics import Dynamics
+from .persistent import CLUSTER
+from .stages import Stage
+
+MOST_POINTS, MOST_PARTICLES, MOST_PAIRS = 2**13, 2**11, 2**15
+"""With more points, particles, or room for near pairs, launches that fill the whole GPU are faster."""
+MOST_BODIES = 2**8
+"""With more bodies their pairs take a cluster too long."""
+
+
+class ContactLaunch:
+    """Launches `persistent_contact`: the stages, the forces of contact, searches and division planes in one kernel.
+
+    The kernel's parts are those that are launched one by one otherwise.
+    """
+
+    def __init__(self, dynamics: Dynamics, effect: BodyContact, stages: Sequence[Stage]) -> None:
+        self._dynamics, self._effect, self._method = dynamics, effect, stages[0].method
+        model, self._kept = dynamics.model, [one.step(dynamics.composition) for one in stages]
+        Step = self._method(dynamics.composition).Step
+        self._steps = wp.array(self._kept, dtype=Step, device=model.device)
+        self._no_pairs = NearPairs(model.scalar)()
+
+    def launch(self, substeps: int, first: int) -> None:
+        """Take substeps from number `first` of a frame on."""
+        dynamics, effect = self._dynamics, self._effect
+        model, composition, neighbors, planes = (
+            dynamics.model,
+            dynamics.composition,
+            effect.neighbors,
+            effect.planes,
+        )
+        dynamics.go_to_substep(first)
+        numbers: Any = ContactNumbers(model.scalar)()
+        h = effect.steps.dt
+        numbers.h, numbers.behind, numbers.per_unit = h, h if effect.steps.lagging else 0.0, 1.0 / effect.data.unit
+        numbers.more, numbers.beyond, numbers.farthest = neighbors.margins
+        numbers.particles = model.stride
+        pairs = self._no_pairs
+        if planes is not None:
+            pairs, numbers.ahead = planes.pairs, AHEAD * h
+            numbers.least, numbers.apart = planes.least_gap, planes.apart
+            numbers.per_unit_of_impulse = planes.per_unit
+        lanes = ON_GPU if effect.surfaces.triangles else FEW_ON_GPU
+        parts = ContactParts(
+            effect.surfaces.triangles,
+            effect.history.overlapping_at_start,
+            effect.limits_now,
+            planes is not None,
+            lanes,
+        )
+        kernel, threads = persistent_contact(composition, self._method, parts, CLUSTER), CLUSTER * MOST_THREADS
+        inputs = [dynamics.scene, self._steps, substeps, model.connection_count, threads, first + 1]
+        inputs += [*effect.on_device, pairs, numbers, neighbors.buffer, neighbors.flags, effect.nothing]
+        wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
+
+
+def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int) -> ContactLaunch | None:
+    """Return the launch of whole frames, or None if the scene is too large for it or has other effects."""
+    model, effect, algorithm = dynamics.model, dynamics.assembly.body_contact, dynamics.composition.force_algorithm
+    if effect is None or model.in_worlds or not model.device.is_cuda or model.device.arch < 90 or per_substep != 1:
+        return None
+    if not dynamics.only_contact_precedes or algorithm.evaluate is not None or algorithm.tears:
+        return None
+    planes, neighbors, Step = effect.planes, effect.neighbors, stages[0].method(dynamics.composition).Step
+    if planes is not None and (planes.tangles or model.compensated or "v_half" in Step.vars):
+        return None
+    rooms = len(planes.pairs.vertices) if planes is not None else 0
+    sizes = effect.shared_points, model.particle_count, rooms, len(neighbors.tree.body_lower)
+    if np.greater(sizes, (MOST_POINTS, MOST_PARTICLES, MOST_PAIRS, MOST_BODIES)).any():
+        return None
+    return ContactLaunch(dynamics, effect, stages)
