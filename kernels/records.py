@@ -100,3 +100,37 @@ def records(dim: int, scalar: type) -> Records:
             wp.atomic_add(x, i, value)
 
     return Records(load, store, add)
+
+
+ENTRY = """
+#if defined(__CUDA_ARCH__)
+    return __ldg(values.data + i);
+#else
+    return values.data[i];
+#endif
+"""
+ENTRY_OF_VECTORS = """
+#if defined(__CUDA_ARCH__)
+    {kind} value;
+    for (int k = 0; k < {length}; ++k)
+        value.c[k] = __ldg(values.data[i].c + k);
+    return value;
+#else
+    return values.data[i];
+#endif
+"""
+
+
+@functools.cache
+def table(kind: type) -> Any:
+    """Compose wp.func (values, i) -> values[i], for values that no kernel changes while it runs.
+
+    On a GPU they stay in the multiprocessor's cache at barriers, which a kernel of many substeps has.
+    """
+    length = getattr(kind, "_length_", 1)
+    text = ENTRY if length == 1 else ENTRY_OF_VECTORS.format(kind=f"wp::vec_t<{length}, wp::int32>", length=length)
+
+    @wp.func_native(text)
+    def entry(values: wp.array(dtype=kind), i: int) -> kind: ...
+
+    return entry

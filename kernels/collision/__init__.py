@@ -19,6 +19,7 @@ from .contact_data import (
     STORED as STORED,
     WAY as WAY,
     BodyContactData as BodyContactData,
+    Pair as Pair,
     body_contact_term as body_contact_term,
 )
 from .division_planes import (

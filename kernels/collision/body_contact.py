@@ -17,13 +17,14 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..records import table
 from .contact_data import STORED, BodyContactData, Substep
 from .force_sums import exert_force
 from .history import displacements, memories, note_tunnelling
 from .lanes import each_active_point, wait_for_lanes
 from .law import TANGENTIAL, contact_law, damping_limits
 from .nearest_facet import facing, nearest_facets
-from .pairs import FAR, NONE, Pair, next_in_order, pair_with, pairs, places, points, unit_normal
+from .pairs import FAR, NONE, Pair, next_in_order, places, points, unit_normal
 
 
 @functools.cache
@@ -62,11 +63,12 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
+    Memory = memories(scalar, worlds)[0]
     Nearest = nearest_facets(scalar, lanes, worlds)[0]
     (place_of, place_on, _), normal_of = places(scalar), unit_normal(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    moved_along, note = displacements(scalar), note_tunnelling(scalar)
-    thickness_of, exert = pairs(scalar, worlds)[1], exert_force(scalar, lanes)
+    moved_along, note = displacements(scalar, worlds)[1], note_tunnelling(scalar)
+    exert, number_of = exert_force(scalar, lanes), table(scalar)
     facing_of, load = facing(scalar, lanes), damping_limits(scalar, lanes)[1]
     zero, half, tangential, far = scalar(0.0), scalar(0.5), scalar(TANGENTIAL), scalar(FAR)
 
@@ -79,6 +81,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         nearest: Nearest,
         gap: scalar,  # [m]
         normal: V,
+        past: Memory,  # what the point remembers
         step: Step,
         flags: wp.array(dtype=float),
     ):
@@ -91,18 +94,15 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
         mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
         for k in range(3):
-            mobility += nearest.w[k] * nearest.w[k] * data.surfaces.mobility[nearest.corner[k]]
-        thickness = thickness_of(data, pair.rule, pair.mine, pair.other)
-        overlap = thickness - gap
+            mobility += nearest.w[k] * nearest.w[k] * number_of(data.surfaces.mobility, nearest.corner[k])
+        overlap = pair.thickness - gap
         if wp.static(overlapping_at_start):
             overlap = overlap - data.history.initial_overlap[p]
         bears = overlap > zero and mobility > zero
         if bears:
-            bodies = data.history.contact_body
-            displacement = data.history.tangential_displacement
-            before = moved_along(bodies, displacement, p, pair.other)
+            before = moved_along(past, pair.other)
             faces = scalar(1.0)
-            if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
+            if pair.closed != 0:
                 faces = facing_of(
                     data.surfaces.first_facet,
                     data.surfaces.facet,
@@ -131,7 +131,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                     lane,
                 )
             k_n, f_n, f_t, moved, u_n, slides = press(
-                data, pair, mobility, overlap, normal, faces, strongest, u, before, step
+                pair, mobility, overlap, normal, faces, strongest, u, before, step
             )
             if wp.static(measuring):
                 k_t = tangential * k_n
@@ -150,9 +150,9 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                     record(data, p, pair.mine, k_n, overlap, step, flags)
                 if lane == 0 and step.h > zero and both_closed(data.surfaces.closed, pair.mine, pair.other):
                     # The vertex of a point has as much force from each of its other points.
-                    u_n += step.h * f_n * mobility / data.surfaces.density[pair.mine]
+                    u_n += step.h * f_n * mobility / pair.density
                     least = zero
-                    if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
+                    if pair.closed != 0:
                         least = -pair.reach
                     if wp.static(overlapping_at_start):
                         least = least - data.history.initial_overlap[p]
@@ -167,7 +167,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
         u_n = wp.dot(u, away) / gap
         least = zero
-        if data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other:
+        if pair.closed != 0:
             least = -pair.reach
             if wp.dot(away, normal_of(data.surfaces.x, nearest.corner)) < zero:
                 u_n = zero  # already inside, too deep to be pushed out
@@ -183,8 +183,7 @@ def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
     It stores the nearest facets of the first bodies of each point, so that they need not be found again.
     """
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
-    place_on, pair_of = places(scalar)[1], pair_with(scalar, worlds)
-    point_of, thickness_of = points(scalar, worlds)[1], pairs(scalar, worlds)[1]
+    place_on, point_of = places(scalar)[1], points(scalar, worlds)[1]
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
     count, Side = damping_limits(scalar, lanes)[0], wp.types.vector(4, scalar)
     zero, far = scalar(0.0), scalar(FAR)
@@ -203,14 +202,14 @@ def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds:
         first = int(0)
         slot = int(0)
         while first < data.neighbors.candidate_count[p]:
-            pair = pair_of(data, point.body, data.neighbors.candidate_body[p, first])
+            pair = data.neighbors.pairs[point.body, data.neighbors.candidate_pair[p, first]]
             nearest = find_nearest(data, point, lane, pair, first, step.buffer)
             side = Side(zero, zero, zero, far)
             if nearest.squared < pair.reach * pair.reach:
                 away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
                 gap, normal = separate(data, point, lane, pair, nearest, away, step.buffer)
                 side = Side(normal[0], normal[1], normal[2], gap)
-                overlap = thickness_of(data, pair.rule, pair.mine, pair.other) - gap
+                overlap = pair.thickness - gap
                 if wp.static(overlapping_at_start):
                     overlap -= data.history.initial_overlap[p]
                 if overlap > zero:
@@ -231,12 +230,11 @@ def _each_point(
     scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool, limited: bool
 ):
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
-    place_on, pair_of = places(scalar)[1], pair_with(scalar, worlds)
-    point_of = points(scalar, worlds)[1]
+    place_on, point_of, held = places(scalar)[1], points(scalar, worlds)[1], displacements(scalar, worlds)[0]
     Nearest, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
     bear, note_fast = bearing(scalar, overlapping_at_start, measuring, lanes, worlds, limited)
     _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
-    wait = wait_for_lanes(lanes)
+    wait, corner_of = wait_for_lanes(lanes), table(wp.vec3i)
     V, zero, far, counted = vector(3, scalar), scalar(0.0), scalar(FAR), limited and not measuring
 
     @wp.func
@@ -252,15 +250,16 @@ def _each_point(
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
         memory = no_memory()
+        past = held(data, p)  # read early: on a GPU the latencies of such reads overlap
         point = point_of(data, p)
         n = data.neighbors.candidate_count[p]
         first = int(0)
         slot = int(0)
         if wp.static(measuring):  # sums of floats depend on their order
-            first = next_in_order(data.neighbors.candidate_body, p, n, -1)
+            first = next_in_order(data.neighbors.candidate_pair, data.neighbors.body_pairs, p, point.body, n, -1)
         while first < n:
             # The facets of one body are adjacent in the row; the nearest one counts.
-            pair = pair_of(data, point.body, data.neighbors.candidate_body[p, first])
+            pair = data.neighbors.pairs[point.body, data.neighbors.candidate_pair[p, first]]
             nearest = Nearest()
             gap = far
             normal = V()
@@ -274,7 +273,7 @@ def _each_point(
                     nearest.facet = data.contacts.facet[slot, p]
                     nearest.until = data.contacts.until[slot, p]
                     nearest.w = data.contacts.weights[slot, p]
-                    nearest.corner = data.surfaces.corner[nearest.facet % wp.static(NONE)]
+                    nearest.corner = corner_of(data.surfaces.corner, nearest.facet % wp.static(NONE))
             if not known:
                 nearest = find_nearest(data, point, lane, pair, first, step.buffer)
             away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
@@ -286,7 +285,7 @@ def _each_point(
             if nearest.squared < pair.reach * pair.reach:
                 if not known:
                     gap, normal = separate(data, point, lane, pair, nearest, away, step.buffer)
-                bears, moved, more, heat = bear(data, point, lane, pair, nearest, gap, normal, step, flags)
+                bears, moved, more, heat = bear(data, point, lane, pair, nearest, gap, normal, past, step, flags)
                 if bears:
                     energy += more
                     power += heat
@@ -296,7 +295,9 @@ def _each_point(
                     note_fast(data, point, pair, nearest, away, step.h)
             first = nearest.until
             if wp.static(measuring):
-                first = next_in_order(data.neighbors.candidate_body, p, n, pair.other)
+                first = next_in_order(
+                    data.neighbors.candidate_pair, data.neighbors.body_pairs, p, point.body, n, pair.other
+                )
         wait()  # the others have read the history, which is now written
         if lane == 0:
             if wp.static(measuring):

@@ -8,6 +8,7 @@ import warp as wp
 from ..basis import vector
 from ..compensation import compensated_sum
 from ..effect import ForceTerm
+from ..records import table
 
 MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, PAIRS, HELD_BACK = range(7)
 """Indices of flags: longest path of a vertex since the last search [m], and in a substep; longest row; most bodies
@@ -23,6 +24,27 @@ HISTORY = 2
 
 
 @functools.cache
+def Pair(scalar: type):
+    """Compose the struct of the body of a point and a body that the point may touch."""
+
+    @wp.struct
+    class Pair:
+        mine: int  # body of the point
+        other: int  # body of the facets
+        place: int  # in the row of body_pairs
+        rule: int
+        closed: int  # whether the other body is another one that has an inside
+        reach: scalar  # largest distance at which a facet pushes the point [m]
+        thickness: scalar  # distance at which contact begins [m]
+        stiffness: scalar  # of one point [N/m]
+        density: scalar  # vertices per point of the point's body
+        damping: scalar  # damping ratio
+        friction: scalar
+
+    return Pair
+
+
+@functools.cache
 def BodyContactData(scalar: type, worlds: bool = False):
     """Compose the struct of contact between bodies. Four owners on the host fill its parts.
 
@@ -30,7 +52,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
     its ends are the same) or lies on an edge. A facet is a triangle, for a rope a segment, for a grain a point.
     In an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
     """
-    V, Side = vector(3, scalar), wp.types.vector(4, scalar)
+    V, Side, PointAndBody = vector(3, scalar), wp.types.vector(4, scalar), Pair(scalar)
 
     @wp.struct
     class ContactSurfaces:
@@ -86,7 +108,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         due: wp.array(dtype=int)  # whether lists are invalid: NOT_DUE, DUE or FORCED, shape [1]
         # Rows of facets near points:
         candidates: wp.array2d(dtype=int)  # facets, grouped by body, shape [point_count, room]
-        candidate_body: wp.array2d(dtype=int)  # the body of each
+        candidate_pair: wp.array2d(dtype=int)  # its body, as an index in the row of body_pairs
         candidate_distance: wp.array2d(dtype=scalar)  # distance at the last search [m]
         candidate_count: wp.array(dtype=int)  # length of each row
         # Points:
@@ -98,6 +120,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         speeds: wp.array(dtype=wp.vec3)  # of active points by axis: max v and max −v [m/s], shape [2]
         # Bodies:
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
+        pairs: wp.array2d(dtype=PointAndBody)  # the numbers of each such pair
         body_pair_count: wp.array(dtype=int)  # length of each row
         if worlds:
             root_of_world: wp.array(dtype=int)  # root of each world's subtree in the tree of bodies
@@ -165,7 +188,7 @@ def first_flag(scalar: type, worlds: bool):
 @functools.cache
 def body_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the force term of contact between bodies: the vertices' forces, spread to their particles."""
-    V = vector(dim, scalar)
+    V, entry, weight_of = vector(dim, scalar), table(int), table(scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
 
     @wp.struct
@@ -182,11 +205,11 @@ def body_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
             scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
         ) -> V:
             total = V()
-            for s in range(scene.body_contact.first[i], scene.body_contact.first[i + 1]):
-                vertex = scene.body_contact.vertex[s]
+            for s in range(entry(scene.body_contact.first, i), entry(scene.body_contact.first, i + 1)):
+                vertex = entry(scene.body_contact.vertex, s)
                 for k in range(wp.static(dim)):
                     f = wp.float64(scene.body_contact.force[vertex, k]) * scene.body_contact.unit
-                    total[k] = total[k] + scene.body_contact.weight[s] * scalar(f)
+                    total[k] = total[k] + weight_of(scene.body_contact.weight, s) * scalar(f)
             return total
 
         return push

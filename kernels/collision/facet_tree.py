@@ -15,7 +15,7 @@ from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
 from .lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit
-from .pairs import pairs
+from .pairs import pair_with, pairs
 
 NEVER = 1e30
 """A speed that no point reaches [m/s], and a coordinate beyond all others [m]."""
@@ -240,14 +240,15 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
     threads share the bodies: `lanes` of them test all others of a world, or, if 0, one searches a tree of bodies.
     """
     Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
-    find_rule, first_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds)
+    find_rule, first_of, pair_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds), pair_with(scalar, worlds)
     lanes = max(lanes, 1)
     ballot, least_of = ballot_of_lanes(lanes), least_of_lanes(wp.float32, lanes)
 
     @wp.func
-    def list_pair(data: Data, i: int, j: int, at: int):
+    def list_pair(data: Data, rule: int, i: int, j: int, at: int):
         if at < data.neighbors.body_pairs.shape[1]:
             data.neighbors.body_pairs[i, at] = j
+            data.neighbors.pairs[i, at] = pair_of(data, rule, i, j, at)
 
     @wp.func
     def find_neighbours(
@@ -273,8 +274,9 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
             else:
                 near_bodies = wp.bvh_query_aabb(bodies, low, high)
             while wp.bvh_query_next(near_bodies, j):
-                if find_rule(data, i, j) >= 0:
-                    list_pair(data, i, j, count)
+                rule = find_rule(data, i, j)
+                if rule >= 0:
+                    list_pair(data, rule, i, j, count)
                     count += 1
                     wide = margin(tree.body_lower[j], tree.body_upper[j], around)
                     lower = wp.min(lower, tree.body_lower[j] - wide)
@@ -287,13 +289,13 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                 end = begin + data.surfaces.bodies_each
             for first in range(begin, end, wp.static(lanes)):
                 j = first + lane
-                hit = bool(False)
+                rule = int(-1)
                 if j < end:
                     if overlap(low, high, tree.body_lower[j], tree.body_upper[j]):
-                        hit = find_rule(data, i, j) >= 0
-                those = ballot(hit)
-                if hit:
-                    list_pair(data, i, j, count + count_before(those, lane))
+                        rule = find_rule(data, i, j)
+                those = ballot(rule >= 0)
+                if rule >= 0:
+                    list_pair(data, rule, i, j, count + count_before(those, lane))
                     wide = margin(tree.body_lower[j], tree.body_upper[j], around)
                     lower = wp.min(lower, tree.body_lower[j] - wide)
                     upper = wp.max(upper, tree.body_upper[j] + wide)

@@ -70,23 +70,32 @@ def memories(scalar: type, worlds: bool):
 
 
 @functools.cache
-def displacements(scalar: type):
-    """Compose (bodies, displacement, p, other) -> tangential displacement of point p along body `other` [m].
+def displacements(scalar: type, worlds: bool):
+    """Compose (held, moved_along): what a point remembers, and its tangential displacement along a body [m].
 
-    It is 0 without contact.
+    The displacement is 0 without contact.
     """
-    V = vector(3, scalar)
+    V, Data, Memory = vector(3, scalar), BodyContactData(scalar, worlds), memories(scalar, worlds)[0]
 
     @wp.func
-    def moved_along(bodies: wp.array2d(dtype=int), displacement: wp.array2d(dtype=V), p: int, other: int) -> V:
+    def held(data: Data, p: int) -> Memory:
+        memory = Memory()
+        memory.body_0 = data.history.contact_body[0, p]
+        memory.body_1 = data.history.contact_body[1, p]
+        memory.moved_0 = data.history.tangential_displacement[0, p]
+        memory.moved_1 = data.history.tangential_displacement[1, p]
+        return memory
+
+    @wp.func
+    def moved_along(memory: Memory, other: int) -> V:
         found = V()
-        if bodies[0, p] == other:
-            found = displacement[0, p]
-        elif bodies[1, p] == other:
-            found = displacement[1, p]
+        if memory.body_0 == other:
+            found = memory.moved_0
+        elif memory.body_1 == other:
+            found = memory.moved_1
         return found
 
-    return moved_along
+    return held, moved_along
 
 
 @functools.cache

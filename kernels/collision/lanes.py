@@ -9,8 +9,8 @@ from ..threads import grid_thread
 from .contact_data import BodyContactData, Substep
 from .cpu_partition import first_of_part, next_of_part
 
-ON_GPU = 4
-"""Threads per point on a GPU in scenes with triangles: most points have about six near them."""
+ON_GPU = 8
+"""Threads per point on a GPU in scenes with triangles: more share the facets around a point, too."""
 FEW_ON_GPU = 2
 """The same for grains and ropes only, which need less computation."""
 BLOCK = 64

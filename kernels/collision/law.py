@@ -5,10 +5,10 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..records import table
 from ..springs import sum_over_lanes
-from .contact_data import DEEPEST, BodyContactData, Substep, first_flag
+from .contact_data import DEEPEST, BodyContactData, Pair, Substep, first_flag
 from .cpu_partition import count_up, raise_to
-from .pairs import Pair, pairs
 
 TANGENTIAL = 2.0 / 7.0
 """Ratio of tangential to normal stiffness (Cundall and Strack; for spheres Mindlin)."""
@@ -55,7 +55,8 @@ def damping_limits(scalar: type, lanes: int):
     point share the five vertices. They take arrays, not the whole data struct: on the CPU a function copies its
     arguments.
     """
-    V, one, zero, sum_of = vector(3, scalar), scalar(1.0), scalar(0.0), sum_over_lanes(3, scalar, lanes)
+    V, Sum, one, zero = vector(3, scalar), vector(1, scalar), scalar(1.0), scalar(0.0)
+    sum_of, index_of, number_of = sum_over_lanes(1, scalar, lanes), table(int), table(scalar)
 
     @wp.func
     def count(
@@ -72,8 +73,8 @@ def damping_limits(scalar: type, lanes: int):
                 vertex = ends[m % 2]
                 if m >= 2:
                     vertex = corner[m - 2]
-                for s in range(first[vertex], first[vertex + 1]):
-                    count_up(touches, particle[s])
+                for s in range(index_of(first, vertex), index_of(first, vertex + 1)):
+                    count_up(touches, index_of(particle, s))
 
     @wp.func
     def load(
@@ -102,11 +103,11 @@ def damping_limits(scalar: type, lanes: int):
             else:
                 g = share
             if g != zero:
-                for s in range(first[vertex], first[vertex + 1]):
-                    i = particle[s]
-                    g_i = g * weight[s]
-                    total += g_i * g_i * scalar(touches[i]) * inverse_mass[i]
-        return sum_of(V(total, zero, zero))[0]
+                for s in range(index_of(first, vertex), index_of(first, vertex + 1)):
+                    i = index_of(particle, s)
+                    g_i = g * number_of(weight, s)
+                    total += g_i * g_i * scalar(touches[i]) * number_of(inverse_mass, i)
+        return sum_of(Sum(total))[0]
 
     return count, load
 
@@ -123,11 +124,10 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     PointAndBody, zero, one = Pair(scalar), scalar(0.0), scalar(1.0)
     tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
-    stiffness_of, first_of = pairs(scalar, worlds)[3], first_flag(scalar, worlds)
+    first_of = first_flag(scalar, worlds)
 
     @wp.func
     def press(
-        data: Data,
         pair: PointAndBody,
         mobility: scalar,  # 1 / the reduced mass of both [1/kg]
         overlap: scalar,  # [m]
@@ -138,20 +138,20 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
         before: V,  # tangential displacement before this substep [m]
         step: Step,
     ):
-        k_n = stiffness_of(data, pair.rule, pair.mine, pair.other)
+        k_n = pair.stiffness
         u_n = wp.dot(u, normal)
         u_t = u - u_n * normal
         # A point has a share of the stiffness, and the same share of the mass.
-        root = wp.sqrt(data.surfaces.density[pair.mine] * k_n / mobility)
+        root = wp.sqrt(pair.density * k_n / mobility)
         # A pair has two contacts, a point on a facet each way: each has half of the damping.
-        b_n = faces * scalar(2.0**0.5) * data.rules.damping[pair.rule] * root
+        b_n = faces * scalar(2.0**0.5) * pair.damping * root
         b_t = wp.sqrt(tangential) * b_n
         # If velocities lag, the damper acts on the mean of those before and after a substep.
         b_n = wp.min(b_n / (one + step.behind * b_n * mobility), strongest)
         b_t = wp.min(b_t / (one + step.behind * b_t * mobility), strongest)
         f_n = wp.max(zero, k_n * overlap - b_n * u_n)
         moved = before - wp.dot(before, normal) * normal + step.h * u_t
-        most = faces * data.rules.friction[pair.rule] * f_n
+        most = faces * pair.friction * f_n
         held, f_t, slides = stick_or_slide(moved, u_t, tangential * k_n, b_t, most)
         return k_n, f_n, f_t, held, u_n, slides
 

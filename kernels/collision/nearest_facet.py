@@ -5,11 +5,11 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from ..records import records
+from ..records import records, table
 from ..springs import sum_over_lanes
-from .contact_data import BodyContactData
+from .contact_data import BodyContactData, Pair
 from .lanes import chosen_of_lanes, least_of_lanes
-from .pairs import ALMOST, FAR, NONE, Pair, places, points, unit_normal
+from .pairs import ALMOST, FAR, NONE, places, points, unit_normal
 
 LEAST_FACING = 0.1
 """Below this cosine between the point's and the opposite of the facet's normal there is no damping."""
@@ -29,7 +29,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
     Point, PointAndBody = points(scalar, worlds)[0], Pair(scalar)
     (_, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
-    pick, load = chosen_of_lanes(scalar, lanes), records(3, scalar).load
+    pick, load, corner_of = chosen_of_lanes(scalar, lanes), records(3, scalar).load, table(wp.vec3i)
     zero, almost, far = scalar(0.0), scalar(ALMOST), scalar(FAR)
 
     @wp.struct
@@ -65,12 +65,13 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         for e in range(first + lane, n, wp.static(lanes)):
             f = data.neighbors.candidates[p, e]  # read three values early, to overlap their latencies
             listed = data.neighbors.candidate_distance[p, e]
-            if data.neighbors.candidate_body[p, e] != pair.other:
+            if data.neighbors.candidate_pair[p, e] != pair.place:
                 until = e
                 break
             if almost * listed <= near:
-                w_f = nearest_to(data.surfaces.x, data.surfaces.corner[f], point.x)
-                away = point.x - place_on(data.surfaces.x, data.surfaces.corner[f], w_f)
+                c = corner_of(data.surfaces.corner, f)
+                w_f = nearest_to(data.surfaces.x, c, point.x)
+                away = point.x - place_on(data.surfaces.x, c, w_f)
                 if wp.dot(away, away) < best or (wp.dot(away, away) == best and f < facet):
                     best = wp.dot(away, away)
                     near = wp.sqrt(best) + buffer
@@ -91,7 +92,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
             for k in range(3):
                 w[k] = pick(own == facet, found.w_own[k])
         found.facet = facet
-        found.corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
+        found.corner = corner_of(data.surfaces.corner, facet % wp.static(NONE))  # facet 0 if there is none
         found.squared = best
         found.w = w
         found.until = until
@@ -118,7 +119,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         side = height
         for e in range(nearest.first + lane, nearest.until, wp.static(lanes)):
             if almost * data.neighbors.candidate_distance[p, e] <= near:
-                c = data.surfaces.corner[data.neighbors.candidates[p, e]]
+                c = corner_of(data.surfaces.corner, data.neighbors.candidates[p, e])
                 w = nearest.w_own
                 if e != nearest.entry:
                     w = nearest_to(x, c, point.x)
@@ -138,7 +139,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
     def separate(
         data: Data, point: Point, lane: int, pair: PointAndBody, nearest: Nearest, away: V, buffer: scalar
     ):
-        closed = data.surfaces.closed[pair.other] != 0 and pair.mine != pair.other
+        closed = pair.closed != 0
         normal = normal_of(data.surfaces.x, nearest.corner)
         height = wp.dot(away, normal)
         within = nearest.w[0] > zero and nearest.w[1] > zero and nearest.w[2] > zero
@@ -171,6 +172,7 @@ def facing(scalar: type, lanes: int):
     without a surface. The `lanes` threads of the point share the facets around it.
     """
     V, normal_of, sum_of = vector(3, scalar), unit_normal(scalar), sum_over_lanes(3, scalar, lanes)
+    entry, corner_of = table(int), table(wp.vec3i)
     zero, one, least = scalar(0.0), scalar(1.0), scalar(LEAST_FACING)
     by = scalar(1.0 / (FULL_FACING - LEAST_FACING))
 
@@ -186,10 +188,18 @@ def facing(scalar: type, lanes: int):
         lane: int,
     ) -> scalar:
         outward = V()
-        for k in range(2):
-            if k == 0 or ends[0] != ends[1]:
-                for e in range(first_facet[ends[k]] + lane, first_facet[ends[k] + 1], wp.static(lanes)):
-                    outward += normal_of(x, corner[facet[e]])
+        first = entry(first_facet, ends[0])
+        count = entry(first_facet, ends[0] + 1) - first
+        second = int(0)  # where the facets around the second vertex begin, if it is another one
+        both = int(count)
+        if ends[0] != ends[1]:
+            second = entry(first_facet, ends[1])
+            both += entry(first_facet, ends[1] + 1) - second
+        for e in range(lane, both, wp.static(lanes)):
+            at = first + e
+            if e >= count:
+                at = second + e - count
+            outward += normal_of(x, corner_of(corner, entry(facet, at)))
         outward = sum_of(outward)
         share = one
         if wp.length_sq(outward) > zero:

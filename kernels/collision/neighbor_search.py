@@ -18,7 +18,7 @@ from .lanes import (
     least_of_lanes,
     wait_for_lanes,
 )
-from .pairs import FAR, NONE, pairs, places, unit_normal
+from .pairs import FAR, NONE, places, unit_normal
 
 
 @functools.cache
@@ -66,6 +66,7 @@ def Row(scalar: type):
         x: vector(3, scalar)  # [m]
         mine: int
         other: int  # the body that is searched now
+        place: int  # its index in the row of body_pairs
         begin: int  # where its facets begin in the row
         count: int  # entries so far
         missed: int  # not listed for lack of room
@@ -158,7 +159,7 @@ def entries(scalar: type, lanes: int, worlds: bool):
                 at = kept + count_before(those, lane)
                 data.neighbors.candidates[p, at] = facet
                 data.neighbors.candidate_distance[p, at] = away
-                data.neighbors.candidate_body[p, at] = row.other
+                data.neighbors.candidate_pair[p, at] = row.place
                 if away == row.nearest:
                     first = wp.min(first, at)
             kept += count_bits(those)
@@ -186,15 +187,15 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
     """
     Data, margin, SearchedRow = BodyContactData(scalar, worlds), margin_of_boxes(scalar), Row(scalar)
     place_of, place_on, nearest_to = places(scalar)
-    (find_rule, thickness_of, reach_of, _), first_of = pairs(scalar, worlds), first_flag(scalar, worlds)
+    first_of = first_flag(scalar, worlds)
     (begin, find_next), (enter, is_outside, keep_near) = facets_within(lanes), entries(scalar, lanes, worlds)
     wait, zero, doubt = wait_for_lanes(lanes), scalar(0.0), scalar(1.01)
 
     @wp.func
-    def search_body(data: Data, tree: FacetTree, before: SearchedRow, rule: int, known: int, lane: int):
+    def search_body(data: Data, tree: FacetTree, before: SearchedRow, reach: scalar, known: int, lane: int):
         """Return the row with the facets of body `other`; `known` is the facet that was nearest before, or -1."""
         row = before
-        row.limit = reach_of(data, rule, row.mine, row.other) + row.buffer
+        row.limit = reach + row.buffer
         row.begin = row.count
         row.nearest = row.limit
         if known >= 0:
@@ -240,11 +241,12 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         for b in range(data.neighbors.body_pair_count[row.mine]):
             row.other = data.neighbors.body_pairs[row.mine, b]
             if overlap(low, high, tree.body_lower[row.other], tree.body_upper[row.other]):
-                rule = find_rule(data, row.mine, row.other)
-                row = search_body(data, tree, row, rule, known, lane)
+                pair = data.neighbors.pairs[row.mine, b]
+                row.place = b
+                row = search_body(data, tree, row, pair.reach, known, lane)
                 most = wp.max(most, row.count + row.missed)
-                if data.surfaces.closed[row.other] != 0 and row.mine != row.other and row.count > row.begin:
-                    if row.nearest > doubt * (thickness_of(data, rule, row.mine, row.other) + buffer):
+                if pair.closed != 0 and row.count > row.begin:
+                    if row.nearest > doubt * (pair.thickness + buffer):
                         if is_outside(data, row, lane):
                             row.count = row.begin
                 # Another facet can become the nearest only if it is at most two buffers further away.

@@ -5,8 +5,8 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from ..records import records
-from .contact_data import BodyContactData
+from ..records import records, table
+from .contact_data import BodyContactData, Pair
 from .nearest_point import nearest_on_triangle
 
 NONE = 2**31 - 1
@@ -103,32 +103,26 @@ def pairs(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def Pair(scalar: type):
-    """Compose the struct of the body of a point and a body that the point may touch."""
-
-    @wp.struct
-    class Pair:
-        mine: int  # body of the point
-        other: int  # body of the facets
-        rule: int
-        reach: scalar  # largest distance at which a facet pushes the point [m]
-
-    return Pair
-
-
-@functools.cache
 def pair_with(scalar: type, worlds: bool):
-    """Compose (data, mine, other) -> the contact rule, and its range, of a point of one body and another body."""
+    """Compose (data, rule, mine, other, place) -> the numbers of a point of one body and another body."""
     Data, PointAndBody = BodyContactData(scalar, worlds), Pair(scalar)
-    find_rule, _, reach_of, _ = pairs(scalar, worlds)
+    _, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
 
     @wp.func
-    def pair_of(data: Data, mine: int, other: int) -> PointAndBody:
+    def pair_of(data: Data, rule: int, mine: int, other: int, place: int) -> PointAndBody:
         pair = PointAndBody()
         pair.mine = mine
         pair.other = other
-        pair.rule = find_rule(data, mine, other)
-        pair.reach = reach_of(data, pair.rule, mine, other)
+        pair.place = place
+        pair.rule = rule
+        if mine != other:
+            pair.closed = data.surfaces.closed[other]
+        pair.reach = reach_of(data, rule, mine, other)
+        pair.thickness = thickness_of(data, rule, mine, other)
+        pair.stiffness = stiffness_of(data, rule, mine, other)
+        pair.density = data.surfaces.density[mine]
+        pair.damping = data.rules.damping[rule]
+        pair.friction = data.rules.friction[rule]
         return pair
 
     return pair_of
@@ -138,7 +132,7 @@ def pair_with(scalar: type, worlds: bool):
 def points(scalar: type, worlds: bool = False):
     """Compose (Point, point_of, mobility_of): a contact point, and its mobility from its two vertices' [1/kg]."""
     V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
-    place_of = places(scalar)[0]
+    place_of, body_of, ends_of, number_of = places(scalar)[0], table(int), table(wp.vec2i), table(scalar)
 
     @wp.struct
     class Point:
@@ -152,32 +146,39 @@ def points(scalar: type, worlds: bool = False):
     def point_of(data: Data, p: int) -> Point:
         point = Point()
         point.number = p
-        point.body = data.surfaces.body[p]
-        point.ends = data.surfaces.ends[p]
-        point.share = data.surfaces.share[p]
+        point.body = body_of(data.surfaces.body, p)
+        point.ends = ends_of(data.surfaces.ends, p)
+        point.share = number_of(data.surfaces.share, p)
         point.x = place_of(data.surfaces.x, point.ends, point.share)
         return point
 
     @wp.func
     def mobility_of(mobility: wp.array(dtype=scalar), ends: wp.vec2i, s: scalar) -> scalar:
-        found = mobility[ends[0]]
+        found = number_of(mobility, ends[0])
         if ends[0] != ends[1]:
-            found = (one - s) * (one - s) * found + s * s * mobility[ends[1]]
+            found = (one - s) * (one - s) * found + s * s * number_of(mobility, ends[1])
         return found
 
     return Point, point_of, mobility_of
 
 
 @wp.func
-def next_in_order(candidate_body: wp.array2d(dtype=int), p: int, n: int, before: int) -> int:
+def next_in_order(
+    candidate_pair: wp.array2d(dtype=int),
+    body_pairs: wp.array2d(dtype=int),
+    p: int,
+    mine: int,
+    n: int,
+    before: int,
+) -> int:
     """Return where the facets of the body with the lowest index above `before` start in row p of n entries.
 
-    Return n if there is no such body.
+    Return n if there is no such body. The point is of body `mine`.
     """
     least = int(wp.static(NONE))
     first = int(n)
     for e in range(n):
-        body = candidate_body[p, e]
+        body = body_pairs[mine, candidate_pair[p, e]]
         if body > before and body < least:
             least = body
             first = e

@@ -10,7 +10,7 @@ from .force_sums import Units, exert_on_segments
 from .history import displacements, memories
 from .lanes import chosen_of_lanes, each_active_point, least_of_lanes
 from .law import contact_law
-from .pairs import ALMOST, FAR, NONE, Pair, pairs, places, points
+from .pairs import ALMOST, FAR, NONE, places, points
 
 
 @functools.cache
@@ -21,11 +21,10 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
     other bodies near it. `overlapping_at_start` is as for `evaluate_contact`.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
-    (place_of, place_on, _), (find_rule, thickness_of, _, _) = places(scalar), pairs(scalar, worlds)
-    (Point, point_of, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
+    (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
     Memory, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    moved_along = displacements(scalar)
+    held, moved_along = displacements(scalar, worlds)
     in_units, take_from, add_to = exert_on_segments(scalar)
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
@@ -42,15 +41,18 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
         return share
 
     @wp.func
-    def find_nearest(data: Data, point: Point, first: int, other: int, buffer: scalar):
-        """Return body `other`'s nearest facet, its squared distance [m²], and the weight of its second end."""
+    def find_nearest(data: Data, point: Point, first: int, place: int, buffer: scalar):
+        """Return the nearest facet of a near body, its squared distance [m²], and the weight of its second end.
+
+        `place` is that of the body in the row of body_pairs.
+        """
         p = point.number
         best = far
         near = far
         facet = int(wp.static(NONE))
         t = scalar(0.0)
         for e in range(first, data.neighbors.candidate_count[p]):
-            if data.neighbors.candidate_body[p, e] != other:
+            if data.neighbors.candidate_pair[p, e] != place:
                 break
             if almost * data.neighbors.candidate_distance[p, e] <= near:
                 f = data.neighbors.candidates[p, e]
@@ -92,27 +94,25 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
         heated: wp.array(dtype=wp.float64),
     ):
         point = point_of(data, p)
-        pair = PointAndBody()
-        pair.mine = point.body
         memory = no_memory()  # of the bodies in contact that this thread finds
         total = Units()  # of the forces on the point
         for first in range(lane, data.neighbors.candidate_count[p], wp.static(lanes)):
-            pair.other = data.neighbors.candidate_body[p, first]
+            place = data.neighbors.candidate_pair[p, first]
             begins = bool(True)  # whether a body's facets, which are adjacent, start here
             if first > 0:
-                begins = data.neighbors.candidate_body[p, first - 1] != pair.other
+                begins = data.neighbors.candidate_pair[p, first - 1] != place
             if begins:
-                facet, best, t = find_nearest(data, point, first, pair.other, step.buffer)
+                pair = data.neighbors.pairs[point.body, place]
+                facet, best, t = find_nearest(data, point, first, place, step.buffer)
                 corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
                 w = V(one - t, t, zero)
-                pair.rule = find_rule(data, pair.mine, pair.other)
                 away = point.x - place_on(data.surfaces.x, corner, w)
                 u = place_of(data.surfaces.v, point.ends, point.share) - place_on(data.surfaces.v, corner, w)
                 gap = wp.sqrt(best)
                 normal = V()
                 if gap > zero:
                     normal = away / gap
-                overlap = thickness_of(data, pair.rule, pair.mine, pair.other) - gap
+                overlap = pair.thickness - gap
                 if wp.static(overlapping_at_start):
                     overlap = overlap - data.history.initial_overlap[p]
                 mobility = zero
@@ -121,10 +121,9 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]
                 if mobility > zero:
-                    bodies = data.history.contact_body
-                    before = moved_along(bodies, data.history.tangential_displacement, p, pair.other)
+                    before = moved_along(held(data, p), pair.other)
                     k_n, f_n, f_t, moved, _u_n, _slides = press(
-                        data, pair, mobility, overlap, normal, one, far, u, before, step
+                        pair, mobility, overlap, normal, one, far, u, before, step
                     )
                     units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
                     take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)

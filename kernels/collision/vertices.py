@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..compensation import compensated_sum
-from ..records import records
+from ..records import records, table
 from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
@@ -25,6 +25,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
     (load, store, _), first_of = records(dim, scalar), first_flag(scalar, worlds)
+    entry, weight_of = table(int), table(scalar)
 
     @kernel
     def place(
@@ -52,15 +53,15 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         while i < data.surfaces.x.shape[0]:
             place = V()
             speed = V()
-            for s in range(data.surfaces.first[i], data.surfaces.first[i + 1]):
-                j = data.surfaces.particle[s]
+            for s in range(entry(data.surfaces.first, i), entry(data.surfaces.first, i + 1)):
+                j = entry(data.surfaces.particle, s)
                 x_j = load(x, j)
                 if wp.static(compensated):
                     x_j = x_j - load(compensation.x, j)
                 if data.surfaces.touches.shape[0] > 0:
                     data.surfaces.touches[j] = 0
-                place += data.surfaces.weight[s] * x_j
-                speed += data.surfaces.weight[s] * load(v, j)
+                place += weight_of(data.surfaces.weight, s) * x_j
+                speed += weight_of(data.surfaces.weight, s) * load(v, j)
             store(data.surfaces.x, i, place)
             store(data.surfaces.v, i, speed)
             for k in range(wp.static(dim)):
@@ -70,7 +71,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             moved = wp.length(wp.vec3(place - x_found) - since * drift)
             fast = wp.length(wp.vec3(speed) - drift)
             # The box is widened so that no corner of a near facet counts as distant.
-            body = data.surfaces.body_of[i]
+            body = entry(data.surfaces.body_of, i)
             further = wp.vec3(1.0, 1.0, 1.0) * (more + tree.widest[body])
             if not overlap(before, before, tree.near_lower[body] - further, tree.near_upper[body] + further):
                 moved *= far

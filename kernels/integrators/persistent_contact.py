@@ -74,7 +74,8 @@ def ContactNumbers(scalar: type):
 @functools.cache
 def search_in_launch(scalar: type, planes: bool):
     """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists where vertices are now."""
-    Data, Pairs, Numbers, lanes = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar), SEARCH_LANES
+    Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
+    lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
     candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))

@@ -227,7 +227,7 @@ def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
         data = self.data
         for numbers in (
             data.candidates,
-            data.candidate_body,
+            data.candidate_pair,
             data.candidate_distance.view(int),
         ):  # of float32 the bits change places
             wp.launch(
@@ -239,8 +239,8 @@ def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
     turned, measured = ran_and_measured()
     np.testing.assert_array_equal(turned, expected)
     assert measured == stored
-    candidate_body, length = lists[-1].candidate_body.numpy(), lists[-1].candidate_count.numpy()
-    several = [len(set(candidate_body[p, :n])) > 1 for p, n in enumerate(length)]
+    candidate_pair, length = lists[-1].candidate_pair.numpy(), lists[-1].candidate_count.numpy()
+    several = [len(set(candidate_pair[p, :n])) > 1 for p, n in enumerate(length)]
     assert any(several)  # some points are near two bodies
 
 

@@ -73,7 +73,7 @@ def nearby_in(run) -> NeighborList:
 def marked(nearby: NeighborList) -> list[wp.array]:
     """Return the lists of what is near what, each filled with what no list holds."""
     data = nearby.data
-    rows = [data.candidates, data.candidate_body, data.candidate_distance, data.body_pairs]
+    rows = [data.candidates, data.candidate_pair, data.candidate_distance, data.body_pairs]
     for one in rows:
         one.fill_(-777)
     return rows

@@ -173,7 +173,8 @@ class BodyContact(WithHistory):
         points, bodies = np.flatnonzero(stored), len(surfaces.closed)
         if not len(points):
             return
-        a, b = data.surfaces.body.numpy()[points], data.neighbors.candidate_body.numpy()[points, 0]
+        a, neighbors = data.surfaces.body.numpy()[points], data.neighbors
+        b = neighbors.body_pairs.numpy()[a, neighbors.candidate_pair.numpy()[points, 0]]
         density, (worlds, a), b = data.surfaces.density.numpy()[a], np.divmod(a, bodies), b % bodies
         stiffness = np.array([one.stiffness for one in self.surfaces.by_row])
         row = worlds % len(stiffness)

@@ -24,6 +24,7 @@ from ...kernels.collision import (
     PAIRS,
     WAY,
     FacetTree,
+    Pair,
     begin_search,
     box_facets,
     box_neighbours,
@@ -322,9 +323,10 @@ class NeighborList:
         """Make lists with room for `room` facets near a point, and `body_pairs` bodies near one."""
         data, device = self.data, self._model.device
         points, bodies = len(data.candidate_count), len(data.body_pair_count)
-        data.candidates, data.candidate_body = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
+        data.candidates, data.candidate_pair = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
         data.candidate_distance = wp.zeros((points, room), dtype=self._model.scalar, device=device)
         data.body_pairs = wp.zeros((bodies, body_pairs), dtype=int, device=device)
+        data.pairs = wp.zeros((bodies, body_pairs), dtype=Pair(self._model.scalar), device=device)
         data.candidate_count.zero_()
         data.body_pair_count.zero_()
         self._model.generation += 1

@@ -21,9 +21,9 @@ MOST_BODIES = 2**8
 
 
 class ContactLaunch:
-    """Launches `persistent_contact`: the stages, the forces of contact, searches and division planes in one kernel.
+    """Launches `persistent_contact`: stages, forces of contact, searches and division planes in one kernel.
 
-    The kernel's parts are those that are launched one by one otherwise.
+    Its parts are the kernels that are launched one by one otherwise.
     """
 
     def __init__(self, dynamics: Dynamics, effect: BodyContact, stages: Sequence[Stage]) -> None:

@@ -306,7 +306,7 @@ class Dynamics:
 
     @property
     def only_contact_precedes(self) -> bool:
-        """Whether contact between bodies, without sums of its forces, is all that is launched beside the stages."""
+        """Whether contact between bodies, without sums of its forces, is all that is launched beside stages."""
         effect = self.assembly.body_contact
         alone = effect is not None and self._preceding == [effect] and effect.impulse is None
         return alone and all(one is effect.planes for one in self._ending)
