@@ -142,7 +142,6 @@ def begin_search(scalar: type, worlds: bool = False):
         i = grid_thread()
         if i == 0:
             data.neighbors.since[0] = -after
-            data.neighbors.due[0] = wp.static(NOT_DUE)
             data.neighbors.active_count[0] = 0
             data.neighbors.search_point_count[0] = 0
             for k in range(2):
@@ -320,6 +319,8 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         threads: int,
         flags: wp.array(dtype=float),
     ):
+        if grid_thread() == 0:
+            data.neighbors.due[0] = wp.static(NOT_DUE)
         i = grid_thread() / wp.static(lanes)
         while i < tree.body_lower.shape[0]:
             lane = grid_thread() % wp.static(lanes)

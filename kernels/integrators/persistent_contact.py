@@ -167,9 +167,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     ):
         place_all(data, tree, numbers, buffer, flags, step, step.x, step.v, numbers.ahead, threads)
         wait()
-        due = data.neighbors.due[0]
-        wait()  # all have read it
-        if due != 0:
+        if data.neighbors.due[0] != 0:  # the same for all: it changes behind the search's first barriers
             search(data, tree, pairs, numbers, buffer, flags, threads)
         h = numbers.h
         behind = numbers.behind
