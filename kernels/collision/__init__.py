@@ -6,6 +6,7 @@ from .body_contact import (
     evaluate_contact as evaluate_contact,
 )
 from .contact_data import (
+    ACTIVE as ACTIVE,
     DEEPEST as DEEPEST,
     DUE as DUE,
     FLAGS as FLAGS,

@@ -10,11 +10,11 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 from ..records import table
 
-MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, PAIRS, HELD_BACK = range(7)
+MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = range(8)
 """Indices of flags: longest path of a vertex since the last search [m], and in a substep; longest row; most bodies
-near one body; deepest overlap [m]; near pairs of all worlds, in the first world's flags; and the
-furthest that a particle was held back in a substep [m]."""
-FLAGS = 7
+near one body; deepest overlap [m]; furthest that a particle was held back in a substep [m]; and of all worlds, in
+the first world's flags, near pairs, and points with facets near them."""
+FLAGS = 8
 STORED = 2
 """Bodies near a point whose nearest facets are stored, where contacts are counted first."""
 NOT_DUE, DUE, FORCED = range(3)

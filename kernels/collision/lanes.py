@@ -6,8 +6,8 @@ import warp as wp
 
 from ..basis import kernel
 from ..threads import grid_thread
-from .contact_data import BodyContactData, Substep
-from .cpu_partition import first_of_part, next_of_part
+from .contact_data import ACTIVE, BodyContactData, Substep
+from .cpu_partition import first_of_part, next_of_part, raise_to
 
 ON_GPU = 8
 """Threads per point on a GPU in scenes with triangles: more share the facets around a point, too."""
@@ -17,8 +17,6 @@ BLOCK = 64
 """Threads per block on a GPU: in larger blocks many threads wait for those with long rows."""
 BLOCKS = 10
 """Concurrent blocks per multiprocessor: more of them hide memory latency better."""
-FAST = {"fast_math": True}
-"""Kernel options: on a GPU, divisions and roots may be wrong by two units in the last place."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -99,13 +97,14 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, co
         if wp.static(counts_time):
             if grid_thread() == 0 and part == 0:
                 data.neighbors.since[0] += float(h)
+                raise_to(flags, wp.static(ACTIVE), float(data.neighbors.active_count[0]))
         k = first_of_part(grid_thread(), part) / wp.static(lanes)
         lane = grid_thread() % wp.static(lanes)
         while k < data.neighbors.active_count[0]:
             evaluate_point(data, data.neighbors.active_points[k], lane, step, flags, stored, heated)
             k = next_of_part(k, threads / wp.static(lanes), parts)
 
-    return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
+    return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache

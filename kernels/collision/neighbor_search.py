@@ -10,7 +10,6 @@ from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, first_flag
 from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
 from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
 from .lanes import (
-    FAST,
     ballot_of_lanes,
     bounds_of_blocks,
     count_before,
@@ -278,7 +277,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
             find_one(data, tree, data.neighbors.search_points[e], lane, farthest, buffer[0], flags)
             e = next_of_part(e, threads / wp.static(lanes), parts)
 
-    return kernel(find, launch_bounds=bounds_of_blocks(scalar), module_options=FAST)
+    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache

@@ -256,16 +256,18 @@ class Stepping:
         self._forget_outdated()
         partition, graphs = self.dynamics.partition, track.graphs
         summed = track.sums_balance = self._can_sum_balance and self.sum_balance
-        if summed not in graphs and (partition is not None or not self._unrecorded):
-            graphs[summed] = self._record(partial(self._launch_frame, track), partition)
+        self.stepper.takes_contact_along = not self._unrecorded and self.stepper.may_take_contact_along
+        kind = summed, self.stepper.takes_contact_along
+        if kind not in graphs and (partition is not None or not self._unrecorded):
+            graphs[kind] = self._record(partial(self._launch_frame, track), partition)
         self.dynamics.begin_frame(time)
-        if summed not in graphs:
+        if kind not in graphs:
             self._unrecorded -= 1
             self._launch_frame(track)
         elif partition is not None:
-            graphs[summed].replay()
+            graphs[kind].replay()
         else:
-            wp.capture_launch(graphs[summed])
+            wp.capture_launch(graphs[kind])
         track.found.mark()
 
     def _forget_outdated(self) -> None:

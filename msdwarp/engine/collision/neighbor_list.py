@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...bodies import places_along_curve
 from ...kernels.collision import (
+    ACTIVE,
     BLOCK,
     FLAGS,
     FORCED,
@@ -24,6 +25,7 @@ from ...kernels.collision import (
     PAIRS,
     WAY,
     FacetTree,
+    NearPairs,
     Pair,
     begin_search,
     box_facets,
@@ -35,6 +37,7 @@ from ...kernels.collision import (
     range_of_speeds,
 )
 from ...kernels.compensation import compensated_sum
+from ...kernels.integrators import ContactNumbers, search_if_due
 from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records
 from ..model.model import Model
@@ -68,6 +71,10 @@ SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.9
 """The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 64.0
 """A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
+CLUSTER, THREADS = 8, 512
+"""Blocks in a cluster that searches, and threads in each."""
+MOST_POINTS_IN_CLUSTER, MOST_BODIES_IN_CLUSTER = 2**13, 2**8
+"""Points, and bodies, up to which a cluster searches."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
 MOST_BETWEEN = 32
@@ -113,6 +120,8 @@ class NeighborList:
         self._least_skin = LEAST_SKIN * farthest
         self._farthest_way = FARTHEST_WAY * max(farthest, float(spacing.max(initial=0.0)))
         self._skin_now = self._least_skin
+        self.active = 0
+        """Points that had facets near them in the last frame."""
         self.partition: Launcher | None = None
         """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
         self.dt = 0.0
@@ -208,6 +217,11 @@ class NeighborList:
         self.place(x, v, compensation, after, begins)
         if frame_begins and self.planes is not None and self.planes.tangles:
             self._find(after, True)
+        elif self.fits_cluster and not (self.planes is not None and self.planes.tangles):
+            model, planes = self._model, self.planes
+            kernel, threads = search_if_due(model.scalar, planes is not None, CLUSTER), CLUSTER * THREADS
+            inputs = [self._contact, self.tree, self.near_pairs, self.numbers(), after, self.buffer, threads]
+            wp.launch(kernel, threads, inputs, [self.flags], device=model.device, block_dim=THREADS)
         elif self.partition is not None and self.partition.is_recording:
             self.partition.launch_if(self.data.due, partial(self._find, after))
         else:
@@ -218,9 +232,24 @@ class NeighborList:
         self.data.due.fill_(FORCED)
 
     @property
-    def margins(self) -> tuple[float, float, float]:
-        """Numbers of kernels: `more` and `beyond` of placing, and the largest distance of any contact [m]."""
-        return self._more, self._farthest_way, self._around
+    def fits_cluster(self) -> bool:
+        """Whether a cluster of blocks of a GPU can search: for more points the whole GPU is faster."""
+        device, few_bodies = self._model.device, len(self.tree.body_lower) <= MOST_BODIES_IN_CLUSTER
+        on_gpu = device.is_cuda and device.arch >= 90 and not self._model.in_worlds
+        return on_gpu and few_bodies and self._points <= MOST_POINTS_IN_CLUSTER
+
+    @property
+    def near_pairs(self) -> Any:
+        """The struct of near pairs; an empty one if there are none."""
+        return NearPairs(self._model.scalar)() if self.planes is None else self.planes.pairs
+
+    def numbers(self) -> Any:
+        """Return the struct of the numbers that a search in one launch takes, and placing."""
+        numbers: Any = ContactNumbers(self._model.scalar)()
+        numbers.more, numbers.beyond, numbers.farthest = self._more, self._farthest_way, self._around
+        if self.planes is not None:
+            numbers.apart = self.planes.apart
+        return numbers
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and make room for all."""
@@ -266,11 +295,12 @@ class NeighborList:
     def _find_rows(self, frame_begins: bool = True) -> None:
         """Launch the search of the facets near each point, by the current bounding boxes, and of near pairs."""
         contact, tree, many, model = self._contact, self.tree, len(self.tree.body_lower), self._model
-        by_tree, around, lanes = self._bodies is not None, [self._around, self.buffer], self.lanes
-        inputs = [contact, tree, self._bodies.id if by_tree else 0, *around]
+        around, lanes, kinds = [self._around, self.buffer], self.lanes, (model.scalar, model.in_worlds)
+        by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
         kernel = box_neighbours(model.scalar, 0 if by_tree else lanes, model.in_worlds)
-        self._launch(kernel, many if by_tree else lanes * many, inputs, [self.flags])
-        self.share(find_candidates(model.scalar, model.in_worlds), self._points, [contact, tree], [])
+        threads = many if by_tree else lanes * many
+        self._launch(kernel, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
+        self.share(find_candidates(*kinds), self._points, [contact, tree], [])
         kernel = find_rows(model.scalar, lanes, model.in_worlds)
         self.share(kernel, lanes * self._points, [contact, tree, *around], [self.flags], block=BLOCK)
         if self.planes is not None:
@@ -282,6 +312,7 @@ class NeighborList:
         Worlds that fly apart do not count: divergence is found elsewhere.
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
+        self.active = int(flags[:, ACTIVE].max(initial=0.0))
         flags = flags[flags[:, WAY] < self._farthest_way]
         if not len(flags):
             return False
@@ -326,7 +357,8 @@ class NeighborList:
         data.candidates, data.candidate_pair = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
         data.candidate_distance = wp.zeros((points, room), dtype=self._model.scalar, device=device)
         data.body_pairs = wp.zeros((bodies, body_pairs), dtype=int, device=device)
-        data.pairs = wp.zeros((bodies, body_pairs), dtype=Pair(self._model.scalar), device=device)
+        kind: Any = Pair(self._model.scalar)
+        data.pairs = wp.zeros((bodies, body_pairs), dtype=kind, device=device)
         data.candidate_count.zero_()
         data.body_pair_count.zero_()
         self._model.generation += 1

@@ -1,23 +1,21 @@
 """ContactLaunch: takes the substeps of small bodies in contact in one launch, by a cluster of blocks of a GPU."""
 
 from collections.abc import Sequence
-from typing import Any
 
-import numpy as np
 import warp as wp
 
-from ...kernels.collision import FEW_ON_GPU, ON_GPU, NearPairs
-from ...kernels.integrators import MOST_THREADS, ContactNumbers, ContactParts, persistent_contact
+from ...kernels.collision import FEW_ON_GPU, ON_GPU
+from ...kernels.integrators import MOST_THREADS, ContactParts, persistent_contact
 from ..collision.body_contact import BodyContact
 from ..collision.neighbor_list import AHEAD
 from .dynamics import Dynamics
 from .persistent import CLUSTER
 from .stages import Stage
 
-MOST_POINTS, MOST_PARTICLES, MOST_PAIRS = 2**13, 2**11, 2**15
-"""With more points, particles, or room for near pairs, launches that fill the whole GPU are faster."""
-MOST_BODIES = 2**8
-"""With more bodies their pairs take a cluster too long."""
+MOST_PARTICLES, MOST_PAIRS = 2**11, 2**15
+"""With more particles, or room for near pairs, launches that fill the whole GPU are faster."""
+MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
+"""With more points near anything the threads would take them in turns."""
 
 
 class ContactLaunch:
@@ -31,7 +29,11 @@ class ContactLaunch:
         model, self._kept = dynamics.model, [one.step(dynamics.composition) for one in stages]
         Step = self._method(dynamics.composition).Step
         self._steps = wp.array(self._kept, dtype=Step, device=model.device)
-        self._no_pairs = NearPairs(model.scalar)()
+
+    @property
+    def pays(self) -> bool:
+        """Whether few enough points are near anything: else launches that fill the whole GPU are faster."""
+        return self._effect.neighbors.active <= MOST_ACTIVE
 
     def launch(self, substeps: int, first: int) -> None:
         """Take substeps from number `first` of a frame on."""
@@ -43,15 +45,11 @@ class ContactLaunch:
             effect.planes,
         )
         dynamics.go_to_substep(first)
-        numbers: Any = ContactNumbers(model.scalar)()
-        h = effect.steps.dt
+        numbers, h = neighbors.numbers(), effect.steps.dt
         numbers.h, numbers.behind, numbers.per_unit = h, h if effect.steps.lagging else 0.0, 1.0 / effect.data.unit
-        numbers.more, numbers.beyond, numbers.farthest = neighbors.margins
         numbers.particles = model.stride
-        pairs = self._no_pairs
         if planes is not None:
-            pairs, numbers.ahead = planes.pairs, AHEAD * h
-            numbers.least, numbers.apart = planes.least_gap, planes.apart
+            numbers.ahead, numbers.least = AHEAD * h, planes.least_gap
             numbers.per_unit_of_impulse = planes.per_unit
         lanes = ON_GPU if effect.surfaces.triangles else FEW_ON_GPU
         parts = ContactParts(
@@ -63,7 +61,14 @@ class ContactLaunch:
         )
         kernel, threads = persistent_contact(composition, self._method, parts, CLUSTER), CLUSTER * MOST_THREADS
         inputs = [dynamics.scene, self._steps, substeps, model.connection_count, threads, first + 1]
-        inputs += [*effect.on_device, pairs, numbers, neighbors.buffer, neighbors.flags, effect.nothing]
+        inputs += [
+            *effect.on_device,
+            neighbors.near_pairs,
+            numbers,
+            neighbors.buffer,
+            neighbors.flags,
+            effect.nothing,
+        ]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 
 
@@ -74,11 +79,10 @@ def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int
         return None
     if not dynamics.only_contact_precedes or algorithm.evaluate is not None or algorithm.tears:
         return None
-    planes, neighbors, Step = effect.planes, effect.neighbors, stages[0].method(dynamics.composition).Step
+    planes, Step = effect.planes, stages[0].method(dynamics.composition).Step
     if planes is not None and (planes.tangles or model.compensated or "v_half" in Step.vars):
         return None
     rooms = len(planes.pairs.vertices) if planes is not None else 0
-    sizes = effect.shared_points, model.particle_count, rooms, len(neighbors.tree.body_lower)
-    if np.greater(sizes, (MOST_POINTS, MOST_PARTICLES, MOST_PAIRS, MOST_BODIES)).any():
+    if not effect.neighbors.fits_cluster or model.particle_count > MOST_PARTICLES or rooms > MOST_PAIRS:
         return None
     return ContactLaunch(dynamics, effect, stages)

@@ -308,8 +308,9 @@ class Dynamics:
     def only_contact_precedes(self) -> bool:
         """Whether contact between bodies, without sums of its forces, is all that is launched beside stages."""
         effect = self.assembly.body_contact
-        alone = effect is not None and self._preceding == [effect] and effect.impulse is None
-        return alone and all(one is effect.planes for one in self._ending)
+        if effect is None or self._preceding != [effect] or effect.impulse is not None:
+            return False
+        return all(one is effect.planes for one in self._ending)
 
     @property
     def launches_before_forces(self) -> bool:

@@ -67,6 +67,8 @@ class Stepper:
         """Blocks, and threads per block, of the single launch; None for a launch per stage."""
         self.contact: ContactLaunch | None = None
         """Launches whole frames of small bodies in contact; None if that is not possible."""
+        self.takes_contact_along = False
+        """Whether it launches the next frames."""
         if chosen and single and not one_launch and after_substep is None:
             self.contact = contact_launch(dynamics, stages_only, len(stages_only) // 2)
         if self.blocks is None and not (model.in_worlds and one_launch and chosen):
@@ -82,9 +84,14 @@ class Stepper:
             Step = self._method(dynamics.composition).Step
             self._steps = wp.array(self._kept, dtype=Step, device=model.device)
 
+    @property
+    def may_take_contact_along(self) -> bool:
+        """Whether the coming frame is best one launch, with all of contact in it."""
+        return self.contact is not None and self.contact.pays
+
     def take(self, substeps: int, first: int = 0) -> None:
         """Take substeps from number `first` of a frame on. The new state is in the arrays that had the old one."""
-        if self.contact is not None:
+        if self.takes_contact_along and self.contact is not None:
             self.contact.launch(substeps, first)
             if substeps % 2:
                 self._state.flip()
