@@ -257,7 +257,8 @@ class Stepping:
         partition, graphs = self.dynamics.partition, track.graphs
         summed = track.sums_balance = self._can_sum_balance and self.sum_balance
         self.stepper.takes_contact_along = not self._unrecorded and self.stepper.may_take_contact_along
-        kind = summed, self.stepper.takes_contact_along
+        contact = self.assembly.body_contact
+        kind = summed, self.stepper.takes_contact_along, contact.check_every if contact is not None else 0
         if kind not in graphs and (partition is not None or not self._unrecorded):
             graphs[kind] = self._record(partial(self._launch_frame, track), partition)
         self.dynamics.begin_frame(time)

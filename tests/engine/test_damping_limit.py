@@ -133,4 +133,6 @@ def test_each_world_limits_as_if_it_were_alone(plain_device):
             alone.step()
             deepest = max(deepest, alone.assembly.body_contact.deepest)
         assert deepest > 0
-        np.testing.assert_array_equal(ensemble.frame().position[world], alone.frame().position)
+        # Their kernels differ, and only on a CPU no products and sums are fused: on a GPU each rounds by 6e-8.
+        atol = 0.0 if plain_device == "cpu" else 1e-5
+        np.testing.assert_allclose(ensemble.frame().position[world], alone.frame().position, rtol=0.0, atol=atol)

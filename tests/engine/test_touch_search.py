@@ -383,5 +383,8 @@ def test_the_skin_follows_the_fastest_motion():
     fast = widest / (nearby.SKIN_BY_WAY * nearby.MOST_BETWEEN)
     assert skin(fast) == pytest.approx(widest)  # MOST_BETWEEN substeps of such motion
     assert skin(0.9 * fast) == pytest.approx(widest)  # wide enough, and not much too wide
-    assert skin(widest) == pytest.approx(nearby.AHEAD * nearby.SKIN_BY_WAY * widest)  # it must hold for a substep
+    # It must hold from one decision to the next, which then comes each substep.
+    assert skin(widest) == pytest.approx(2.0 * widest * (1 + nearby.ALLOWANCE))
+    assert near.check_every == 1
     assert skin(0.0) == pytest.approx(least)
+    assert near.check_every == nearby.CHECK_EVERY

@@ -224,6 +224,16 @@ class BodyContact(WithHistory):
         """Let the next evaluation of forces list neighbours anew: particles may have been moved."""
         self.neighbors.invalidate()
 
+    @property
+    def check_every(self) -> int:
+        """Substeps from one decision whether to search to the next."""
+        return self.neighbors.check_every
+
+    def begin_substep(self, substep: int) -> bool:
+        """Set the number of the coming substep, for the neighbor list."""
+        self.neighbors.substep = substep
+        return False
+
     def search(
         self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
     ) -> None:

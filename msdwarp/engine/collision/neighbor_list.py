@@ -73,22 +73,28 @@ FARTHEST_WAY = 64.0
 """A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
 CLUSTER, THREADS = 8, 512
 """Blocks in a cluster that searches, and threads in each."""
-MOST_POINTS_IN_CLUSTER, MOST_BODIES_IN_CLUSTER = 2**13, 2**8
+MOST_POINTS_IN_CLUSTER, MOST_BODIES_IN_CLUSTER = 2**12 + 2**9, 2**8
 """Points, and bodies, up to which a cluster searches."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
 MOST_BETWEEN = 32
 """Substeps between two searches for which the skin allows, unless it would become wider than the widest."""
-AHEAD = 2.0
-"""Near pairs must hold to a substep's end: vertices may move this many times as far as at their initial speed."""
+CHECK_EVERY = 4
+"""Every how many substeps the device decides whether to search: a launch that depends on it takes 10 µs.
+
+It is every substep if the skin that slower decisions need were wider than the widest.
+"""
+ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
+"""The skin allows for this many substeps more than lie between two decisions; lists are made again with less left:
+vertices may become faster."""
 
 
 class NeighborList:
     """Lists the facets near each point.
 
-    A list is valid until a vertex has moved by half of its skin. The device finds that where it places vertices,
-    and makes the lists again. A frame must be repeated if lists had no room, or if near pairs moved further in one
-    substep than expected. Facets that are listed and not touched change nothing: results depend neither on the
+    A list is valid until a vertex has moved by half of its skin. The device finds that this is near as it places
+    vertices, and makes the lists again. A frame must be repeated if lists had no room, or if a vertex was faster
+    than expected. Facets that are listed and not touched change nothing: results depend neither on the
     skin nor on how often lists are made.
 
     It alone replaces arrays that recorded launches write to, and counts that in `Model.generation`.
@@ -124,8 +130,10 @@ class NeighborList:
         """Points that had facets near them in the last frame."""
         self.partition: Launcher | None = None
         """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
-        self.dt = 0.0
-        """Length of a substep [s]."""
+        self.check_every = CHECK_EVERY
+        """Substeps from one decision whether to search to the next."""
+        self.dt, self.substep = 0.0, 0
+        """Length of a substep [s], and the number of the coming one."""
         self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
         """How much farther than it touches a point searches [m], shape [1]."""
         self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
@@ -192,29 +200,33 @@ class NeighborList:
         else:
             launch(0, 1)
 
-    def place(self, x: wp.array, v: wp.array, compensation: Any, after: float = 0.0, begins: bool = False) -> None:
+    def place(self, x: wp.array, v: wp.array, compensation: Any, after: float = 0.0, checks: bool = False) -> None:
         """Launch the placing of vertices where particles are at x, corrected by `compensation` if given.
 
-        `after` is the time from the end of the last substep [s]; `begins` tells whether a substep begins.
+        `after` is the time from the end of the last substep [s]; `checks` tells whether lists must hold for some
+        substeps more.
         """
         model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
         if compensation is None:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
-        ahead = AHEAD * self.dt if begins and self.planes is not None else 0.0
+        ahead = (self.check_every + LEAST_ALLOWANCE) * self.dt if checks else 0.0
         inputs = [contact, self.tree, compensation, x, v, after, self.dt, ahead, self.buffer, self._more]
         self.share(kernel, len(contact.surfaces.x), [*inputs, self._farthest_way], [self.flags])
 
     def search(
         self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
     ) -> None:
-        """Launch the placing of vertices, and the search of the facets near each point if it is due.
+        """Launch the placing of vertices, and every few substeps the search of facets near points if it is due.
 
         Surfaces that still cross since the start are found only where a frame begins, so that results do not
         depend on when lists are made.
         """
-        self.place(x, v, compensation, after, begins)
+        checks = frame_begins or (begins and self.substep % self.check_every == 0)
+        self.place(x, v, compensation, after, checks)
+        if not checks:
+            return
         if frame_begins and self.planes is not None and self.planes.tangles:
             self._find(after, True)
         elif self.fits_cluster and not (self.planes is not None and self.planes.tangles):
@@ -318,10 +330,14 @@ class NeighborList:
             return False
         chosen = [MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]
         moved, way, longest, body_pairs, pairs = flags.max(axis=0)[chosen].tolist()
-        # Contact forces act where vertices have just been placed; near pairs must have held through the substep.
-        held = self.planes is None or moved <= 0.5 * self._skin_now
+        held = moved <= 0.5 * self._skin_now
+        narrowest = 2.0 * way * (CHECK_EVERY + ALLOWANCE)
+        if narrowest > self._widest:
+            self.check_every = 1
+        elif narrowest < 0.5 * self._widest:
+            self.check_every = CHECK_EVERY
         wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * way))
-        wanted = max(wanted, SKIN_BY_WAY * (way if held else moved), AHEAD * SKIN_BY_WAY * way)
+        wanted = max(wanted, 2.0 * way * (self.check_every + ALLOWANCE), 0.0 if held else SKIN_BY_WAY * moved)
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted
             self.buffer.fill_(wanted)

@@ -7,11 +7,12 @@ import warp as wp
 from ...kernels.collision import FEW_ON_GPU, ON_GPU
 from ...kernels.integrators import MOST_THREADS, ContactParts, persistent_contact
 from ..collision.body_contact import BodyContact
-from ..collision.neighbor_list import AHEAD
 from .dynamics import Dynamics
 from .persistent import CLUSTER
 from .stages import Stage
 
+AHEAD = 2.0
+"""Lists must hold for this many substeps at the present speeds, else they are made again: they must for one."""
 MOST_PARTICLES, MOST_PAIRS = 2**11, 2**15
 """With more particles, or room for near pairs, launches that fill the whole GPU are faster."""
 MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
@@ -47,9 +48,9 @@ class ContactLaunch:
         dynamics.go_to_substep(first)
         numbers, h = neighbors.numbers(), effect.steps.dt
         numbers.h, numbers.behind, numbers.per_unit = h, h if effect.steps.lagging else 0.0, 1.0 / effect.data.unit
-        numbers.particles = model.stride
+        numbers.particles, numbers.ahead = model.stride, AHEAD * h
         if planes is not None:
-            numbers.ahead, numbers.least = AHEAD * h, planes.least_gap
+            numbers.least = planes.least_gap
             numbers.per_unit_of_impulse = planes.per_unit
         lanes = ON_GPU if effect.surfaces.triangles else FEW_ON_GPU
         parts = ContactParts(
