@@ -67,7 +67,7 @@ SKIN_BY_WAY = 2.5
 """The skin by the furthest way of a vertex that lists should allow for: they hold as long as it is more than 2."""
 WIDEST_SKIN = 0.5
 """The skin at most, by how far off bodies touch, unless the next is more."""
-SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.9
+SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.2
 """The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 64.0
 """A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
