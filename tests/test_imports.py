@@ -275,7 +275,6 @@ def test_folders_stay_small():
 
 
 LARGE_FUNCTIONS = {
-    "collision/neighbor_search.find_one": "7 deep: with its query of the tree apart, searches took twice as long",
     "integrators/shared_memory.take_steps_on_chip": "6 deep: choices at compile time, in loops over stages",
     "pictures/raster.shade_square": "6 deep: it returns early from its loop over points",
     "reductions/measure.sum_up_state": "127 lines: all sums in one pass over the state",

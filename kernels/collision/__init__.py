@@ -46,7 +46,14 @@ from .history import (
     POINT as POINT,
     SPEED as SPEED,
 )
-from .lanes import BLOCK as BLOCK, BLOCKS as BLOCKS, FEW_ON_GPU as FEW_ON_GPU, ON_GPU as ON_GPU
+from .lanes import (
+    BLOCK as BLOCK,
+    BLOCKS as BLOCKS,
+    FEW_ON_GPU as FEW_ON_GPU,
+    MANY_ON_GPU as MANY_ON_GPU,
+    MOST_BY_MORE as MOST_BY_MORE,
+    ON_GPU as ON_GPU,
+)
 from .near_pairs import (
     NearPairs as NearPairs,
     clear_pairs as clear_pairs,

@@ -3,7 +3,8 @@
 The facets of a body are sorted along a space-filling curve. Runs of them are pieces, runs of pieces are groups;
 each has a box. The boxes follow the facets, while the tree stays as it was at the start. On a GPU the threads of a
 warp share a search: each tests one box. So few memory accesses wait for each other; a thread alone in a binary
-tree has hundreds of them.
+tree has hundreds of them. But it tests fewer boxes: on the CPU, and where so many points keep a GPU busy anyway,
+one thread searches for each, in a binary tree (`wp.Bvh`) of the same facets.
 """
 
 import functools
@@ -27,6 +28,8 @@ class FacetTree:
 
     # Facets in the order of the tree, shape [facet_count]:
     facet: wp.array(dtype=int)
+    binary: wp.uint64  # binary tree of their boxes, for single threads
+    root: wp.array(dtype=int)  # root of each body's subtree in it
     lower: wp.array(dtype=wp.vec3)  # its box [m]
     upper: wp.array(dtype=wp.vec3)
     # Pieces:
@@ -221,7 +224,7 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
 
 @functools.cache
 def find_roots():
-    """Compose the kernel, over worlds, that finds the root of each world's subtree in the tree of bodies."""
+    """Compose the kernel, over groups, that finds the root of each group's subtree in a tree of boxes."""
 
     @kernel
     def find(tree: wp.uint64, root: wp.array(dtype=int)):

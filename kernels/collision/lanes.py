@@ -9,8 +9,11 @@ from ..threads import grid_thread
 from .contact_data import ACTIVE, BodyContactData, Substep
 from .cpu_partition import first_of_part, next_of_part, raise_to
 
-ON_GPU = 8
-"""Threads per point on a GPU in scenes with triangles: more share the facets around a point, too."""
+ON_GPU, MANY_ON_GPU = 8, 4
+"""Threads per point on a GPU in scenes with triangles: few points take less time by more threads, which also share
+the facets around a point; many points keep a GPU busy anyway."""
+MOST_BY_MORE = 2**14
+"""Points of a world up to which it is the larger number."""
 FEW_ON_GPU = 2
 """The same for grains and ropes only, which need less computation."""
 BLOCK = 64

@@ -177,6 +177,36 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
                             vertices = wp.vec4i(-1 - ends[0], ends[1], to[0], to[1])
                             add_pair(pairs, vertices, data.surfaces.first, data.surfaces.particle, flags)
 
+    @wp.func
+    def pairs_with(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        vertex: int,
+        e: int,
+        ends: wp.vec2i,
+        x: V,
+        y: V,
+        below: wp.vec3,
+        above: wp.vec3,
+        other: int,
+        lane: int,
+        reach: scalar,
+        flags: wp.array(dtype=float),
+    ):
+        """Add the near pairs of a vertex or an edge, of which a box goes from `below` to `above`, with a body."""
+        if wp.static(lanes == 1):
+            near = wp.bvh_query_aabb(tree.binary, below, above, tree.root[other])
+            found = int(0)
+            while wp.bvh_query_next(near, found):
+                pairs_of_facet(data, pairs, vertex, e, ends, x, y, tree.facet[found], reach, flags)
+        else:
+            cursor = begin(tree, other)
+            while not cursor.ended:
+                cursor = find_next(tree, cursor, below, above, lane)
+                if cursor.facet >= 0:
+                    pairs_of_facet(data, pairs, vertex, e, ends, x, y, cursor.facet, reach, flags)
+
     @kernel
     def find(
         data: Data,
@@ -215,11 +245,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False):
                     if e >= 0 and pairs.rank[body] > pairs.rank[other]:
                         continue
                     if overlap(below, above, tree.body_lower[other], tree.body_upper[other]):
-                        cursor = begin(tree, other)
-                        while not cursor.ended:
-                            cursor = find_next(tree, cursor, below, above, lane)
-                            if cursor.facet >= 0:
-                                pairs_of_facet(data, pairs, n, e, ends, x, y, cursor.facet, reach, flags)
+                        pairs_with(data, tree, pairs, n, e, ends, x, y, below, above, other, lane, reach, flags)
             n = next_of_part(n, threads / wp.static(lanes), parts)
 
     return find
@@ -276,11 +302,17 @@ def find_tangles(scalar: type, lanes: int, worlds: bool = False):
             other = data.neighbors.body_pairs[mine, n]
             if both_closed(data.surfaces.closed, mine, other):
                 continue
-            cursor = begin(tree, other)
-            while not cursor.ended:
-                cursor = find_next(tree, cursor, low, high, lane)
-                if cursor.facet >= 0:
-                    mark_crossing(data, pairs, cursor.facet, ends, a, b)
+            if wp.static(lanes == 1):
+                near = wp.bvh_query_aabb(tree.binary, low, high, tree.root[other])
+                found = int(0)
+                while wp.bvh_query_next(near, found):
+                    mark_crossing(data, pairs, tree.facet[found], ends, a, b)
+            else:
+                cursor = begin(tree, other)
+                while not cursor.ended:
+                    cursor = find_next(tree, cursor, low, high, lane)
+                    if cursor.facet >= 0:
+                        mark_crossing(data, pairs, cursor.facet, ends, a, b)
 
     @kernel
     def find(

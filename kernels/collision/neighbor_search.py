@@ -203,13 +203,20 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
                 c = data.surfaces.corner[known]
                 nearest = row.x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, row.x))
                 row.nearest = wp.min(row.limit, wp.length(nearest))
-        cursor = begin(tree, row.other)
         x = wp.vec3(row.x)
-        while not cursor.ended:
-            wide = margin(x, x, wp.min(row.limit, doubt * (row.nearest + scalar(2.0) * row.buffer)))
-            cursor = find_next(tree, cursor, x - wide, x + wide, lane)
-            if not cursor.ended:
-                row = enter(data, row, cursor.facet, lane)
+        wide = margin(x, x, wp.min(row.limit, doubt * (row.nearest + scalar(2.0) * row.buffer)))
+        if wp.static(lanes == 1):
+            near = wp.bvh_query_aabb(tree.binary, x - wide, x + wide, tree.root[row.other])
+            found = int(0)
+            while wp.bvh_query_next(near, found):
+                row = enter(data, row, tree.facet[found], lane)
+        else:
+            cursor = begin(tree, row.other)
+            while not cursor.ended:
+                cursor = find_next(tree, cursor, x - wide, x + wide, lane)
+                if not cursor.ended:
+                    row = enter(data, row, cursor.facet, lane)
+                    wide = margin(x, x, wp.min(row.limit, doubt * (row.nearest + scalar(2.0) * row.buffer)))
         wait()  # each thread reads what the others have entered
         return row
 

@@ -34,7 +34,6 @@ from .persistent_contact import (
     ContactNumbers as ContactNumbers,
     ContactParts as ContactParts,
     persistent_contact as persistent_contact,
-    search_if_due as search_if_due,
 )
 from .runge_kutta import chebyshev as chebyshev, rk4 as rk4
 from .shared_memory import MOST_BYTES as MOST_BYTES, on_chip_worlds as on_chip_worlds

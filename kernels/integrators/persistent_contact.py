@@ -73,10 +73,7 @@ def ContactNumbers(scalar: type):
 
 @functools.cache
 def search_in_launch(scalar: type, planes: bool):
-    """Compose (data, tree, pairs, numbers, after, buffer, flags, threads), which makes the lists.
-
-    `after` is the time from the end of the last substep [s].
-    """
+    """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists where vertices are now."""
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
@@ -90,12 +87,11 @@ def search_in_launch(scalar: type, planes: bool):
         tree: FacetTree,
         pairs: Pairs,
         numbers: Numbers,
-        after: float,
         buffer: wp.array(dtype=scalar),
         flags: wp.array(dtype=float),
         threads: int,
     ):
-        begin(data, tree, after, threads)
+        begin(data, tree, 0.0, threads)
         if wp.static(planes):
             clear(pairs, threads)
         wait()
@@ -113,31 +109,6 @@ def search_in_launch(scalar: type, planes: bool):
         wait()
 
     return search
-
-
-@functools.cache
-def search_if_due(scalar: type, planes: bool, blocks: int):
-    """Compose the kernel that makes the lists if that is due; its threads form a cluster of `blocks` blocks.
-
-    It costs less than a conditional launch.
-    """
-    Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
-    search = search_in_launch(scalar, planes)
-
-    def search_where_due(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        numbers: Numbers,
-        after: float,
-        buffer: wp.array(dtype=scalar),
-        threads: int,
-        flags: wp.array(dtype=float),
-    ):
-        if data.neighbors.due[0] != 0:
-            search(data, tree, pairs, numbers, after, buffer, flags, threads)
-
-    return kernel(search_where_due, launch_bounds=MOST_THREADS, cluster_dim=blocks)
 
 
 @functools.cache
@@ -197,7 +168,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         place_all(data, tree, numbers, buffer, flags, step, step.x, step.v, numbers.ahead, threads)
         wait()
         if data.neighbors.due[0] != 0:  # the same for all: it changes behind the search's first barriers
-            search(data, tree, pairs, numbers, 0.0, buffer, flags, threads)
+            search(data, tree, pairs, numbers, buffer, flags, threads)
         h = numbers.h
         behind = numbers.behind
         per_unit = numbers.per_unit

@@ -17,6 +17,8 @@ from ...kernels.collision import (
     FEW_ON_GPU,
     FLAGS,
     HELD_BACK,
+    MANY_ON_GPU,
+    MOST_BY_MORE,
     NOTED,
     ON_GPU,
     POINT,
@@ -131,6 +133,14 @@ class BodyContact(WithHistory):
     def limits_dampers(self) -> bool:
         """Whether dampers of contacts limit themselves, in methods whose velocities lag."""
         return bool(self.limiting.any())
+
+    def lanes(self, triangles: bool) -> int:
+        """Return how many threads share a point, where there are triangles or not: in a world as in it alone."""
+        if not self._model.device.is_cuda:
+            return 1
+        if not triangles:
+            return FEW_ON_GPU
+        return ON_GPU if self._points <= MOST_BY_MORE * self._model.worlds else MANY_ON_GPU
 
     @property
     def limits_now(self) -> bool:
@@ -256,7 +266,7 @@ class BodyContact(WithHistory):
         """
         model, surfaces, overlapping = self._model, self.surfaces, self.history.overlapping_at_start
         triangles = surfaces.triangles or measuring
-        lanes = (ON_GPU if triangles else FEW_ON_GPU) if model.device.is_cuda else 1
+        lanes = self.lanes(triangles)
         composed = (model.scalar, overlapping, lanes, model.in_worlds)
         if triangles:
             kernels = [(contact_energy if measuring else evaluate_contact)(*composed, self._limited)]

@@ -24,7 +24,6 @@ from ...kernels.collision import (
     MOVED,
     PAIRS,
     WAY,
-    FacetTree,
     NearPairs,
     Pair,
     begin_search,
@@ -37,22 +36,21 @@ from ...kernels.collision import (
     range_of_speeds,
 )
 from ...kernels.compensation import compensated_sum
-from ...kernels.integrators import ContactNumbers, search_if_due
+from ...kernels.integrators import ContactNumbers
 from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records
 from ..model.model import Model
 from .contact_surfaces import ContactSurfaces
 from .division_planes import DivisionPlanes
+from .facet_tree import facet_tree
 from .tables_by_world import Repeated
 
-WIDTH, WIDTH_ON_GPU = 8, 32
-"""Facets in a piece of the tree, and pieces in a group; on a GPU as many as the threads of a warp."""
-MOST_GROUPS = 64
-"""With more groups in a body the CPU's pieces and groups are as wide as a GPU's."""
 MOST_BODIES, MOST_BODIES_ON_GPU = 64, 4096
 """Bodies of a world, up to which all pairs of them are tested; more are searched by a tree."""
 SEARCH_LANES = 32
-"""Threads on a GPU that share a point, a body, a vertex or an edge in a search."""
+"""Threads on a GPU that share a point, a body, a vertex or an edge in a search, if there are few."""
+MOST_SHARED = 2**15
+"""With more points than this in all, each is searched for by one thread."""
 MORTON_BITS = 16
 """Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
@@ -71,10 +69,6 @@ SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.2
 """The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 64.0
 """A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
-CLUSTER, THREADS = 8, 512
-"""Blocks in a cluster that searches, and threads in each."""
-MOST_POINTS_IN_CLUSTER, MOST_BODIES_IN_CLUSTER = 2**12 + 2**9, 2**8
-"""Points, and bodies, up to which a cluster searches."""
 MOST_THREADS = 2**14
 """Threads on a GPU that look through the points that are near anything."""
 MOST_BETWEEN = 32
@@ -150,20 +144,28 @@ class NeighborList:
         )
         # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
-        self.lanes = SEARCH_LANES if device.is_cuda else 1
+        self._warp = SEARCH_LANES if device.is_cuda else 1
+        self.lanes = self._warp if self._points <= MOST_SHARED else 1
         corner = on_host.corner
         centre = np.tile(places_along_curve(x_first[corner].mean(axis=1), MORTON_BITS), model.worlds)
-        self.tree = facet_tree(np.lexsort([centre, owner]), owner, bodies, device)
+        order = np.lexsort([centre, owner])
+        self.tree = facet_tree(order, owner, bodies, device)
         data.candidate_count, data.search_points, data.active_points = (
             wp.zeros(self._points, dtype=int, device=device) for _ in "lcb"
         )
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
+        self._binary: wp.Bvh | None = None
+        """Binary tree of the boxes around facets, if single threads search."""
         self._bodies: wp.Bvh | None = None
         """Tree of the boxes around bodies, if there are many."""
         self._begin(0.0)
-        self.invalidate()
+        if self.lanes == 1:
+            groups = wp.array(owner[order], dtype=int, device=device)
+            self._binary = wp.Bvh(self.tree.lower, self.tree.upper, groups=groups)
+            self.tree.binary = self._binary.id
+            wp.launch(find_roots(), bodies, [self._binary.id], [self.tree.root], device=device)
         if len(closed) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES):
             worlds = wp.array(np.arange(bodies) // len(closed), dtype=int, device=device)
             boxes = self.tree.body_lower, self.tree.body_upper
@@ -229,11 +231,6 @@ class NeighborList:
             return
         if frame_begins and self.planes is not None and self.planes.tangles:
             self._find(after, True)
-        elif self.fits_cluster and not (self.planes is not None and self.planes.tangles):
-            model, planes = self._model, self.planes
-            kernel, threads = search_if_due(model.scalar, planes is not None, CLUSTER), CLUSTER * THREADS
-            inputs = [self._contact, self.tree, self.near_pairs, self.numbers(), after, self.buffer, threads]
-            wp.launch(kernel, threads, inputs, [self.flags], device=model.device, block_dim=THREADS)
         elif self.partition is not None and self.partition.is_recording:
             self.partition.launch_if(self.data.due, partial(self._find, after))
         else:
@@ -242,13 +239,6 @@ class NeighborList:
     def invalidate(self) -> None:
         """Let the next evaluation of forces make new lists: positions have been changed."""
         self.data.due.fill_(FORCED)
-
-    @property
-    def fits_cluster(self) -> bool:
-        """Whether a cluster of blocks of a GPU can search: for more points the whole GPU is faster."""
-        device, few_bodies = self._model.device, len(self.tree.body_lower) <= MOST_BODIES_IN_CLUSTER
-        on_gpu = device.is_cuda and device.arch >= 90 and not self._model.in_worlds
-        return on_gpu and few_bodies and self._points <= MOST_POINTS_IN_CLUSTER
 
     @property
     def near_pairs(self) -> Any:
@@ -279,17 +269,18 @@ class NeighborList:
         model, tree, given = self._model, self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
         self._launch(begin_search(model.scalar, model.in_worlds), many, [*given, after], [])
-        kernel = box_facets(model.scalar, self.lanes, model.in_worlds)
-        self._launch(kernel, self.lanes * len(tree.piece), given, [])
-        if self._bodies is not None:
-            self._bodies.refit()
+        kernel = box_facets(model.scalar, self._warp, model.in_worlds)
+        self._launch(kernel, self._warp * len(tree.piece), given, [])
+        for one in (self._binary, self._bodies):
+            if one is not None:
+                one.refit()
 
     def _find(self, after: float, frame_begins: bool = False) -> None:
         """Launch a search where vertices have been placed."""
         self._begin(after)
         self._find_rows(frame_begins)
         if not self._model.in_worlds:  # bodies of different worlds have no common drift
-            kernel = range_of_speeds(self._model.scalar, self.lanes)
+            kernel = range_of_speeds(self._model.scalar, self._warp)
             self._launch(kernel, min(self._points, MOST_THREADS), [self._contact], [])
 
     def _find_rows_with_room(self) -> None:
@@ -309,8 +300,8 @@ class NeighborList:
         contact, tree, many, model = self._contact, self.tree, len(self.tree.body_lower), self._model
         around, lanes, kinds = [self._around, self.buffer], self.lanes, (model.scalar, model.in_worlds)
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
-        kernel = box_neighbours(model.scalar, 0 if by_tree else lanes, model.in_worlds)
-        threads = many if by_tree else lanes * many
+        kernel = box_neighbours(model.scalar, 0 if by_tree else self._warp, model.in_worlds)
+        threads = many if by_tree else self._warp * many
         self._launch(kernel, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
         self.share(find_candidates(*kinds), self._points, [contact, tree], [])
         kernel = find_rows(model.scalar, lanes, model.in_worlds)
@@ -384,36 +375,3 @@ class NeighborList:
 def room_for(many: int) -> int:
     """Return room for `many` entries, with some to spare: a power of 2."""
     return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()
-
-
-def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int, device: Any) -> Any:
-    """Return the tree of facets that lie in the given order, those of one body after the other, without its boxes.
-
-    `owner` has the body of each facet.
-    """
-    tree, width = FacetTree(), WIDTH_ON_GPU
-    most = np.bincount(owner, minlength=bodies).max(initial=0)
-    if not device.is_cuda and most <= MOST_GROUPS * WIDTH**2:
-        width = WIDTH
-    first, last, body = runs(owner[order], width)
-    first_piece, last_piece, of_group = runs(body, width)
-    group = np.repeat(np.arange(len(of_group)), last_piece - first_piece)
-    tree.facet = wp.array(order, dtype=int, device=device)
-    tree.piece = wp.array(np.stack([body, group, first, last], axis=1), dtype=wp.vec4i, device=device)
-    tree.group = wp.array(np.stack([first_piece, last_piece], axis=1), dtype=wp.vec2i, device=device)
-    tree.first_group = wp.array(np.searchsorted(of_group, np.arange(bodies + 1)), dtype=int, device=device)
-    counts = {"": len(order), "piece_": len(body), "group_": len(of_group), "body_": bodies, "near_": bodies}
-    for name, count in counts.items():
-        for side in ("lower", "upper"):
-            setattr(tree, name + side, wp.zeros(count, dtype=wp.vec3, device=device))
-    tree.widest = wp.zeros(bodies, dtype=float, device=device)
-    return tree
-
-
-def runs(owner: NDArray[np.integer], width: int) -> tuple[NDArray[np.integer], ...]:
-    """Return runs of at most `width` items of one owner, as (first items, ends, owners); owners are sorted."""
-    begins = np.flatnonzero(np.diff(owner, prepend=-1))
-    ends = np.append(begins[1:], len(owner))
-    firsts = np.concatenate([np.arange(a, b, width) for a, b in zip(begins, ends, strict=True)] or [begins])
-    lasts = np.minimum(firsts + width, ends[np.searchsorted(begins, firsts, side="right") - 1])
-    return firsts, lasts, owner[firsts]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import warp as wp
 
-from ...kernels.collision import FEW_ON_GPU, ON_GPU
+from ...kernels.collision import ON_GPU
 from ...kernels.integrators import MOST_THREADS, ContactParts, persistent_contact
 from ..collision.body_contact import BodyContact
 from .dynamics import Dynamics
@@ -13,8 +13,8 @@ from .stages import Stage
 
 AHEAD = 2.0
 """Lists must hold for this many substeps at the present speeds, else they are made again: they must for one."""
-MOST_PARTICLES, MOST_PAIRS = 2**11, 2**15
-"""With more particles, or room for near pairs, launches that fill the whole GPU are faster."""
+MOST = 2**13, 2**8, 2**11, 2**15
+"""Points, bodies, particles and room for near pairs up to which a cluster may be faster than the whole GPU."""
 MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
 """With more points near anything the threads would take them in turns."""
 
@@ -52,7 +52,7 @@ class ContactLaunch:
         if planes is not None:
             numbers.least = planes.least_gap
             numbers.per_unit_of_impulse = planes.per_unit
-        lanes = ON_GPU if effect.surfaces.triangles else FEW_ON_GPU
+        lanes = effect.lanes(effect.surfaces.triangles)
         parts = ContactParts(
             effect.surfaces.triangles,
             effect.history.overlapping_at_start,
@@ -84,6 +84,7 @@ def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int
     if planes is not None and (planes.tangles or model.compensated or "v_half" in Step.vars):
         return None
     rooms = len(planes.pairs.vertices) if planes is not None else 0
-    if not effect.neighbors.fits_cluster or model.particle_count > MOST_PARTICLES or rooms > MOST_PAIRS:
+    sizes = effect.shared_points, len(effect.neighbors.tree.body_lower), model.particle_count, rooms
+    if any(size > most for size, most in zip(sizes, MOST, strict=True)):
         return None
     return ContactLaunch(dynamics, effect, stages)

@@ -1,0 +1,43 @@
+"""The tree of boxes around facets, on the host: see `kernels.collision.facet_tree`."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.collision import FacetTree
+
+WIDTH = 32
+"""Facets in a piece of the tree, and pieces in a group: as many as the threads of a GPU's warp."""
+
+
+def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int, device: Any) -> Any:
+    """Return the tree of facets that lie in the given order, those of one body after the other, without its boxes.
+
+    `owner` has the body of each facet.
+    """
+    tree = FacetTree()
+    first, last, body = runs(owner[order], WIDTH)
+    first_piece, last_piece, of_group = runs(body, WIDTH)
+    group = np.repeat(np.arange(len(of_group)), last_piece - first_piece)
+    tree.facet = wp.array(order, dtype=int, device=device)
+    tree.piece = wp.array(np.stack([body, group, first, last], axis=1), dtype=wp.vec4i, device=device)
+    tree.group = wp.array(np.stack([first_piece, last_piece], axis=1), dtype=wp.vec2i, device=device)
+    tree.first_group = wp.array(np.searchsorted(of_group, np.arange(bodies + 1)), dtype=int, device=device)
+    counts = {"": len(order), "piece_": len(body), "group_": len(of_group), "body_": bodies, "near_": bodies}
+    for name, count in counts.items():
+        for side in ("lower", "upper"):
+            setattr(tree, name + side, wp.zeros(count, dtype=wp.vec3, device=device))
+    tree.widest = wp.zeros(bodies, dtype=float, device=device)
+    tree.root = wp.zeros(bodies, dtype=int, device=device)
+    return tree
+
+
+def runs(owner: NDArray[np.integer], width: int) -> tuple[NDArray[np.integer], ...]:
+    """Return runs of at most `width` items of one owner, as (first items, ends, owners); owners are sorted."""
+    begins = np.flatnonzero(np.diff(owner, prepend=-1))
+    ends = np.append(begins[1:], len(owner))
+    firsts = np.concatenate([np.arange(a, b, width) for a, b in zip(begins, ends, strict=True)] or [begins])
+    lasts = np.minimum(firsts + width, ends[np.searchsorted(begins, firsts, side="right") - 1])
+    return firsts, lasts, owner[firsts]
