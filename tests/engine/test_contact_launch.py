@@ -1,0 +1,59 @@
+"""Contact of small bodies in one launch a frame, on a GPU, and searches that the device decides on."""
+
+import numpy as np
+import pytest
+
+from msdwarp import Contact, Plane, Simulation, System, box, chain, sheet
+from msdwarp.engine.stepping import substeps
+
+
+def tower() -> System:
+    """Return two boxes, the upper one turned and falling on the lower one."""
+    one = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.2)
+    return one + one.rotate(0.3, axis=(1, 2, 0)).translate((0.03, 0.02, 0.26)).with_velocity((0.0, 0.0, -1.0))
+
+
+def net() -> System:
+    """Return a rope that falls across a held sheet."""
+    bed = sheet((7, 7), 0.1, mass=0.01, stiffness=200.0, damping=0.02).pin(range(7))
+    rope = chain(6, 0.1, mass=0.01, stiffness=200.0, damping=0.02)
+    return bed + rope.translate((0.05, 0.32, 0.1)).with_velocity((0.0, 0.0, -2.0))
+
+
+@pytest.mark.parametrize("system", [tower(), net()], ids=["closed", "planes"])
+def test_one_launch_equals_many(plain_device, monkeypatch, system):
+    if plain_device == "cpu":
+        pytest.skip("it is for clusters of blocks of a GPU")
+    # Gathered springs: scattered ones are summed in any order.
+    options = {"contact": Contact(friction=0.4), "colliders": [Plane()], "force_algorithm": "gather"}
+
+    def ran() -> tuple[np.ndarray, bool]:
+        simulation = Simulation(system.translate((0.0, 0.0, 0.2)), device=plain_device, **options)
+        deepest = 0.0
+        for _ in range(30):
+            simulation.step()
+            deepest = max(deepest, simulation.assembly.body_contact.deepest)
+        assert deepest > 0
+        return np.concatenate(simulation.frame()[1:]), simulation.stepping.stepper.takes_contact_along
+
+    one, along = ran()
+    assert along
+    monkeypatch.setattr(substeps, "contact_launch", lambda *a: None)
+    many, along = ran()
+    assert not along
+    np.testing.assert_array_equal(one, many)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_the_device_decides_holds_for_all_threads(threads):
+    # Threads of the CPU leave out a search together, or make it together.
+    options = {"contact": Contact(friction=0.4), "colliders": [Plane()], "device": "cpu", "threads": threads}
+    simulation = Simulation(tower().translate((0.0, 0.0, 0.15)), **options)
+    since, deepest = [], 0.0
+    for _ in range(20):
+        simulation.step()
+        deepest = max(deepest, simulation.assembly.body_contact.deepest)
+        since.append(simulation.assembly.body_contact.neighbors.data.since.numpy()[0])
+    assert deepest > 0
+    assert (np.diff(since) > 0).any()  # a frame without a search: its time adds to the time since the last one
+    assert (np.diff(since) < 0).any()
