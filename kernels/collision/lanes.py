@@ -179,7 +179,7 @@ def ballot_of_lanes(lanes: int):
 
 @wp.func_native(LOWEST)
 def lowest_bit(bits: wp.uint32) -> int:
-    """Return the number of the lowest bit that is 1; at least one must be."""
+    """Return the index of the lowest bit that is 1, from 0; one must be 1."""
     ...
 
 

@@ -1,4 +1,7 @@
-"""Find the facet of a body that is nearest to a point, its side, and how much the two surfaces face each other."""
+"""Find the facet of a body that is nearest to a point, its side, and how much the two surfaces face each other.
+
+It is one of those that `neighbor_search` has listed for the point.
+"""
 
 import functools
 

@@ -1,4 +1,7 @@
-"""Many substeps in one launch for small bodies in contact: the kernels of contact are parts of one kernel."""
+"""Many substeps in one launch for small bodies in contact: the kernels of contact are parts of one kernel.
+
+`engine/stepping/contact_launch.py` decides when it is used.
+"""
 
 import functools
 from typing import Any, NamedTuple

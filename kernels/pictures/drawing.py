@@ -243,8 +243,8 @@ def halve_over(
 ):
     """Average 2 × 2 pixels of a picture of twice the size, stored last row first, and blend it over `pixels`.
 
-    Threads cover a rectangle that starts at the first row and column. Where nothing was drawn `fine` is 0, so
-    averages are weighted by coverage.
+    Threads cover a rectangle that starts at the first row and column. Where nothing was drawn `fine` is 0,
+    and adds nothing to an average.
     """
     i, j = wp.tid()
     row = first_row + i

@@ -61,7 +61,7 @@ def draw_triangles(
     # In and out:
     nearest: wp.array2d(dtype=wp.uint64),  # of each point, shape [4 · height, width]
 ):
-    """Draw every triangle at the points inside it, and keep the nearest.
+    """Keep the nearest triangle at each sample; backs of closed bodies are skipped.
 
     The upper half of an entry has the bits of 1 / depth; the lower half has the triangle's index plus 1.
     """

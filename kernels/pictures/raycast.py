@@ -77,7 +77,7 @@ def refine(lanes: int):
     """Compose the kernel that draws chosen pixels with four rays each.
 
     Pixels in penumbras come first, since they take longest. `lanes` (1, 4 or 16) adjacent threads share a pixel.
-    Each casts one of its four rays; with 16, each samples a part of a ray's points of the light.
+    Of 4 threads each casts one ray. Of 16, four share a penumbra's ray and divide the samples of its light.
     """
     together, parts = sum_over_lanes(3, wp.float32, lanes), max(lanes // 4, 1)
 

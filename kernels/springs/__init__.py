@@ -2,8 +2,8 @@
 
 An algorithm has a struct, `Forces`, that its kernels read, and a function `force_at` that returns the force on a
 particle. Scattered forces (`scatter`) are evaluated beforehand, spring by spring. Gathered forces are evaluated
-by `force_at`, from a table of neighbours (`gather`) or, in a lattice, by counting (`stencil`). In compensated
-precision positions are x − compensation.x, since rounding errors matter to short springs.
+by `force_at`, from a table of neighbours (`gather`) or, in a lattice, from index offsets (`stencil`). In
+compensated precision positions are x − compensation.x, since rounding errors matter to short springs.
 """
 
 from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS

@@ -55,9 +55,9 @@ def _run(command: Callable[[], Any]) -> NoReturn:
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit: with 0, or with 1 and the message of the error.
+    """Run a command and exit: with 0, with 1 and a message after an error, or with 128 + n after signal n.
 
-    Unknown flags exit with 1, like all errors.
+    Unknown flags are such an error.
     """
     from .error_messages import message_of, printable, printable_lines
 

@@ -307,7 +307,7 @@ class Layout:
                 yield dataset, start + len(strain), self._no_connections
 
     def _strain(self, position: NDArray) -> NDArray:
-        """Return the strain of every connection from the rest lengths at the start."""
+        """Return the strain of every connection, relative to its rest length at the start."""
         rest = self._system.rest_length
         result = np.empty(len(rest), dtype=self._dtype)
         axes = np.ascontiguousarray(position.T, dtype=self._dtype)

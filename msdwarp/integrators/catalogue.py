@@ -1,4 +1,7 @@
-"""The methods that the command offers, by name."""
+"""The methods by name, for the command and for studies.
+
+A method is a file of this folder (`base.py` says what it needs), with its kernels in `kernels/integrators`.
+"""
 
 from .base import Integrator
 from .leapfrog import Leapfrog

@@ -112,7 +112,7 @@ def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: in
 def choose_stable(
     rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
 ) -> StepChoice:
-    """Return the least number of substeps per frame within `safety` of the limit, or the given number.
+    """Return a choice of the given substeps per frame, or of the fewest with the margin `safety` to the limit.
 
     Raises
     ------

@@ -71,7 +71,7 @@ def verbose(on: bool = True) -> None:
 def start_warp() -> None:
     """Start Warp, if it has not started, with the messages that its setting allows.
 
-    OSError if compiled kernels cannot be stored; also later, when a kernel is compiled.
+    Raises OSError if compiled kernels cannot be stored, now or when one is compiled later.
     """
     global _started
     import warp as wp

@@ -188,7 +188,7 @@ def _revolved(
 
 
 def _disc(radius: float, z: float, rows: int, columns: int, *, up: bool) -> Skin:
-    """Return a disc that faces up or down, seen from outside in the upper right or left of the texture."""
+    """Return a disc facing up (upper right quarter of the texture) or down (upper left quarter)."""
     ring = np.linspace(radius, 0, rows + 1) if up else np.linspace(0, radius, rows + 1)
     flat = _revolved(ring, np.full(rows + 1, z), columns, (0, 1, 0, 1), smooth=True)
     seen = flat.points[:, [0, 1]] if up else flat.points[:, [1, 0]]

@@ -69,7 +69,7 @@ class WindEffect(StageTables):
         return super().at(times) if self._given else np.zeros((len(times), 1, self._model.dim))
 
     def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
-        """Return the slope of the force on areas [m²] over speed [N s/m]: ρ (C_d + C_l) A |u|."""
+        """Return dF/du for areas A [m²], at the largest relative speed u: ρ (C_d + C_l) A u [N s/m]."""
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
         air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air

@@ -72,7 +72,7 @@ class Effect:
     """The substeps of the coming frames; set when `begin` is called."""
 
     def go_on_from(self, other: "Effect") -> None:
-        """Take over the state of the same effect in the model before a change."""
+        """Take over the state of `other`, which is this effect in the model before a change."""
 
     def use_partition(self, partition: Launcher | None) -> None:
         """Use a launcher that divides launches among CPU threads; None if there is one thread."""

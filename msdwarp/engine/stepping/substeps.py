@@ -1,4 +1,7 @@
-"""Stepper: takes the substeps of a frame, with a launch per stage or one for all."""
+"""Stepper: takes the substeps of a frame, with a launch per stage or one for all.
+
+How long and how many they are: `integrators/stability.py` and `simulation/substep_controller.py`.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
