@@ -32,7 +32,6 @@ def Pair(scalar: type):
         mine: int  # body of the point
         other: int  # body of the facets
         place: int  # in the row of body_pairs
-        rule: int
         closed: int  # whether the other body is another one that has an inside
         reach: scalar  # largest distance at which a facet pushes the point [m]
         thickness: scalar  # distance at which contact begins [m]

@@ -3,7 +3,7 @@
 The facets of a body are sorted along a space-filling curve. Runs of them are pieces, runs of pieces are groups;
 each has a box. The boxes follow the facets, while the tree stays as it was at the start. On a GPU the threads of a
 warp share a search: each tests one box. So few memory accesses wait for each other; a thread alone in a binary
-tree has hundreds of them. But it tests fewer boxes: on the CPU, and where so many points keep a GPU busy anyway,
+tree has hundreds of them. But it tests fewer boxes: on the CPU, and where there are points enough to fill a GPU,
 one thread searches for each, in a binary tree (`wp.Bvh`) of the same facets.
 """
 
@@ -71,6 +71,16 @@ def overlap(low: wp.vec3, high: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool
     return wp.min(high, lower) == lower and wp.max(low, upper) == upper
 
 
+@wp.func
+def overlaps_box(
+    low: wp.vec3, high: wp.vec3, lower: wp.array(dtype=wp.vec3), upper: wp.array(dtype=wp.vec3), k: int, end: int
+) -> bool:
+    """Tell whether a box overlaps box k of those before `end`; False if k is not before it."""
+    if k >= end:
+        return False
+    return overlap(low, high, lower[k], upper[k])
+
+
 @functools.cache
 def facets_within(lanes: int):
     """Compose (begin, find_next), which find the facets of a body whose boxes overlap a box low … high.
@@ -93,13 +103,11 @@ def facets_within(lanes: int):
         cursor.facet = -1
         found = bool(False)
         while not found and not cursor.ended:
-            hit = bool(False)
             if cursor.place < cursor.last_place:
                 own = cursor.place + lane
-                if own < cursor.last_place:
-                    if overlap(low, high, tree.lower[own], tree.upper[own]):
-                        hit = True
-                        cursor.facet = tree.facet[own]
+                hit = overlaps_box(low, high, tree.lower, tree.upper, own, cursor.last_place)
+                if hit:
+                    cursor.facet = tree.facet[own]
                 found = ballot(hit) != wp.uint32(0)
                 cursor.place += wp.static(lanes)
             elif cursor.pieces != wp.uint32(0):
@@ -110,9 +118,8 @@ def facets_within(lanes: int):
             elif cursor.first_piece + wp.static(lanes) < cursor.last_piece:
                 cursor.first_piece += wp.static(lanes)
                 own = cursor.first_piece + lane
-                if own < cursor.last_piece:
-                    hit = overlap(low, high, tree.piece_lower[own], tree.piece_upper[own])
-                cursor.pieces = ballot(hit)
+                end = cursor.last_piece
+                cursor.pieces = ballot(overlaps_box(low, high, tree.piece_lower, tree.piece_upper, own, end))
             elif cursor.groups != wp.uint32(0):
                 group = tree.group[cursor.first_group + lowest_bit(cursor.groups)]
                 cursor.groups &= cursor.groups - wp.uint32(1)
@@ -121,9 +128,8 @@ def facets_within(lanes: int):
             elif cursor.first_group + wp.static(lanes) < cursor.last_group:
                 cursor.first_group += wp.static(lanes)
                 own = cursor.first_group + lane
-                if own < cursor.last_group:
-                    hit = overlap(low, high, tree.group_lower[own], tree.group_upper[own])
-                cursor.groups = ballot(hit)
+                end = cursor.last_group
+                cursor.groups = ballot(overlaps_box(low, high, tree.group_lower, tree.group_upper, own, end))
             else:
                 cursor.ended = True
         return cursor

@@ -11,7 +11,7 @@ from .cpu_partition import first_of_part, next_of_part, raise_to
 
 ON_GPU, MANY_ON_GPU = 8, 4
 """Threads per point on a GPU in scenes with triangles: few points take less time by more threads, which also share
-the facets around a point; many points keep a GPU busy anyway."""
+the facets around a point; many points fill a GPU anyway."""
 MOST_BY_MORE = 2**14
 """Points of a world up to which it is the larger number."""
 FEW_ON_GPU = 2

@@ -114,7 +114,6 @@ def pair_with(scalar: type, worlds: bool):
         pair.mine = mine
         pair.other = other
         pair.place = place
-        pair.rule = rule
         if mine != other:
             pair.closed = data.surfaces.closed[other]
         pair.reach = reach_of(data, rule, mine, other)

@@ -153,8 +153,8 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         threads: int,
     ):
         dt = float(numbers.h)
-        lost = step.compensation
-        place(data, tree, lost, x, v, 0.0, dt, ahead, buffer, numbers.more, numbers.beyond, threads, 0, 1, flags)
+        shift = step.compensation
+        place(data, tree, shift, x, v, 0.0, dt, ahead, buffer, numbers.more, numbers.beyond, threads, 0, 1, flags)
 
     @wp.func
     def exert_contacts(

@@ -77,7 +77,7 @@ def test_no_rate_of_all_dampers_together_exceeds_the_limit(plain_device, method)
 
 def test_methods_without_a_lag_keep_their_dampers(plain_device):
     simulation = lying(plain_device, 1, integrator=RK4())
-    assert not simulation.assembly.body_contact._limited
+    assert not simulation.assembly.body_contact.limits_now
 
 
 @pytest.mark.slow

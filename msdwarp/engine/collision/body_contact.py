@@ -65,7 +65,9 @@ class BodyContact(WithHistory):
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
-        self._model, self._dt, self._limited = model, 0.0, False
+        self._model, self._dt = model, 0.0
+        self.limits_now = False
+        """Whether dampers limit themselves in the frames that `begin` has prepared."""
         on_host, each = contact_surfaces(model.system), Repeated(model)
         self.rules = ContactRules(model, on_host, rules)
         surfaces = self.surfaces = ContactSurfaces(model, on_host)
@@ -143,11 +145,6 @@ class BodyContact(WithHistory):
         return ON_GPU if self._points <= MOST_BY_MORE * self._model.worlds else MANY_ON_GPU
 
     @property
-    def limits_now(self) -> bool:
-        """Whether dampers limit themselves in the frames that `begin` has prepared."""
-        return self._limited
-
-    @property
     def on_device(self) -> tuple[Any, Any]:
         """The structs that kernels of contact take: all data, and the tree of facets."""
         return self._data, self.neighbors.tree
@@ -222,7 +219,7 @@ class BodyContact(WithHistory):
     def begin(self, substeps: int, dt: float) -> None:
         """Set the length of substeps, and by it how strong dampers may be."""
         self._dt = self.neighbors.dt = dt
-        limits = self._limited = self.limits_dampers and self.steps.lagging
+        limits = self.limits_now = self.limits_dampers and self.steps.lagging
         rate = np.where(self.limiting & limits, DAMPING_LIMIT / dt, UNLIMITED)
         self._data.surfaces.damping_limit.assign(np.resize(rate, self._model.worlds).astype(self._model.dtype))
 
@@ -269,8 +266,8 @@ class BodyContact(WithHistory):
         lanes = self.lanes(triangles)
         composed = (model.scalar, overlapping, lanes, model.in_worlds)
         if triangles:
-            kernels = [(contact_energy if measuring else evaluate_contact)(*composed, self._limited)]
-            if self._limited:
+            kernels = [(contact_energy if measuring else evaluate_contact)(*composed, self.limits_now)]
+            if self.limits_now:
                 kernels = [count_contacts(*composed), *kernels]
         else:
             kernels = [evaluate_segments_and_spheres(*composed)]

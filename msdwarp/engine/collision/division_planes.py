@@ -97,8 +97,7 @@ class DivisionPlanes(Effect):
         Surfaces that still cross since the start are found only where a frame begins.
         """
         data, model, neighbors = self.pairs, self._model, self.neighbors
-        threads = len(data.in_pair) if model.device.is_cuda else 1
-        wp.launch(clear_pairs(model.scalar), threads, [data, threads], device=model.device)
+        neighbors.launch(clear_pairs(model.scalar), len(data.in_pair), [data], [])
         if self.tangles and frame_begins:
             self._find_tangles()
         many = len(self._contact.surfaces.x) + len(data.edge)
@@ -126,9 +125,8 @@ class DivisionPlanes(Effect):
         model, neighbors, steps = self._model, self.neighbors, self.steps
         if len(self.pairs.driven):
             outputs = [after.x, after.v]
-            threads = len(self.pairs.driven) if model.device.is_cuda else 1
-            inputs = [self.pairs, before.x, steps.dt, self.least_gap, threads]
-            wp.launch(catch_up(model.scalar), threads, inputs, outputs, device=model.device)
+            inputs = [self.pairs, before.x, steps.dt, self.least_gap]
+            neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
         measured = [self._contact, self.pairs, before.x, after.x, self.least_gap, self.apart, substep + 1]
         kernel = measure_pairs(model.scalar, model.in_worlds)
         neighbors.share(kernel, len(self.pairs.vertices), measured, [], PAIR_THREADS)

@@ -24,7 +24,6 @@ from ...kernels.collision import (
     MOVED,
     PAIRS,
     WAY,
-    NearPairs,
     Pair,
     begin_search,
     box_facets,
@@ -36,7 +35,6 @@ from ...kernels.collision import (
     range_of_speeds,
 )
 from ...kernels.compensation import compensated_sum
-from ...kernels.integrators import ContactNumbers
 from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records
 from ..model.model import Model
@@ -241,24 +239,16 @@ class NeighborList:
         self.data.due.fill_(FORCED)
 
     @property
-    def near_pairs(self) -> Any:
-        """The struct of near pairs; an empty one if there are none."""
-        return NearPairs(self._model.scalar)() if self.planes is None else self.planes.pairs
-
-    def numbers(self) -> Any:
-        """Return the struct of the numbers that a search in one launch takes, and placing."""
-        numbers: Any = ContactNumbers(self._model.scalar)()
-        numbers.more, numbers.beyond, numbers.farthest = self._more, self._farthest_way, self._around
-        if self.planes is not None:
-            numbers.apart = self.planes.apart
-        return numbers
+    def margins(self) -> tuple[float, float, float]:
+        """Numbers of kernels: `more` and `beyond` of placing, and the largest distance of any contact [m]."""
+        return self._more, self._farthest_way, self._around
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and make room for all."""
         self.place(x, v, None)
         self._find_rows_with_room()
 
-    def _launch(self, kernel: Any, many: int, inputs: list, outputs: list) -> None:
+    def launch(self, kernel: Any, many: int, inputs: list, outputs: list) -> None:
         """Launch a kernel whose threads share `many` items: on a GPU a thread for each, on the CPU one in all."""
         device = self._model.device
         threads = many if device.is_cuda else 1
@@ -268,9 +258,9 @@ class NeighborList:
         """Launch the start of a search: the boxes around facets, pieces, groups and bodies."""
         model, tree, given = self._model, self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
-        self._launch(begin_search(model.scalar, model.in_worlds), many, [*given, after], [])
+        self.launch(begin_search(model.scalar, model.in_worlds), many, [*given, after], [])
         kernel = box_facets(model.scalar, self._warp, model.in_worlds)
-        self._launch(kernel, self._warp * len(tree.piece), given, [])
+        self.launch(kernel, self._warp * len(tree.piece), given, [])
         for one in (self._binary, self._bodies):
             if one is not None:
                 one.refit()
@@ -281,7 +271,7 @@ class NeighborList:
         self._find_rows(frame_begins)
         if not self._model.in_worlds:  # bodies of different worlds have no common drift
             kernel = range_of_speeds(self._model.scalar, self._warp)
-            self._launch(kernel, min(self._points, MOST_THREADS), [self._contact], [])
+            self.launch(kernel, min(self._points, MOST_THREADS), [self._contact], [])
 
     def _find_rows_with_room(self) -> None:
         """List the facets near each point, and repeat with more room until all fit."""
@@ -302,7 +292,7 @@ class NeighborList:
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
         kernel = box_neighbours(model.scalar, 0 if by_tree else self._warp, model.in_worlds)
         threads = many if by_tree else self._warp * many
-        self._launch(kernel, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
+        self.launch(kernel, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
         self.share(find_candidates(*kinds), self._points, [contact, tree], [])
         kernel = find_rows(model.scalar, lanes, model.in_worlds)
         self.share(kernel, lanes * self._points, [contact, tree, *around], [self.flags], block=BLOCK)

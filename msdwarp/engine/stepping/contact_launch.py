@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import warp as wp
 
-from ...kernels.collision import ON_GPU
-from ...kernels.integrators import MOST_THREADS, ContactParts, persistent_contact
+from ...kernels.collision import ON_GPU, NearPairs
+from ...kernels.integrators import MOST_THREADS, ContactNumbers, ContactParts, persistent_contact
 from ..collision.body_contact import BodyContact
 from .dynamics import Dynamics
 from .persistent import CLUSTER
@@ -46,11 +46,12 @@ class ContactLaunch:
             effect.planes,
         )
         dynamics.go_to_substep(first)
-        numbers, h = neighbors.numbers(), effect.steps.dt
+        numbers, pairs, h = ContactNumbers(model.scalar)(), NearPairs(model.scalar)(), effect.steps.dt
+        numbers.more, numbers.beyond, numbers.farthest = neighbors.margins
         numbers.h, numbers.behind, numbers.per_unit = h, h if effect.steps.lagging else 0.0, 1.0 / effect.data.unit
         numbers.particles, numbers.ahead = model.stride, AHEAD * h
         if planes is not None:
-            numbers.least = planes.least_gap
+            pairs, numbers.least, numbers.apart = planes.pairs, planes.least_gap, planes.apart
             numbers.per_unit_of_impulse = planes.per_unit
         lanes = effect.lanes(effect.surfaces.triangles)
         parts = ContactParts(
@@ -64,7 +65,7 @@ class ContactLaunch:
         inputs = [dynamics.scene, self._steps, substeps, model.connection_count, threads, first + 1]
         inputs += [
             *effect.on_device,
-            neighbors.near_pairs,
+            pairs,
             numbers,
             neighbors.buffer,
             neighbors.flags,
