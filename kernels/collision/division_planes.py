@@ -7,11 +7,13 @@ thickness. If so,
 
 1. impulses act between the two sides of each such pair, in a few rounds. All pairs act at the same time, so each
    divides the mass of a particle by the number of pairs that push it;
-2. the displacement in this substep of each particle that would still reach the plane of a pair is shortened.
+2. of pairs that would still come too near, the displacement in this substep of each particle that would reach the
+   plane of the pair is shortened. Then planes of other pairs of these particles count, too, and so on.
 
-Both sides of a pair are then convex sets on the two sides of a plane, also all along the straight paths there. The
-impulses of a pair add up to nothing and are summed as integers; a displacement is shortened to the least that any
-pair of the particle allows. So nothing depends on the order of pairs.
+Both sides of a pair are then convex sets on the two sides of a plane, also all along the straight paths there. If a
+particle of the pair is held back, the plane stands still; else it moves with the pair, so that bodies that fly
+together are not held back. The impulses of a pair add up to nothing and are summed as integers; a displacement is
+shortened to the least that any pair of the particle allows. So nothing depends on the order of pairs.
 References: Chen et al., Offset geometric contact, ACM TOG 44 (2025); Tonge et al., Mass splitting for jitter-free
 parallel rigid body simulation, ACM TOG 31 (2012).
 """
@@ -33,13 +35,17 @@ ROUNDS = 4
 """Rounds of impulses. Without any a driven end of a folded cloth lags by 0.3 m, with these by some millimetres."""
 ALLOWED = 0.8
 """The share of its distance from the plane by which a vertex may approach it."""
+MOST_LOST = 0.95
+"""The share of its gap that a pair may lose in a substep, less the least gap, before anything is held back."""
 LEAST_SHARE = 0.05
 """The least share of the gap on either side of a plane."""
 CATCH_UP = 50.0
 """How far a particle with a drive at rest may go in a substep to catch up, as a multiple of the least gap."""
-PHASES = 3 * ROUNDS + 2
-"""Phases of `keep_apart`: three for each round of impulses, one that finds how much displacements must be
-shortened, one that shortens them. One ends before the next begins."""
+CUTS = 4
+"""Rounds in which displacements are shortened. If more would be needed, the last is for all pairs."""
+PHASES = 3 * ROUNDS + 2 * CUTS
+"""Phases of `keep_apart`: three for each round of impulses, two for each in which displacements are shortened. One
+ends before the next begins."""
 MOST_THREADS = 256
 """Threads in a block; the compiler leaves registers for this many."""
 
@@ -102,16 +108,40 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
     load, store, _ = records(3, scalar)
-    place_of, way_towards = ways(scalar, worlds)
+    place_of, way_towards, approach_of = ways(scalar, worlds)
     _, lacks, count_pushes, push, apply = pair_impulses(scalar, worlds)
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
-    def shorten(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
-        """Lower the shares of displacement that particles of pair k may make, so that none reaches its plane."""
+    def is_held(data: Data, pairs: Pairs, k: int) -> bool:
+        """Tell whether a particle of pair k has been held back in an earlier round."""
+        found = bool(False)
+        for m in range(4):
+            v = vertex_of(pairs.vertices[k], m)
+            for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
+                found = found or pairs.held[data.surfaces.particle[s]] != 0
+        return found
+
+    @wp.func
+    def shorten(
+        data: Data,
+        pairs: Pairs,
+        x: wp.array(dtype=V),
+        x_out: wp.array(dtype=V),
+        apart: scalar,
+        everywhere: bool,
+        k: int,
+    ):
+        """Lower the shares of displacement that particles of pair k may make, so that none reaches its plane.
+
+        Unless `everywhere`, only if the pair comes too near, or one of its particles has been held back.
+        """
         normal = pairs.normal[k]
         gap = pairs.gap[k]
         if gap <= zero:
+            return
+        lost = wp.max(scalar(MOST_LOST) * gap - pairs.least[k], gap - apart)
+        if not everywhere and approach_of(data, pairs, x, x_out, k) <= lost and not is_held(data, pairs, k):
             return
         vertices = pairs.vertices[k]
         firsts = int(1)
@@ -169,6 +199,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         if share == one:
             return float(0.0)
         pairs.share[i] = 1.0
+        pairs.held[i] = 0
         way = load(x_out, i) - load(x, i)
         lost = (share - one) * way
         store(x_out, i, load(x, i) + share * way)
@@ -185,19 +216,21 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         x_out: wp.array(dtype=V),
         per_unit: wp.float64,
         apart: scalar,
+        substep: int,
         phase: int,
         k: int,
     ):
         """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
-        if phase == wp.static(PHASES - 2):
-            shorten(data, pairs, x, x_out, apart, k)
+        if phase >= wp.static(3 * ROUNDS):
+            everywhere = phase == wp.static(PHASES - 2) and pairs.unsettled[0] == substep
+            shorten(data, pairs, x, x_out, apart, everywhere, k)
         elif pairs.gap[k] > zero:
-            way, lack = lacks(data, pairs, x, x_out, apart, k)
+            weights, nearest, way, lack = lacks(data, pairs, x, x_out, apart, k)
             if lack > zero:
                 if phase % 3 == 0:
-                    count_pushes(data, pairs, k)
+                    count_pushes(data, pairs, k, weights)
                 else:
-                    push(data, pairs, k, way, lack, per_unit)
+                    push(data, pairs, k, weights, nearest, way, lack, per_unit)
 
     def keep(
         data: Data,
@@ -221,11 +254,17 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         for phase in range(first_phase, last_phase + 1):
             n = grid_thread()
-            if phase == wp.static(PHASES - 1) or phase % 3 == 2:
+            cut = phase - wp.static(3 * ROUNDS)
+            if (cut < 0 and phase % 3 == 2) or (cut > 0 and cut % 2 == 1):
                 while n < pairs.particle_count[0]:
                     i = pairs.particle[n]
-                    if phase < wp.static(PHASES - 2):
+                    if cut < 0:
                         apply(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, i)
+                    elif phase < wp.static(PHASES - 1):
+                        if pairs.share[i] < 1.0 and pairs.held[i] == 0:
+                            pairs.held[i] = 1
+                            if phase == wp.static(PHASES - 3):
+                                pairs.unsettled[0] = substep
                     else:
                         lost = hold_back(pairs, x, x_out, v_out, h, i)
                         if lost > 0.0:
@@ -233,7 +272,7 @@ def keep_apart(scalar: type, blocks: int, worlds: bool = False):
                     n += threads
             else:
                 while n < count:
-                    act(data, pairs, x, x_out, per_unit, apart, phase, n)
+                    act(data, pairs, x, x_out, per_unit, apart, substep, phase, n)
                     n += threads
             if phase < last_phase:
                 wait()

@@ -65,6 +65,7 @@ def NearPairs(scalar: type):
         pushes: wp.array(dtype=int)  # pairs that push each particle in a round
         impulse: wp.array2d(dtype=wp.int64)  # of pairs on each particle, times the substep [kg m], in units
         share: wp.array(dtype=float)  # of its displacement in the substep that each particle may make
+        held: wp.array(dtype=int)  # whether that is less than all, as of an earlier round
         driven: wp.array(dtype=int)  # indices of the driven particles
         done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
         contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not asked for
@@ -72,6 +73,7 @@ def NearPairs(scalar: type):
         tangles: wp.array(dtype=int)  # whether any edge crosses a triangle, shape [1]
         tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
         alarm: wp.array(dtype=int)  # in which substep of a frame a pair last came too near, from 1
+        unsettled: wp.array(dtype=int)  # in which substep particles were last held back in the last round but one
 
     return NearPairs
 

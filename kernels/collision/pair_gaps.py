@@ -19,11 +19,14 @@ ROUNDING = 4.0
 
 @functools.cache
 def ways(scalar: type, worlds: bool):
-    """Compose (place_of, way_towards): a vertex's position, and its largest displacement against a normal [m].
+    """Compose (place_of, way_towards, approach_of).
 
-    Since each of its particles may be held back alone, particles that move along the normal count as at rest.
+    `place_of` returns a vertex's position, `way_towards` its largest displacement against a normal [m]: since each
+    of its particles may be held back alone, particles that move along the normal count as at rest. `approach_of`
+    returns how far the two sides of a pair approach each other along its normal, if none is held back [m].
     """
     V, Data, load = vector(3, scalar), BodyContactData(scalar, worlds), records(3, scalar).load
+    Pairs, W = NearPairs(scalar), wp.types.vector(4, scalar)
 
     @wp.func
     def place_of(
@@ -46,7 +49,23 @@ def ways(scalar: type, worlds: bool):
             way += wp.max(scalar(0.0), -data.surfaces.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
         return way
 
-    return place_of, way_towards
+    @wp.func
+    def approach_of(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int) -> scalar:
+        vertices = pairs.vertices[k]
+        f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
+        rise = W()
+        for m in range(4):
+            v = vertex_of(vertices, m)
+            rise[m] = wp.dot(place_of(f, p, w, x_out, v) - place_of(f, p, w, x, v), pairs.normal[k])
+        second = wp.max(rise[2], rise[3])
+        first = rise[0]
+        if vertices[0] < 0:
+            first = wp.min(first, rise[1])
+        else:
+            second = wp.max(second, rise[1])
+        return second - first
+
+    return place_of, way_towards, approach_of
 
 
 @functools.cache
@@ -58,7 +77,7 @@ def measure_pairs(scalar: type, worlds: bool = False):
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
-    (place_of, way_towards), may_lose = ways(scalar, worlds), pair_impulses(scalar, worlds)[0]
+    (place_of, _, approach_of), may_lose = ways(scalar, worlds), pair_impulses(scalar, worlds)[0]
     zero, one = scalar(0.0), scalar(1.0)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
@@ -136,17 +155,8 @@ def measure_pairs(scalar: type, worlds: bool = False):
         k = first_of_part(grid_thread(), part)
         while k < count:
             measure(data, pairs, x, least, k)
-            vertices = pairs.vertices[k]
-            normal = pairs.normal[k]
-            first = way_towards(data, x, x_out, vertex_of(vertices, 0), normal)
-            second = way_towards(data, x, x_out, vertices[3], -normal)
-            if vertices[0] < 0:
-                first = wp.max(first, way_towards(data, x, x_out, vertices[1], normal))
-            else:
-                second = wp.max(second, way_towards(data, x, x_out, vertices[1], -normal))
-            second = wp.max(second, way_towards(data, x, x_out, vertices[2], -normal))
             gap = pairs.gap[k]
-            if gap > zero and first + second > may_lose(gap, pairs.least[k], apart):
+            if gap > zero and approach_of(data, pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
                 pairs.alarm[0] = substep
             k = next_of_part(k, threads, parts)
 

@@ -14,6 +14,8 @@ from .near_pairs import NearPairs, vertex_of
 
 KEPT = 0.5
 """The share of its gap that impulses try to keep for a pair in a substep, unless the gap remains wide."""
+MOST_LOST = 0.8
+"""The share of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
 ALL_KEPT = 4.0
 """Below this multiple of the least gap, impulses try to keep all of the gap."""
 
@@ -22,32 +24,28 @@ ALL_KEPT = 4.0
 def pair_impulses(scalar: type, worlds: bool):
     """Compose (may_lose, lacks, count_pushes, push, apply).
 
-    `may_lose` returns by how much the gap of a pair may shrink in a substep [m]. `lacks` returns the displacement
-    of the first side relative to the second in the substep, and how much more than allowed the gap shrinks [m].
+    `may_lose` returns by how much the gap of a pair may shrink in a substep [m]. `lacks` returns where the gap
+    shrinks most: the weights of the vertices, whether these are the nearest points, the displacement of the first
+    side relative to the second there in the substep, and how much more than allowed the gap shrinks [m].
     In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
     """
-    V, Units = vector(3, scalar), wp.types.vector(3, wp.int64)
+    V, W, Units = vector(3, scalar), wp.types.vector(4, scalar), wp.types.vector(3, wp.int64)
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
     load, store, _ = records(3, scalar)
     zero, kept = scalar(0.0), scalar(KEPT)
 
     @wp.func
-    def way_between(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int) -> V:
-        """Return the displacement in the substep of the first side's nearest point, less the second side's [m]."""
-        vertices = pairs.vertices[k]
-        weights = pairs.weights[k]
+    def way_of(data: Data, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int) -> V:
+        """Return the displacement of vertex v in the substep [m]."""
         way = V()
-        for m in range(4):
-            v = vertex_of(vertices, m)
-            for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
-                i = data.surfaces.particle[s]
-                way += weights[m] * data.surfaces.weight[s] * (load(x_out, i) - load(x, i))
+        for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
+            i = data.surfaces.particle[s]
+            way += data.surfaces.weight[s] * (load(x_out, i) - load(x, i))
         return way
 
     @wp.func
-    def count_pushes(data: Data, pairs: Pairs, k: int):
+    def count_pushes(data: Data, pairs: Pairs, k: int, weights: W):
         vertices = pairs.vertices[k]
-        weights = pairs.weights[k]
         for m in range(4):
             if weights[m] != zero:
                 v = vertex_of(vertices, m)
@@ -55,13 +53,15 @@ def pair_impulses(scalar: type, worlds: bool):
                     wp.atomic_add(pairs.pushes, data.surfaces.particle[s], 1)
 
     @wp.func
-    def push(data: Data, pairs: Pairs, k: int, way: V, lack: scalar, per_unit: wp.float64):
+    def push(
+        data: Data, pairs: Pairs, k: int, weights: W, nearest: bool, way: V, lack: scalar, per_unit: wp.float64
+    ):
         """Add the impulses of pair k, with each particle's mass divided by the number of pairs that push it.
 
-        They reduce the approach by `lack` for restitution 0, reverse it for restitution 1, and cause friction.
+        At the nearest points they reduce the approach by `lack` for restitution 0, reverse it for restitution 1,
+        and cause friction; at other points they only reduce it.
         """
         vertices = pairs.vertices[k]
-        weights = pairs.weights[k]
         normal = pairs.normal[k]
         mine = data.surfaces.body_of[vertex_of(vertices, 0)]
         other = data.surfaces.body_of[vertices[3]]
@@ -69,10 +69,12 @@ def pair_impulses(scalar: type, worlds: bool):
         approach = -wp.dot(way, normal)
         along = way + approach * normal
         e = pairs.restitution[rule]
-        across = lack + e * (scalar(2.0) * approach - lack)
+        across = lack
         slip = wp.length(along)
+        if nearest:
+            across += e * (scalar(2.0) * approach - lack)
         change = across * normal
-        if slip > zero:
+        if nearest and slip > zero:
             change -= (wp.min(data.rules.friction[rule] * across, slip) / slip) * along
         mobility = zero
         for m in range(4):
@@ -140,7 +142,33 @@ def pair_impulses(scalar: type, worlds: bool):
 
     @wp.func
     def lacks(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
-        way = way_between(data, pairs, x, x_out, k)
-        return way, -wp.dot(way, pairs.normal[k]) - may_lose(pairs.gap[k], pairs.least[k], apart)
+        vertices = pairs.vertices[k]
+        weights = pairs.weights[k]
+        gap = pairs.gap[k]
+        way = V()
+        rises = W()
+        for m in range(4):
+            of_vertex = way_of(data, x, x_out, vertex_of(vertices, m))
+            way += weights[m] * of_vertex
+            rises[m] = wp.dot(of_vertex, pairs.normal[k])
+        lack = -wp.dot(way, pairs.normal[k]) - may_lose(gap, pairs.least[k], apart)
+        nearest = lack > zero
+        if not nearest:
+            # Where a side turns, another of its vertices may be faster.
+            first = int(0)
+            second = int(3)
+            if vertices[0] < 0 and rises[1] < rises[0]:
+                first = int(1)
+            if rises[2] > rises[second]:
+                second = int(2)
+            if vertices[0] >= 0 and rises[1] > rises[second]:
+                second = int(1)
+            lack = rises[second] - rises[first] - wp.max(scalar(MOST_LOST) * gap, gap - apart)
+            way = way_of(data, x, x_out, vertex_of(vertices, first))
+            way -= way_of(data, x, x_out, vertex_of(vertices, second))
+            weights = W()
+            weights[first] = scalar(1.0)
+            weights[second] = scalar(-1.0)
+        return weights, nearest, way, lack
 
     return may_lose, lacks, count_pushes, push, apply

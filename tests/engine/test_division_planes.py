@@ -108,6 +108,21 @@ def test_impulses_keep_momentum(plain_device):
     assert simulation.frame().velocity[:30, 2].mean() < -0.2  # the cloth has been pushed
 
 
+@pytest.mark.parametrize("thickness", [1e-3, 1e-2])
+def test_what_flies_together_is_not_held_back(plain_device, thickness):
+    # Two sheets meet and fly on together, in a substep 8 mm each: farther than the gap that is left between them.
+    low = sheet((8, 8), 0.05, mass=MASS, stiffness=20.0, damping=0.0)
+    high = low.translate((0.013, 0.007, 0.1)).with_velocity((0.0, 0.0, -6.0))
+    how = {"gravity": 0.0, "device": plain_device, "precision": "float64"}
+    simulation = Simulation(low + high, contact=Contact(thickness=thickness), **how)
+    for _ in range(10):
+        simulation.step()
+        assert simulation.held_back == 0.0
+    velocity = simulation.frame().velocity
+    np.testing.assert_allclose(MASS * velocity.sum(axis=0), [0.0, 0.0, -6.0 * MASS * SIZE], atol=1e-11)
+    assert velocity[:SIZE, 2].mean() < -2.5  # it has been pushed
+
+
 def test_bodies_with_an_inside_have_no_planes_between_them():
     die = box((2, 2, 2), 0.1)
     two = die + die.translate((0, 0, 0.3))

@@ -74,10 +74,12 @@ class DivisionPlanes(Effect):
         data.of_facet = each.alike(of_world, wp.vec3i, len(edge))
         data.rank = each.alike(ranks(surfaces, edge), int)
         data.tangled = wp.zeros(model.worlds * vertices, dtype=int, device=device)
-        data.count, data.particle_count, data.tangles, data.alarm = (
-            wp.zeros(1, dtype=int, device=device) for _ in "cpta"
+        data.count, data.particle_count, data.tangles, data.alarm, data.unsettled = (
+            wp.zeros(1, dtype=int, device=device) for _ in "cptau"
         )
-        data.in_pair, data.particle, data.pushes = (wp.zeros(particles, dtype=int, device=device) for _ in "ipp")
+        data.in_pair, data.particle, data.pushes, data.held = (
+            wp.zeros(particles, dtype=int, device=device) for _ in "ipph"
+        )
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
         data.share = wp.ones(particles, dtype=float, device=device)
         mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
