@@ -10,8 +10,8 @@ thickness. If so,
 2. of pairs that would still come too near, the displacement in this substep of each particle that would reach the
    plane of the pair is shortened. Then planes of other pairs of these particles count, too, and so on.
 
-Both sides of a pair are then convex sets on the two sides of a plane, also all along the straight paths there. If a
-particle of the pair is held back, the plane stands still; else it moves with the pair, so that bodies that fly
+Both sides of a pair are then convex sets on the two sides of a plane, also all along the straight paths there. The
+plane stands still if a particle of the pair is held back; else it moves with the pair, so that bodies that fly
 together are not held back. The impulses of a pair add up to nothing and are summed as integers; a displacement is
 shortened to the least that any pair of the particle allows. So nothing depends on the order of pairs.
 References: Chen et al., Offset geometric contact, ACM TOG 44 (2025); Tonge et al., Mass splitting for jitter-free
