@@ -52,7 +52,6 @@ if _typing.TYPE_CHECKING:
         EnergyDriftWarning as EnergyDriftWarning,
         FitWarning as FitWarning,
         StartWarning as StartWarning,
-        TunnellingWarning as TunnellingWarning,
     )
     from .engine import Measures as Measures
     from .files import Trajectory as Trajectory, TrajectoryWriter as TrajectoryWriter
@@ -117,7 +116,7 @@ __version__ = "0.1.0"
 _ROOMS = {
     "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System "
     "space_filling_order",
-    "checks": "TunnellingWarning EnergyDriftWarning FitWarning StartWarning",
+    "checks": "EnergyDriftWarning FitWarning StartWarning",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
     "integrators": (

@@ -24,10 +24,6 @@ FINITE_OR_INF: Limit = (lambda values: (values <= LARGEST) | (values == np.inf),
 NOT_TINY: Limit = (lambda values: values >= SMALLEST, f"above 0, and at least {SMALLEST:.0e}")
 
 
-class TunnellingWarning(UserWarning):
-    """Bodies collide so fast, or press so hard, that one may pass through the other."""
-
-
 class EnergyDriftWarning(UserWarning):
     """The energy of a run has risen by rounding errors."""
 

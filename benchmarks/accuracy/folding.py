@@ -16,7 +16,7 @@ import numpy as np
 from msdwarp import Contact, Plane, PrescribedMotion, Scene, Simulation, sheet
 
 from ..common import arguments, machine, table, write_csv
-from .crossings import crossings, overruns
+from .crossings import crossings
 
 SPACING, SQUEEZED, TIMES = 0.05, 0.7, 4
 """Of the particles [m]; by how much of its length the strip is shortened; and how often."""
@@ -45,8 +45,7 @@ def fold(bending: float, thickness: float | None, period: float, device: str) ->
     )
     simulation = Simulation.from_scene(scene, device=device)
     frames = round(TIMES * period * simulation.fps)
-    with overruns() as said:
-        crossing = crossings(simulation, frames)
+    crossing = crossings(simulation, frames)
     return {
         "bending": bending,
         "thickness": float("nan") if thickness is None else thickness,  # nan: what it has by itself
@@ -55,7 +54,6 @@ def fold(bending: float, thickness: float | None, period: float, device: str) ->
         "frames": frames,
         "crossing": len(crossing),
         "first": crossing[0] if crossing else -1,
-        "overrun": int(bool(said)),
     }
 
 

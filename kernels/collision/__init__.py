@@ -20,6 +20,7 @@ from .contact_data import (
     STORED as STORED,
     WAY as WAY,
     BodyContactData as BodyContactData,
+    NearPairs as NearPairs,
     Pair as Pair,
     body_contact_term as body_contact_term,
 )
@@ -37,15 +38,6 @@ from .facet_tree import (
     find_roots as find_roots,
 )
 from .force_sums import add_impulses as add_impulses
-from .history import (
-    COUNT as COUNT,
-    FACET as FACET,
-    GAP as GAP,
-    NOTED as NOTED,
-    PLACE as PLACE,
-    POINT as POINT,
-    SPEED as SPEED,
-)
 from .lanes import (
     BLOCK as BLOCK,
     BLOCKS as BLOCKS,
@@ -55,7 +47,6 @@ from .lanes import (
     ON_GPU as ON_GPU,
 )
 from .near_pairs import (
-    NearPairs as NearPairs,
     clear_pairs as clear_pairs,
     find_pairs as find_pairs,
     find_tangles as find_tangles,
@@ -77,4 +68,4 @@ from .surface_contact_data import (
     quadrature_weights as quadrature_weights,
     surface_contact_term as surface_contact_term,
 )
-from .vertices import place_vertices as place_vertices
+from .vertices import place_inner as place_inner, place_vertices as place_vertices

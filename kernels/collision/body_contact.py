@@ -20,11 +20,11 @@ from ..basis import vector
 from ..records import table
 from .contact_data import STORED, BodyContactData, Substep
 from .force_sums import exert_force
-from .history import displacements, memories, note_tunnelling
+from .history import displacements, memories
 from .lanes import each_active_point, wait_for_lanes
 from .law import TANGENTIAL, contact_law, damping_limits
 from .nearest_facet import facing, nearest_facets
-from .pairs import FAR, NONE, Pair, next_in_order, places, points, unit_normal
+from .pairs import FAR, NONE, Pair, next_in_order, places, points
 
 
 @functools.cache
@@ -48,26 +48,20 @@ def contact_energy(
     return _each_point(scalar, overlapping_at_start, True, lanes, worlds, limited)
 
 
-@wp.func
-def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
-    """Tell whether both bodies are closed. Only such a pair can tunnel: `division_planes` keeps others apart."""
-    return closed[mine] != 0 and closed[other] != 0
-
-
 @functools.cache
 def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool, limited: bool):
-    """Compose (bear, note_fast): the force of one contact, and a record of points that skip a facet in a substep.
+    """Compose the function that exerts the force of one contact.
 
-    `bear` returns whether the contact exerts a force, its tangential displacement [m], and, if `measuring`, its
-    stored energy [J] and dissipated power [W].
+    It returns whether there is a force, the contact's tangential displacement [m], and, if `measuring`, its stored
+    energy [J] and dissipated power [W].
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
     Memory = memories(scalar, worlds)[0]
     Nearest = nearest_facets(scalar, lanes, worlds)[0]
-    (place_of, place_on, _), normal_of = places(scalar), unit_normal(scalar)
+    (place_of, place_on, _) = places(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    moved_along, note = displacements(scalar, worlds)[1], note_tunnelling(scalar)
+    moved_along = displacements(scalar, worlds)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)
     facing_of, load = facing(scalar, lanes), damping_limits(scalar, lanes)[1]
     zero, half, tangential, far = scalar(0.0), scalar(0.5), scalar(TANGENTIAL), scalar(FAR)
@@ -148,32 +142,9 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                 exert(on, point.ends, point.share, nearest.corner, nearest.w, f, by, lane, step.parts)
                 if lane == 0:
                     record(data, p, pair.mine, k_n, overlap, step, flags)
-                if lane == 0 and step.h > zero and both_closed(data.surfaces.closed, pair.mine, pair.other):
-                    # The vertex of a point has as much force from each of its other points.
-                    u_n += step.h * f_n * mobility / pair.density
-                    least = zero
-                    if pair.closed != 0:
-                        least = -pair.reach
-                    if wp.static(overlapping_at_start):
-                        least = least - data.history.initial_overlap[p]
-                    note(data.tunnelling, p, nearest.facet, point.x, gap + step.h * u_n, least, -u_n)
         return bears, moved, energy, power
 
-    @wp.func
-    def note_fast(data: Data, point: Point, pair: PointAndBody, nearest: Nearest, away: V, h: scalar):
-        """Record a point that passes a facet within the substep without ever being in contact."""
-        gap = wp.sqrt(nearest.squared)
-        v = data.surfaces.v
-        u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
-        u_n = wp.dot(u, away) / gap
-        least = zero
-        if pair.closed != 0:
-            least = -pair.reach
-            if wp.dot(away, normal_of(data.surfaces.x, nearest.corner)) < zero:
-                u_n = zero  # already inside, too deep to be pushed out
-        note(data.tunnelling, point.number, nearest.facet, point.x, gap + h * u_n, least, -u_n)
-
-    return bear, note_fast
+    return bear
 
 
 @functools.cache
@@ -232,7 +203,7 @@ def _each_point(
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
     place_on, point_of, held = places(scalar)[1], points(scalar, worlds)[1], displacements(scalar, worlds)[0]
     Nearest, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
-    bear, note_fast = bearing(scalar, overlapping_at_start, measuring, lanes, worlds, limited)
+    bear = bearing(scalar, overlapping_at_start, measuring, lanes, worlds, limited)
     _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
     wait, corner_of = wait_for_lanes(lanes), table(wp.vec3i)
     V, zero, far, counted = vector(3, scalar), scalar(0.0), scalar(FAR), limited and not measuring
@@ -290,9 +261,6 @@ def _each_point(
                     energy += more
                     power += heat
                     memory = remember(memory, pair.other, moved)
-            elif step.h > zero and lane == 0 and nearest.squared < far:
-                if both_closed(data.surfaces.closed, pair.mine, pair.other):
-                    note_fast(data, point, pair, nearest, away, step.h)
             first = nearest.until
             if wp.static(measuring):
                 first = next_in_order(

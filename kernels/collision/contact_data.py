@@ -1,4 +1,4 @@
-"""Device data of contact between bodies: surfaces, rules, neighbor list and history."""
+"""Device data of contact between bodies: surfaces, rules, neighbor list and history; and of near pairs."""
 
 import functools
 from typing import Any
@@ -149,9 +149,84 @@ def BodyContactData(scalar: type, worlds: bool = False):
         neighbors: NeighborList
         contacts: FoundContacts
         history: ContactHistory
-        tunnelling: wp.array(dtype=wp.float64)  # the first contact that may tunnel; see history.py
 
     return BodyContactData
+
+
+@functools.cache
+def InnerSurfaces(scalar: type):
+    """Compose the struct of inner surfaces, which lie inside closed bodies.
+
+    Closed bodies may overlap, but not cross each other's inner surfaces. Each vertex of one lies on the chord from
+    a drawn vertex to the opposite side of its body.
+    """
+    V, W = vector(3, scalar), wp.types.vector(4, scalar)
+
+    @wp.struct
+    class InnerSurfaces:
+        chord: wp.array(dtype=wp.vec4i)  # the drawn vertex and those of the opposite facet; −1: none
+        weight: wp.array(dtype=W)  # theirs
+        x: wp.array(dtype=V)  # positions at the last search [m], in records
+        lower: wp.array(dtype=wp.vec3)  # box around each body's inner surface then [m]
+        upper: wp.array(dtype=wp.vec3)
+        inset: wp.array(dtype=float)  # largest distance of one of its vertices from the drawn one [m]
+        more: wp.array(dtype=scalar)  # by this much more than half a skin may one of its vertices move [m]
+
+    return InnerSurfaces
+
+
+@functools.cache
+def NearPairs(scalar: type):
+    """Compose the struct of near pairs, and of the impulses and shortened displacements that keep them apart."""
+    V, W, Inner = vector(3, scalar), wp.types.vector(4, scalar), InnerSurfaces(scalar)
+
+    @wp.struct
+    class NearPairs:
+        # Vertices: first those that are drawn, then those of inner surfaces:
+        first_particle: wp.array(dtype=int)  # row starts of particle_of and weight
+        particle_of: wp.array(dtype=int)
+        weight: wp.array(dtype=scalar)  # of each particle
+        mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg]
+        body_of: wp.array(dtype=int)
+        inner: Inner
+        # Edges; a grain is an edge whose ends are the same:
+        edge: wp.array(dtype=wp.vec2i)  # the ends of each, shape [edge_count]
+        bare: wp.array(dtype=int)  # whether it is an edge of no triangle
+        of_facet: wp.array(dtype=wp.vec3i)  # the edges that a search finds by each facet, -1: none
+        rank: wp.array(dtype=int)  # of each body by the length of its edges, the shortest first
+        # Pairs:
+        vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first end as ~
+        count: wp.array(dtype=int)  # number of pairs, shape [1]
+        weights: wp.array(dtype=W)  # of the vertices in the shortest line from the second side to the first
+        normal: wp.array(dtype=V)  # of the plane between the two sides, towards the first
+        gap: wp.array(dtype=scalar)  # from the second side to the first along it [m], at most 0 where they cross
+        least: wp.array(dtype=scalar)  # the least that may be left on either side of the plane [m]
+        # Particles:
+        in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
+        particle: wp.array(dtype=int)  # the particles in pairs, in any order
+        particle_count: wp.array(dtype=int)  # number of particles in pairs, shape [1]
+        inverse_mass: wp.array(dtype=scalar)  # [1/kg], of the particles of all worlds
+        pushes: wp.array(dtype=int)  # pairs that push each particle in a round
+        impulse: wp.array2d(dtype=wp.int64)  # of pairs on each particle, times the substep [kg m], in units
+        share: wp.array(dtype=float)  # of its displacement in the substep that each particle may make
+        held: wp.array(dtype=int)  # whether that is less than all, as of an earlier round
+        driven: wp.array(dtype=int)  # indices of the driven particles
+        done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
+        contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not asked for
+        # Rules, see `ContactRules`:
+        kind: wp.array(dtype=int)
+        rules: wp.array2d(dtype=int)
+        friction: wp.array(dtype=scalar)
+        restitution: wp.array(dtype=scalar)
+        # Results:
+        tangles: wp.array(dtype=int)  # whether any edge crosses a triangle, shape [1]
+        tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
+        alarm: wp.array(dtype=int)  # in which substep of a frame a pair last came too near, from 1
+        acting: wp.array(dtype=int)  # whether one has since that was set to 0
+        lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
+        unsettled: wp.array(dtype=int)  # in which substep particles were last held back in the last round but one
+
+    return NearPairs
 
 
 @functools.cache

@@ -37,19 +37,6 @@ ADD_WHOLE = """
         wp::index(numbers, i, k) += value;
 #endif
 """
-CLAIM = """
-#if defined(__CUDA_ARCH__)
-    return wp::atomic_add(numbers, at, 1.0) == 0.0;
-#else
-    wp::float64* place = &wp::index(numbers, at);
-    wp::float64 before, after;
-    __atomic_load(place, &before, __ATOMIC_RELAXED);
-    do
-        after = before + 1.0;
-    while (!__atomic_compare_exchange(place, &before, &after, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED));
-    return before == 0.0;
-#endif
-"""
 
 
 @wp.func
@@ -82,10 +69,4 @@ def raise_to(numbers: wp.array(dtype=float), at: int, value: float):
 @wp.func_native(ADD_WHOLE)
 def add_whole(numbers: wp.array2d(dtype=wp.int64), i: int, k: int, value: wp.int64, parts: int):
     """Add `value` to numbers[i, k]. A single CPU thread needs no atomic operation, which would cost too much."""
-    ...
-
-
-@wp.func_native(CLAIM)
-def claim(numbers: wp.array(dtype=wp.float64), at: int) -> bool:
-    """Add 1 to numbers[at], and tell whether it was 0 before: this is true for the first thread only."""
     ...

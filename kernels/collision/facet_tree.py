@@ -81,6 +81,14 @@ def overlaps_box(
     return overlap(low, high, lower[k], upper[k])
 
 
+@wp.func
+def extend(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), i: int, least: wp.vec3, most: wp.vec3):
+    """Extend box i to hold the box from `least` to `most`, atomically."""
+    if not (wp.min(least, low[i]) == low[i] and wp.max(most, high[i]) == high[i]):  # seldom
+        wp.atomic_min(low, i, least)
+        wp.atomic_max(high, i, most)
+
+
 @functools.cache
 def facets_within(lanes: int):
     """Compose (begin, find_next), which find the facets of a body whose boxes overlap a box low … high.
@@ -182,12 +190,6 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
     @wp.func
     def least_corner(x: wp.vec3) -> wp.vec3:
         return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
-
-    @wp.func
-    def extend(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), i: int, least: wp.vec3, most: wp.vec3):
-        if not (wp.min(least, low[i]) == low[i] and wp.max(most, high[i]) == high[i]):  # seldom
-            wp.atomic_min(low, i, least)
-            wp.atomic_max(high, i, most)
 
     @wp.func
     def box_piece(data: Data, tree: FacetTree, p: int, lane: int):

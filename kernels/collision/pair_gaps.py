@@ -7,9 +7,9 @@ import warp as wp
 from ..basis import kernel, vector
 from ..records import records
 from ..threads import grid_thread
-from .contact_data import BodyContactData
+from .contact_data import NearPairs
 from .cpu_partition import first_of_part, next_of_part
-from .near_pairs import NearPairs, vertex_of
+from .near_pairs import vertex_of
 from .nearest_point import nearest_on_segments, nearest_on_triangle
 from .pair_impulses import pair_impulses
 
@@ -18,14 +18,14 @@ ROUNDING = 4.0
 
 
 @functools.cache
-def ways(scalar: type, worlds: bool):
+def ways(scalar: type):
     """Compose (place_of, way_towards, approach_of).
 
     `place_of` returns a vertex's position, `way_towards` its largest displacement against a normal [m]: since each
     of its particles may be held back alone, particles that move along the normal count as at rest. `approach_of`
     returns how far the two sides of a pair approach each other along its normal, if none is held back [m].
     """
-    V, Data, load = vector(3, scalar), BodyContactData(scalar, worlds), records(3, scalar).load
+    V, load = vector(3, scalar), records(3, scalar).load
     Pairs, W = NearPairs(scalar), wp.types.vector(4, scalar)
 
     @wp.func
@@ -42,17 +42,17 @@ def ways(scalar: type, worlds: bool):
         return place
 
     @wp.func
-    def way_towards(data: Data, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V) -> scalar:
+    def way_towards(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V) -> scalar:
         way = scalar(0.0)  # each particle may make only a part of its displacement; weights may be negative
-        for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
-            i = data.surfaces.particle[s]
-            way += wp.max(scalar(0.0), -data.surfaces.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
+        for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+            i = pairs.particle_of[s]
+            way += wp.max(scalar(0.0), -pairs.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
         return way
 
     @wp.func
-    def approach_of(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int) -> scalar:
+    def approach_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int) -> scalar:
         vertices = pairs.vertices[k]
-        f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
+        f, p, w = pairs.first_particle, pairs.particle_of, pairs.weight
         rise = W()
         for m in range(4):
             v = vertex_of(vertices, m)
@@ -69,15 +69,15 @@ def ways(scalar: type, worlds: bool):
 
 
 @functools.cache
-def measure_pairs(scalar: type, worlds: bool = False):
+def measure_pairs(scalar: type):
     """Compose the kernel that finds the gap of each near pair, and sets `alarm` if any comes too near.
 
     That is within the substep. Without an alarm `keep_apart` does nothing. Its threads share the pairs.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    Pairs = NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
-    (place_of, _, approach_of), may_lose = ways(scalar, worlds), pair_impulses(scalar, worlds)[0]
+    (place_of, _, approach_of), may_lose = ways(scalar), pair_impulses(scalar)[0]
     zero, one = scalar(0.0), scalar(1.0)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
@@ -97,10 +97,10 @@ def measure_pairs(scalar: type, worlds: bool = False):
         return lowest - highest
 
     @wp.func
-    def measure(data: Data, pairs: Pairs, x: wp.array(dtype=V), least: scalar, k: int):
+    def measure(pairs: Pairs, x: wp.array(dtype=V), least: scalar, k: int):
         """Store the nearest points of pair k, the normal of its plane and its gap at the substep's start."""
         vertices = pairs.vertices[k]
-        f, p, w = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
+        f, p, w = pairs.first_particle, pairs.particle_of, pairs.weight
         a = place_of(f, p, w, x, vertex_of(vertices, 0))
         b = place_of(f, p, w, x, vertices[1]) - a
         c = place_of(f, p, w, x, vertices[2]) - a
@@ -140,7 +140,6 @@ def measure_pairs(scalar: type, worlds: bool = False):
 
     @kernel
     def find(
-        data: Data,
         pairs: Pairs,
         x: wp.array(dtype=V),  # positions at the substep's start [m]
         x_out: wp.array(dtype=V),  # positions at its end [m]
@@ -153,11 +152,14 @@ def measure_pairs(scalar: type, worlds: bool = False):
     ):
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         k = first_of_part(grid_thread(), part)
+        if k == 0:
+            pairs.lacking[0] = 0
         while k < count:
-            measure(data, pairs, x, least, k)
+            measure(pairs, x, least, k)
             gap = pairs.gap[k]
-            if gap > zero and approach_of(data, pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
+            if gap > zero and approach_of(pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
                 pairs.alarm[0] = substep
+                pairs.acting[0] = 1
             k = next_of_part(k, threads, parts)
 
     return find

@@ -9,53 +9,53 @@ import warp as wp
 
 from ..basis import vector
 from ..records import records
-from .contact_data import BodyContactData
-from .near_pairs import NearPairs, vertex_of
+from .contact_data import NearPairs
+from .near_pairs import vertex_of
 
 KEPT = 0.5
 """The share of its gap that impulses try to keep for a pair in a substep, unless the gap remains wide."""
 MOST_LOST = 0.8
 """The share of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
+LATE_LOST = 0.9
+"""The share that it may have lost before a late round: rounds approach the one above, and would never end."""
 ALL_KEPT = 4.0
 """Below this multiple of the least gap, impulses try to keep all of the gap."""
 
 
 @functools.cache
-def pair_impulses(scalar: type, worlds: bool):
+def pair_impulses(scalar: type):
     """Compose (may_lose, lacks, count_pushes, push, apply).
 
     `may_lose` returns by how much the gap of a pair may shrink in a substep [m]. `lacks` returns where the gap
     shrinks most: the weights of the vertices, whether these are the nearest points, the displacement of the first
-    side relative to the second there in the substep, and how much more than allowed the gap shrinks [m].
+    side relative to the second there in the substep, and how much more than allowed the gap shrinks [m]. `late`
+    rounds are only for pairs that would be held back otherwise.
     In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
     """
     V, W, Units = vector(3, scalar), wp.types.vector(4, scalar), wp.types.vector(3, wp.int64)
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
-    load, store, _ = records(3, scalar)
+    Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
     zero, kept = scalar(0.0), scalar(KEPT)
 
     @wp.func
-    def way_of(data: Data, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int) -> V:
+    def way_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int) -> V:
         """Return the displacement of vertex v in the substep [m]."""
         way = V()
-        for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
-            i = data.surfaces.particle[s]
-            way += data.surfaces.weight[s] * (load(x_out, i) - load(x, i))
+        for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+            i = pairs.particle_of[s]
+            way += pairs.weight[s] * (load(x_out, i) - load(x, i))
         return way
 
     @wp.func
-    def count_pushes(data: Data, pairs: Pairs, k: int, weights: W):
+    def count_pushes(pairs: Pairs, k: int, weights: W):
         vertices = pairs.vertices[k]
         for m in range(4):
             if weights[m] != zero:
                 v = vertex_of(vertices, m)
-                for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
-                    wp.atomic_add(pairs.pushes, data.surfaces.particle[s], 1)
+                for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+                    wp.atomic_add(pairs.pushes, pairs.particle_of[s], 1)
 
     @wp.func
-    def push(
-        data: Data, pairs: Pairs, k: int, weights: W, nearest: bool, way: V, lack: scalar, per_unit: wp.float64
-    ):
+    def push(pairs: Pairs, k: int, weights: W, nearest: bool, way: V, lack: scalar, per_unit: wp.float64):
         """Add the impulses of pair k, with each particle's mass divided by the number of pairs that push it.
 
         At the nearest points they reduce the approach by `lack` for restitution 0, reverse it for restitution 1,
@@ -63,9 +63,9 @@ def pair_impulses(scalar: type, worlds: bool):
         """
         vertices = pairs.vertices[k]
         normal = pairs.normal[k]
-        mine = data.surfaces.body_of[vertex_of(vertices, 0)]
-        other = data.surfaces.body_of[vertices[3]]
-        rule = data.rules.table[data.rules.kind[mine], data.rules.kind[other]]
+        mine = pairs.body_of[vertex_of(vertices, 0)]
+        other = pairs.body_of[vertices[3]]
+        rule = pairs.rules[pairs.kind[mine], pairs.kind[other]]
         approach = -wp.dot(way, normal)
         along = way + approach * normal
         e = pairs.restitution[rule]
@@ -75,13 +75,13 @@ def pair_impulses(scalar: type, worlds: bool):
             across += e * (scalar(2.0) * approach - lack)
         change = across * normal
         if nearest and slip > zero:
-            change -= (wp.min(data.rules.friction[rule] * across, slip) / slip) * along
+            change -= (wp.min(pairs.friction[rule] * across, slip) / slip) * along
         mobility = zero
         for m in range(4):
             v = vertex_of(vertices, m)
-            for s in range(data.surfaces.first[v], data.surfaces.first[v + 1]):
-                i = data.surfaces.particle[s]
-                share = weights[m] * data.surfaces.weight[s]
+            for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+                i = pairs.particle_of[s]
+                share = weights[m] * pairs.weight[s]
                 mobility += share * share * scalar(pairs.pushes[i]) * pairs.inverse_mass[i]
         if mobility > zero:
             impulse = change / mobility
@@ -92,20 +92,20 @@ def pair_impulses(scalar: type, worlds: bool):
             rest = Units()
             for m in range(3, -1, -1):
                 v = vertex_of(vertices, m)
-                begin = data.surfaces.first[v]
+                begin = pairs.first_particle[v]
                 on_vertex = Units()
                 for c in range(3):
                     on_vertex[c] = wp.int64(wp.float64(total[c]) * wp.float64(weights[m]))
                     if m == 0:
                         on_vertex[c] = rest[c]
                     rest[c] = rest[c] - on_vertex[c]
-                for s in range(begin + 1, data.surfaces.first[v + 1]):
+                for s in range(begin + 1, pairs.first_particle[v + 1]):
                     for c in range(3):
-                        part = wp.int64(wp.float64(on_vertex[c]) * wp.float64(data.surfaces.weight[s]))
+                        part = wp.int64(wp.float64(on_vertex[c]) * wp.float64(pairs.weight[s]))
                         on_vertex[c] = on_vertex[c] - part
-                        wp.atomic_add(pairs.impulse, data.surfaces.particle[s], c, part)
+                        wp.atomic_add(pairs.impulse, pairs.particle_of[s], c, part)
                 for c in range(3):
-                    wp.atomic_add(pairs.impulse, data.surfaces.particle[begin], c, on_vertex[c])
+                    wp.atomic_add(pairs.impulse, pairs.particle_of[begin], c, on_vertex[c])
 
     @wp.func
     def apply(
@@ -141,18 +141,18 @@ def pair_impulses(scalar: type, worlds: bool):
         return wp.max(zero, wp.max(share, gap - apart))
 
     @wp.func
-    def lacks(data: Data, pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
+    def lacks(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, late: bool, k: int):
         vertices = pairs.vertices[k]
         weights = pairs.weights[k]
         gap = pairs.gap[k]
         way = V()
         rises = W()
         for m in range(4):
-            of_vertex = way_of(data, x, x_out, vertex_of(vertices, m))
+            of_vertex = way_of(pairs, x, x_out, vertex_of(vertices, m))
             way += weights[m] * of_vertex
             rises[m] = wp.dot(of_vertex, pairs.normal[k])
         lack = -wp.dot(way, pairs.normal[k]) - may_lose(gap, pairs.least[k], apart)
-        nearest = lack > zero
+        nearest = lack > zero and not late
         if not nearest:
             # Where a side turns, another of its vertices may be faster.
             first = int(0)
@@ -163,9 +163,12 @@ def pair_impulses(scalar: type, worlds: bool):
                 second = int(2)
             if vertices[0] >= 0 and rises[1] > rises[second]:
                 second = int(1)
-            lack = rises[second] - rises[first] - wp.max(scalar(MOST_LOST) * gap, gap - apart)
-            way = way_of(data, x, x_out, vertex_of(vertices, first))
-            way -= way_of(data, x, x_out, vertex_of(vertices, second))
+            approach = rises[second] - rises[first]
+            lack = approach - wp.max(scalar(MOST_LOST) * gap, gap - apart)
+            if late and approach <= wp.max(scalar(LATE_LOST) * gap, gap - apart):
+                lack = zero
+            way = way_of(pairs, x, x_out, vertex_of(vertices, first))
+            way -= way_of(pairs, x, x_out, vertex_of(vertices, second))
             weights = W()
             weights[first] = scalar(1.0)
             weights[second] = scalar(-1.0)

@@ -1,4 +1,4 @@
-"""Positions and velocities of surface vertices, from those of particles."""
+"""Positions and velocities of surface vertices, from those of particles; and positions of inner vertices."""
 
 import functools
 
@@ -8,9 +8,9 @@ from ..basis import kernel, vector
 from ..compensation import compensated_sum
 from ..records import records, table
 from ..threads import grid_thread
-from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, first_flag
+from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, NearPairs, first_flag
 from .cpu_partition import first_of_part, next_of_part, raise_to
-from .facet_tree import FacetTree, overlap
+from .facet_tree import FacetTree, extend, overlap
 
 
 @functools.cache
@@ -85,5 +85,35 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                 if moved + ahead * fast > 0.5 * skin and moved < beyond:
                     data.neighbors.due[0] = wp.static(DUE)
             i = next_of_part(i, threads, parts)
+
+    return place
+
+
+@functools.cache
+def place_inner(scalar: type, worlds: bool = False):
+    """Compose the kernel that places the inner vertices for a search, and extends the boxes around them.
+
+    `clear_pairs` has emptied these. Its threads share the vertices.
+    """
+    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    load, store, _ = records(3, scalar)
+
+    @kernel
+    def place(data: Data, pairs: Pairs, threads: int):
+        i = grid_thread()
+        while i < pairs.inner.chord.shape[0]:
+            chord = pairs.inner.chord[i]
+            if chord[0] >= 0:
+                drawn = load(data.surfaces.x, chord[0])
+                x = drawn
+                for k in range(1, 4):
+                    x += pairs.inner.weight[i][k] * (load(data.surfaces.x, chord[k]) - drawn)
+                store(pairs.inner.x, i, x)
+                body = data.surfaces.body_of[i]
+                extend(pairs.inner.lower, pairs.inner.upper, body, wp.vec3(x), wp.vec3(x))
+                away = float(wp.length(x - drawn))
+                if away > pairs.inner.inset[body]:
+                    wp.atomic_max(pairs.inner.inset, body, away)
+            i += threads
 
     return place

@@ -27,6 +27,7 @@ from ..collision import (
     find_rows,
     keep_apart,
     measure_pairs,
+    place_inner,
     place_vertices,
     range_of_speeds,
 )
@@ -47,8 +48,12 @@ class ContactParts(NamedTuple):
     overlapping_at_start: bool
     limited: bool
     """Whether dampers of contacts are limited."""
+    pairs: bool
+    """Whether near pairs are listed."""
+    inner: bool
+    """Whether closed bodies have inner surfaces."""
     planes: bool
-    """Whether near pairs are kept apart."""
+    """Whether near pairs are kept apart: there have been some."""
     lanes: int
     """Threads that share a point where forces are evaluated."""
 
@@ -75,14 +80,15 @@ def ContactNumbers(scalar: type):
 
 
 @functools.cache
-def search_in_launch(scalar: type, planes: bool):
+def search_in_launch(scalar: type, listed: bool, inner: bool):
     """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists where vertices are now."""
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
     candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))
-    near, speeds = as_function(find_pairs(scalar, False, lanes)), as_function(range_of_speeds(scalar, lanes))
+    near, inside = as_function(find_pairs(scalar, False, lanes, inner)), as_function(place_inner(scalar))
+    speeds = as_function(range_of_speeds(scalar, lanes))
 
     @wp.func
     def search(
@@ -95,17 +101,19 @@ def search_in_launch(scalar: type, planes: bool):
         threads: int,
     ):
         begin(data, tree, 0.0, threads)
-        if wp.static(planes):
+        if wp.static(listed):
             clear(pairs, threads)
         wait()
         box(data, tree, threads)
+        if wp.static(inner):
+            inside(data, pairs, threads)
         wait()
         neighbours(data, tree, wp.uint64(0), numbers.farthest, buffer, threads, flags)
         wait()
         candidates(data, tree, threads, 0, 1)
         wait()
         rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
-        if wp.static(planes):
+        if wp.static(listed):
             near(data, tree, pairs, buffer, numbers.apart, threads, 0, 1, flags)
         wait()
         speeds(data, threads)
@@ -130,7 +138,10 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     advance, load = by_first_lane(composition, method)
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
     place = as_function(place_vertices(dim, scalar, composition.compensated))
-    search, composed = search_in_launch(scalar, planes), (scalar, parts.overlapping_at_start, parts.lanes)
+    search, composed = (
+        search_in_launch(scalar, parts.pairs, parts.inner),
+        (scalar, parts.overlapping_at_start, parts.lanes),
+    )
     if parts.triangles:
         count_touches = as_function(count_contacts(*composed))
         evaluate = as_function(evaluate_contact(*composed, False, parts.limited))
@@ -183,7 +194,6 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
 
     @wp.func
     def keep_pairs_apart(
-        data: Data,
         pairs: Pairs,
         numbers: Numbers,
         flags: wp.array(dtype=float),
@@ -194,10 +204,9 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         if pairs.driven.shape[0] > 0:
             follow(pairs, step.x, numbers.h, numbers.least, threads, step.x_out, step.v_out)
             wait()
-        measure(data, pairs, step.x, step.x_out, numbers.least, numbers.apart, substep, threads, 0, 1)
+        measure(pairs, step.x, step.x_out, numbers.least, numbers.apart, substep, threads, 0, 1)
         wait()
         keep(
-            data,
             pairs,
             step.x,
             numbers.h,
@@ -257,7 +266,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
                 i += threads / wp.static(lanes)
             wait()
             if wp.static(planes):
-                keep_pairs_apart(data, pairs, numbers, flags, step, substep + k, threads)
+                keep_pairs_apart(pairs, numbers, flags, step, substep + k, threads)
                 if k == count - 1:
                     place_all(data, tree, numbers, buffer, flags, step, step.x_out, step.v_out, 0.0, threads)
 

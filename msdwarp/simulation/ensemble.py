@@ -1,6 +1,5 @@
 """Ensemble: many worlds of one scene at once, each with parameters and a start of its own."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -152,7 +151,7 @@ class Ensemble(Present):
     @in_turn
     def reset(self) -> None:
         """Go back to the start."""
-        self.frame_index, self._warned_tunnelling = 0, False
+        self.frame_index = 0
         assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
         state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
         choices = list[StepChoice]()
@@ -181,9 +180,6 @@ class Ensemble(Present):
         for _ in range(checks.count("frames", frames, 1)):
             self.stepping.advance(self.time)
             self.frame_index += 1
-            if not self._warned_tunnelling and (warning := self.stepping.warnings()):
-                self._warned_tunnelling = True
-                warnings.warn(f"up to {self.time:.4g} s {warning}", checks.TunnellingWarning, stacklevel=3)
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.

@@ -204,7 +204,7 @@ class Simulation(Changing):
         """Go back to time 0, with the initial state and parameters."""
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-        self._due, self._warned_tunnelling, self._warned_drift = list(self._schedule), False, False
+        self._due, self._warned_drift = list(self._schedule), False
         self._surroundings |= {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
         self._active_loads = self._given
         automatic = self._forced is None and math.isfinite(self._energy_limit)
@@ -249,8 +249,6 @@ class Simulation(Changing):
 
         Warns
         -----
-        TunnellingWarning
-            Once per run, if bodies collide so fast, or press so hard, that one may pass through the other.
         EnergyDriftWarning
             Once per run, if the energy has risen by rounding errors (automatic substeps only).
         """
@@ -274,9 +272,6 @@ class Simulation(Changing):
         self.frame_index += 1
         if self.readings:
             self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
-        if not self._warned_tunnelling and (warning := self.stepping.warnings()):
-            self._warned_tunnelling = True
-            warnings.warn(f"up to {self.time:.4g} s {warning}", checks.TunnellingWarning, stacklevel=4)
         controller = self._step_controller
         if not self._warned_drift and controller is not None and controller.warnings:
             self._warned_drift = True

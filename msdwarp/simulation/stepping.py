@@ -379,10 +379,6 @@ class Stepping:
             velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
         return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))
 
-    def warnings(self) -> str | None:
-        """Return a warning about the last frame, or None."""
-        return next(filter(None, (effect.warnings() for effect in self.assembly.all)), None)
-
     @in_turn
     def changed_fields(self) -> dict[str, NDArray]:
         """Return the fields of the system that substeps have changed, except positions and velocities."""

@@ -123,12 +123,38 @@ def test_what_flies_together_is_not_held_back(plain_device, thickness):
     assert velocity[:SIZE, 2].mean() < -2.5  # it has been pushed
 
 
-def test_bodies_with_an_inside_have_no_planes_between_them():
+def test_bodies_with_an_inside_launch_nothing_until_they_are_near_by_their_inner_surfaces():
     die = box((2, 2, 2), 0.1)
     two = die + die.translate((0, 0, 0.3))
-    for system, has in ((two, False), (two + chain(3, 0.1).translate((1, 0, 0)), True)):
-        simulation = Simulation(system, contact=Contact(), device="cpu")
-        assert (simulation.assembly.body_contact.planes is not None) == has
+    planes = Simulation(two, contact=Contact(), device="cpu").assembly.body_contact.planes
+    assert planes is not None
+    assert not planes.awake
+    assert Simulation(die, contact=Contact(), device="cpu").assembly.body_contact.planes is None
+    apart = Contact(groups=("a", "b"), exclude=True)
+    two = die.named("a") + die.translate((0, 0, 0.3)).named("b")
+    assert Simulation(two, contact=[Contact(), apart], device="cpu").assembly.body_contact.planes is None
+
+
+@pytest.mark.parametrize("speed", [2.0, 20.0, 200.0])
+@pytest.mark.parametrize("pinned", [False, True])
+def test_blocks_do_not_pass_through_a_slab(plain_device, speed, pinned):
+    pytest.importorskip("ipctk")
+    # The slab is one cell thick; the speed of sound in both is 20 m/s. The contact is much softer than springs.
+    constants = {"mass": 0.01, "stiffness": 400.0, "damping": 0.02}
+    slab, block = box((5, 5, 2), 0.1, **constants), box((3, 3, 3), 0.1, **constants).rotate(0.4, axis=(1, 1, 0.3))
+    slab, block = (one.translate(tuple(-one.position.mean(axis=0))) for one in (slab, block))
+    slab = slab.pin(slice(None)) if pinned else slab
+    system = slab + block.translate((0.01, 0.02, -0.4)).with_velocity((0.0, 0.0, speed))
+    how = {"gravity": 0.0, "device": plain_device, "precision": "float64"}
+    simulation = Simulation(system, contact=Contact(stiffness=50.0), **how)
+    energy, oracle = simulation.measure().energy, crossings.Oracle(system)
+    for _ in range(12):
+        simulation.step()
+        assert not oracle.crosses(simulation.frame().position)
+    assert simulation.measure().energy < energy
+    if not pinned and speed <= 20.0:
+        momentum = 0.01 * simulation.frame().velocity.sum(axis=0)
+        np.testing.assert_allclose(momentum, [0.0, 0.0, 0.27 * speed], atol=1e-10)
 
 
 def test_what_crosses_at_the_start_is_left_out_until_it_is_apart():

@@ -148,7 +148,7 @@ TOUCHING = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning", "ignore::msdwarp.TunnellingWarning")
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
 @pytest.mark.parametrize("name", [*TOUCHING])
 def test_threads_share_contacts(name):
     # Forces of contact are whole numbers of a unit: their sums do not depend on the order.

@@ -13,9 +13,6 @@ from msdwarp import RK4, Contact, Leapfrog, Plane, Probe, Simulation, System, bo
 from msdwarp.engine.collision import neighbor_list as nearby
 from msdwarp.engine.collision.body_contact import BodyContact
 
-# In `scene` a corner of the die is pressed through the coarse cloth, which is none of these tests' matter.
-pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.TunnellingWarning")
-
 
 def contact_of(simulation: Simulation) -> BodyContact:
     return next(effect for effect in simulation.assembly.all if isinstance(effect, BodyContact))

@@ -10,8 +10,6 @@ import warp as wp
 from msdwarp import Contact, Ensemble, Plane, Scene, Simulation, System, ball, box, sheet
 from msdwarp.engine.collision.neighbor_list import NeighborList
 
-pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.TunnellingWarning")  # the ball comes at 8 m/s
-
 
 def thrown(break_strain: float = np.inf) -> System:
     """Return a ball that is thrown into a sheet, which is held at its rim and resists bending."""

@@ -11,17 +11,13 @@ from ...bodies import contact_surfaces
 from ...kernels.collision import (
     BLOCK,
     BLOCKS,
-    COUNT,
     DEEPEST,
-    FACET,
     FEW_ON_GPU,
     FLAGS,
     HELD_BACK,
     MANY_ON_GPU,
     MOST_BY_MORE,
-    NOTED,
     ON_GPU,
-    POINT,
     STORED,
     BodyContactData,
     add_impulses,
@@ -40,9 +36,9 @@ from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import UNLIMITED, ContactSurfaces
 from .division_planes import DivisionPlanes
 from .initial_overlap import initial_containment
+from .inner_surfaces import have_inner_surfaces
 from .neighbor_list import NeighborList
 from .tables_by_world import Repeated
-from .tunnelling_warning import Tunnelling
 
 DAMPING_LIMIT = 0.4
 """Largest rate of all dampers of contacts together, by 1 over the substep, where they are limited."""
@@ -79,7 +75,6 @@ class BodyContact(WithHistory):
         surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
         self._points = model.worlds * len(on_host.share)
         self.history = ContactHistory(model, data.history, self._points, "touch")
-        data.tunnelling = wp.zeros(NOTED, dtype=wp.float64, device=device)
         thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
         given, thickest = max(0.0, thickness.max()), 0.0
         for one, depth in zip(surfaces.by_row, surfaces.depth, strict=True):
@@ -109,16 +104,11 @@ class BodyContact(WithHistory):
         self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if contact_forces else None
         """Impulse of other bodies on each particle since it was zeroed [N s]; None unless requested."""
         self.planes: DivisionPlanes | None = None
-        if not on_host.closed.all():  # closed bodies have no near pairs with each other
+        if not on_host.closed.all() or have_inner_surfaces(on_host, self.rules).any():
             self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
         self.neighbors = NeighborList(model, surfaces, data, each, self.planes, thickest)
         self._flags, self.nothing = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
-        self._found, self._noted = self._flags, data.tunnelling
-        if device.is_cuda:
-            self._found, self._noted = (
-                wp.empty_like(one, device="cpu", pinned=True) for one in (self._flags, data.tunnelling)
-            )
-        self._tunnelling: Any = np.zeros(NOTED)
+        self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
         self.held_back = np.zeros(model.worlds)
         """Furthest that a particle of each world was held back in a substep of the last frame [m]."""
         self.deepest = 0.0
@@ -284,35 +274,19 @@ class BodyContact(WithHistory):
             wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
 
     def look(self) -> None:
-        """Launch the copies of the flags of lists and of recorded tunnelling, which `is_void` reads."""
+        """Launch the copy of the flags of lists, which `is_void` reads."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
-            wp.copy(self._noted, self._data.tunnelling)
-            self._clear()
-
-    def _clear(self) -> None:
-        self._flags.zero_()
-        self._data.tunnelling.zero_()
+            self._flags.zero_()
 
     def is_void(self) -> bool:
         """Tell whether lists became invalid in the finished frame; if so, reserve room to repeat it."""
         flags = self._found.numpy().reshape(-1, FLAGS).copy()
-        self.deepest, self._tunnelling = float(flags[:, DEEPEST].max()), self._noted.numpy().copy()
+        self.deepest = float(flags[:, DEEPEST].max())
         self.held_back = flags[:, HELD_BACK].astype(np.float64)
         if self._found is self._flags:
-            self._clear()
+            self._flags.zero_()
         return self.neighbors.judge(flags[~self.frozen])
-
-    def warnings(self) -> str | None:
-        """Return a warning about the first contact of the last frame that may tunnel, or None."""
-        noted, surfaces, in_worlds = self._tunnelling.copy(), self.surfaces, self._model.in_worlds
-        world, noted[POINT] = divmod(int(noted[POINT]), len(surfaces.on_host.share))
-        noted[FACET] %= len(surfaces.on_host.corner)
-        if not noted[COUNT] or self.frozen[world]:
-            return None
-        found = Tunnelling.of(noted, surfaces, self.rules)
-        words = found.described(self._model.system, surfaces.on_host, self.steps.substeps, self._dt)
-        return f"in world {world} {words}" if in_worlds else words
 
     def forget(self) -> None:
         """Clear the contact history: all worlds restart."""

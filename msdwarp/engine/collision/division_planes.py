@@ -17,12 +17,15 @@ from ...kernels.collision import (
     find_tangles,
     keep_apart,
     measure_pairs,
+    place_inner,
 )
+from ..device.vector_arrays import in_records
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
 from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import ContactSurfaces
+from .inner_surfaces import INSET, chords, have_inner_surfaces, inner_vertices
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
@@ -62,7 +65,12 @@ class DivisionPlanes(Effect):
         """The `NeighborList` that pairs are listed with."""
         self.tangles = False
         """Whether anything crossed at the start, or was inside another body."""
+        inner = have_inner_surfaces(on_host, rules)
+        self.inner = bool(inner.any())
+        """Whether closed bodies have inner surfaces, between which there are planes, too."""
         thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
+        if on_host.closed.all():
+            thick = 2.0 * INSET * on_host.spacing
         thickness = float(thick[thick > 0].min(initial=thick.max()))  # the least at which anything touches
         self.least_gap, self.apart = LEAST_GAP * thickness, APART * thickness
         scalar, device = model.scalar, model.device
@@ -73,10 +81,10 @@ class DivisionPlanes(Effect):
         of_world = np.where(of_facet < 0, -(2**30), of_facet)  # below 0 in all worlds
         data.of_facet = each.alike(of_world, wp.vec3i, len(edge))
         data.rank = each.alike(ranks(surfaces, edge), int)
-        data.tangled = wp.zeros(model.worlds * vertices, dtype=int, device=device)
-        data.count, data.particle_count, data.tangles, data.alarm, data.unsettled = (
-            wp.zeros(1, dtype=int, device=device) for _ in "cptau"
-        )
+        self._add_vertices(surfaces, each, inner)
+        data.tangled = wp.zeros_like(data.body_of)
+        for name in ("count", "particle_count", "tangles", "alarm", "acting", "lacking", "unsettled"):
+            setattr(data, name, wp.zeros(1, dtype=int, device=device))
         data.in_pair, data.particle, data.pushes, data.held = (
             wp.zeros(particles, dtype=int, device=device) for _ in "ipph"
         )
@@ -88,10 +96,63 @@ class DivisionPlanes(Effect):
             self.done = data.done = wp.zeros(particles, dtype=wp.float64, device=device)
         if impulse is not None:
             data.contact_impulse = impulse
+        given = contact.rules
+        data.kind, data.rules, data.friction = given.kind, given.table, given.friction
         data.restitution = wp.array(rules.restitution, dtype=scalar, device=device)
         heaviest = float(mass[np.isfinite(mass)].max(initial=0.0))
         self.per_unit = 1.0 / unit_of_sums(heaviest * thickness)
-        self._give_room(ROOM * model.worlds * (vertices + len(edge)))
+        # Closed bodies hardly ever come so near that inner surfaces do: only then is there anything to launch.
+        self._give_room(0 if on_host.closed.all() else ROOM * model.worlds * (vertices + len(edge)))
+
+    def _add_vertices(self, surfaces: ContactSurfaces, each: Repeated, inner: NDArray[np.bool_]) -> None:
+        """Fill in the vertices of pairs: those drawn, and those of the inner surfaces of the bodies `inner`."""
+        data, on_host, drawn, model = self.pairs, surfaces.on_host, surfaces.data, self._model
+        data.first_particle, data.particle_of, data.weight = drawn.first, drawn.particle, drawn.weight
+        data.mobility, data.body_of = drawn.mobility, drawn.body_of
+        if not self.inner:
+            return
+        device, scalar, vertices = model.device, model.scalar, len(on_host.particle)
+        x = np.einsum("vk,vkd->vd", on_host.weight, model.row_of("position")[0][on_host.particle])
+        chord, weight = chords(on_host, x, inner)
+        counts, particle, share = inner_vertices(on_host, chord, weight)
+        mass = model.row_of("mass")
+        squares = share**2 / np.broadcast_to(mass, (len(mass), model.particle_count))[:, particle]
+        of = np.repeat(np.arange(vertices), counts)
+        mobility = np.array([np.bincount(of, one, minlength=vertices) for one in squares])
+        first = each.starts(counts).numpy()
+
+        def both(one: wp.array, other: Any) -> wp.array:
+            joined = np.concatenate([one.numpy(), other])
+            return wp.array(joined, dtype=one.dtype, device=device)
+
+        data.first_particle = both(drawn.first, first[1:] + int(drawn.first.numpy()[-1]))
+        data.particle_of = both(drawn.particle, each.alike(particle, int, model.stride).numpy())
+        data.weight = both(drawn.weight, each.alike(share, scalar).numpy())
+        data.mobility = both(drawn.mobility, each.by_row(mobility, scalar).numpy())
+        data.body_of = both(drawn.body_of, drawn.body_of.numpy())
+        none = np.where(chord < 0, -(2**30), chord)  # below 0 in all worlds
+        data.inner.chord = each.alike(none, wp.vec4i, vertices)
+        data.inner.weight = each.alike(weight, wp.types.vector(4, scalar))
+        data.inner.x = in_records(len(drawn.x), model.dim, scalar, device)
+        bodies = len(drawn.closed)
+        data.inner.lower, data.inner.upper = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lu")
+        data.inner.inset = wp.zeros(bodies, dtype=float, device=device)
+        data.inner.more = wp.zeros(bodies, dtype=scalar, device=device)
+        share = np.zeros(len(on_host.closed))
+        np.maximum.at(share, on_host.body, np.where(chord[:, 0] < 0, 0.0, 1.0 - weight[:, 0]))
+        self._share_of_opposite = np.tile(share, model.worlds)
+
+    def meet(self, neighbors: Any, more: float) -> None:
+        """Take the `NeighborList` that pairs are listed with; distant vertices move further by `more` [m]."""
+        self.neighbors = neighbors
+        if self.inner:
+            # As means of drawn vertices, they move with distant ones in proportion to their weight.
+            self.pairs.inner.more.assign(0.5 * more * self._share_of_opposite)
+
+    @property
+    def awake(self) -> bool:
+        """Whether pairs have ever been near."""
+        return bool(len(self.pairs.vertices))
 
     def find(self, frame_begins: bool) -> None:
         """Launch the listing of near pairs, after the search of the `NeighborList`, by its tree.
@@ -100,12 +161,19 @@ class DivisionPlanes(Effect):
         """
         data, model, neighbors = self.pairs, self._model, self.neighbors
         neighbors.launch(clear_pairs(model.scalar), len(data.in_pair), [data], [])
+        if self.inner:
+            self.place_inner()
         if self.tangles and frame_begins:
             self._find_tangles()
         many = len(self._contact.surfaces.x) + len(data.edge)
-        kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, model.in_worlds)
+        kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, self.inner, model.in_worlds)
         inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.apart]
         neighbors.share(kernel, neighbors.lanes * many, inputs, [neighbors.flags])
+
+    def place_inner(self) -> None:
+        """Launch the placing of inner vertices where drawn vertices are."""
+        pairs, kernel = self.pairs, place_inner(self._model.scalar, self._model.in_worlds)
+        self.neighbors.launch(kernel, len(pairs.inner.chord), [self._contact, pairs], [])
 
     def start(self, overlapping: bool) -> None:
         """Leave out surfaces that cross at the start, or are inside another body, until they are apart."""
@@ -116,7 +184,7 @@ class DivisionPlanes(Effect):
         pairs, surfaces, neighbors = self.pairs, self._contact.surfaces, self.neighbors
         pairs.tangled.zero_()
         inputs, lanes = [self._contact, neighbors.tree, pairs], neighbors.lanes
-        kernel = find_tangles(self._model.scalar, lanes, self._model.in_worlds)
+        kernel = find_tangles(self._model.scalar, lanes, self.inner, self._model.in_worlds)
         neighbors.share(kernel, lanes * (len(pairs.edge) + len(surfaces.ends)), inputs, [])
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
@@ -124,13 +192,15 @@ class DivisionPlanes(Effect):
 
         At a frame's end also launch the measurement of motion that tells whether lists of near pairs were valid.
         """
+        if not self.awake:
+            return
         model, neighbors, steps = self._model, self.neighbors, self.steps
         if len(self.pairs.driven):
             outputs = [after.x, after.v]
             inputs = [self.pairs, before.x, steps.dt, self.least_gap]
             neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
-        measured = [self._contact, self.pairs, before.x, after.x, self.least_gap, self.apart, substep + 1]
-        kernel = measure_pairs(model.scalar, model.in_worlds)
+        measured = [self.pairs, before.x, after.x, self.least_gap, self.apart, substep + 1]
+        kernel = measure_pairs(model.scalar)
         neighbors.share(kernel, len(self.pairs.vertices), measured, [], PAIR_THREADS)
         self._keep_apart(before, after, substep)
         if substep + 1 == steps.substeps:  # for the others the next substep finds it
@@ -141,17 +211,23 @@ class DivisionPlanes(Effect):
         small = not device.is_cuda or len(self.pairs.vertices) <= MOST_IN_CLUSTER
         blocks = CLUSTER if small and device.is_cuda and device.arch >= 90 else 1
         threads = (blocks * MOST_THREADS if small else PAIR_THREADS) if device.is_cuda else 1
-        kernel = keep_apart(model.scalar, blocks, model.in_worlds)
-        inputs = [self._contact, self.pairs, before.x, self.steps.dt, self.per_unit, self.apart, model.stride]
+        kernel = keep_apart(model.scalar, blocks)
+        inputs = [self.pairs, before.x, self.steps.dt, self.per_unit, self.apart, model.stride]
         outputs = [after.x, after.v, neighbors.flags]
 
-        def launch(part: int, parts: int) -> None:
-            if part == 0:  # a single CPU thread handles all pairs
-                for first, last in [(0, PHASES - 1)] if small else [(k, k) for k in range(PHASES)]:
-                    given = [*inputs, substep + 1, first, last, threads]
-                    wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
+        def launch(first: int, last: int) -> None:
+            given = [*inputs, substep + 1, first, last, threads]
+            wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
 
-        neighbors.launch_parts(launch)
+        def launch_each() -> None:
+            for phase in range(PHASES):
+                launch(phase, phase)
+            self.pairs.acting.zero_()
+
+        if not small:
+            wp.capture_if(self.pairs.acting, launch_each)
+        else:  # a single CPU thread handles all pairs
+            neighbors.launch_parts(lambda part, _: launch(0, PHASES - 1) if part == 0 else None)
 
     def extend(self, pairs: int) -> bool:
         """Make room for this many near pairs, and as many to spare; return False if there is room already."""
@@ -162,7 +238,7 @@ class DivisionPlanes(Effect):
 
     def _give_room(self, room: int) -> None:
         data, device, scalar = self.pairs, self._model.device, self._model.scalar
-        room = max(int(room), 1)
+        room = int(room)
         data.vertices = wp.zeros(room, dtype=wp.vec4i, device=device)
         data.weights = wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device)
         data.normal = wp.zeros(room, dtype=self._model.vector, device=device)

@@ -174,7 +174,7 @@ class NeighborList:
         self._give_room(ROOM, min(ROOM, bodies))
         self.planes = planes
         if planes is not None:
-            planes.neighbors = self
+            planes.meet(self, self._more)
         self._find_rows_with_room()
 
     def share(

@@ -149,10 +149,6 @@ class Effect:
         """Tell whether the finished frame must be repeated; if so, reserve room for it first."""
         return False
 
-    def warnings(self) -> str | None:
-        """Return a warning about the finished frame, or None."""
-        return None
-
     def begin_substep(self, substep: int) -> bool:
         """Prepare for the launches of a substep of a frame, counted from 0; return whether `data` changed."""
         return False

@@ -59,6 +59,8 @@ class ContactLaunch:
             effect.history.overlapping_at_start,
             effect.limits_now,
             planes is not None,
+            planes is not None and planes.inner,
+            planes is not None and planes.awake,
             lanes,
         )
         kernel, threads = persistent_contact(composition, self._method, parts, CLUSTER), CLUSTER * MOST_THREADS
