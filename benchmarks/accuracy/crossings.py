@@ -4,11 +4,11 @@
 
 Boxes, slabs of one cell, balls, filled meshes, shells, sheets, cloths with an outline, ropes and grains. The
 second of two bodies is thrown at the first, which is pinned in half of the cases, at 0.1 to 5 times the speed of
-sound of its lattice, at automatic steps. Each seed has a pair of which one is open, and a pair of closed bodies;
-their inner surfaces count: nothing is to cross, and no energy to be gained. Counted are the frames in which edges go
-through triangles, by the Incremental Potential Contact Toolkit (ipctk.xyz), and, where frames are substeps, those in which
-grains go through triangles or ropes through ropes. Writes results/<device>/contact_crossings.csv.
-`--quick --first 17 --count 1` repeats one seed.
+sound of its lattice, at automatic steps. Each seed has a pair of which one is open, and a pair of closed bodies,
+of which inner surfaces count: nothing is to cross, and no energy to be gained. Counted are the frames in which
+edges go through triangles, by the Incremental Potential Contact Toolkit (ipctk.xyz), and, where frames are
+substeps, those in which grains go through triangles or ropes through ropes. Writes
+results/<device>/contact_crossings.csv. `--quick --first 17 --count 1` repeats one seed.
 """
 
 import argparse
