@@ -7,7 +7,7 @@ import warp as wp
 
 from ..engine import Assembly, Backup, Effect, Found, State
 
-_READ_AFTER_FRAME = ("energies_and_powers", "is_void", "warnings")
+_READ_AFTER_FRAME = ("energies_and_powers", "is_void")
 """Methods of effects by which the host reads the current state, or the last frame."""
 
 

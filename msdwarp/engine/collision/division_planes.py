@@ -32,6 +32,8 @@ LEAST_GAP = 1e-3
 """The least gap, by the thickness at which bodies touch; without it gaps shrink until rounding closes them."""
 APART = 0.25
 """Pairs that stay farther apart than this, by the thickness, are left alone: contact forces act long before."""
+APART_INSIDE = 0.1
+"""The same between inner surfaces alone, by how far they are apart where bodies touch."""
 ROOM = 4
 """Room for near pairs at first, by the number of vertices."""
 MOST_IN_CLUSTER = 2**15
@@ -72,7 +74,8 @@ class DivisionPlanes(Effect):
         if on_host.closed.all():
             thick = 2.0 * INSET * on_host.spacing
         thickness = float(thick[thick > 0].min(initial=thick.max()))  # the least at which anything touches
-        self.least_gap, self.apart = LEAST_GAP * thickness, APART * thickness
+        self.least_gap = LEAST_GAP * thickness
+        self.apart = (APART_INSIDE if on_host.closed.all() else APART) * thickness
         scalar, device = model.scalar, model.device
         data = self.pairs = NearPairs(scalar)()
         edge, bare, of_facet = edges(on_host)

@@ -12,11 +12,9 @@ from ...bodies import TouchingSurfaces
 from ...kernels.filling import cast_rays
 from .contact_rules import ContactRules
 
-INSET = 0.18
-"""How deep inner surfaces lie, by the spacing. Then a box goes with its corner less than half a spacing deep into
-another: √3 · 0.18 of its spacing to its own inner corner, and 0.18 of the other's."""
-MOST_INSET = 2.0
-"""How far an inner vertex is from the drawn one at most, by that depth: more than √3, as at a corner of a box."""
+INSET = 0.25
+"""How deep inner surfaces lie, by the spacing. So a corner of a body goes half a spacing deep into another at most:
+not beyond the middle of a body of one cell."""
 MOST_OF_CHORD = 0.3
 """The largest share of the way to the opposite side: less than a half, so that two sides do not meet."""
 FLAT = 0.05
@@ -62,9 +60,9 @@ def chords(
 
 
 def _inward(surfaces: TouchingSurfaces, x: NDArray[np.float64], corner: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the way of each vertex by which the planes of all triangles around it move inwards by the inset [m].
+    """Return the way of each vertex inwards [m], as long as the inset.
 
-    It is the shortest that solves n·way = −inset for the normals n, or comes nearest to it.
+    Its direction is that in which the planes of all triangles around the vertex move by as much, or nearly.
     """
     a, b, c = x[corner].transpose(1, 0, 2)
     area = np.cross(b - a, c - a)
@@ -79,11 +77,8 @@ def _inward(surfaces: TouchingSurfaces, x: NDArray[np.float64], corner: NDArray[
     along = np.einsum("vik,vi->vk", axes, mean)
     counts = values > FLAT * np.maximum(total, 1e-300)[:, None]
     inset = INSET * surfaces.spacing[surfaces.body]
-    way = -inset[:, None] * np.einsum(
-        "vik,vk->vi", axes, np.where(counts, along / np.where(counts, values, 1.0), 0)
-    )
-    length = np.linalg.norm(way, axis=1)
-    return way * np.minimum(1.0, MOST_INSET * inset / np.maximum(length, 1e-300))[:, None]
+    way = -np.einsum("vik,vk->vi", axes, np.where(counts, along / np.where(counts, values, 1.0), 0.0))
+    return inset[:, None] * way / np.maximum(np.linalg.norm(way, axis=1), 1e-300)[:, None]
 
 
 def inner_vertices(
