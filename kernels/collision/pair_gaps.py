@@ -7,8 +7,8 @@ import warp as wp
 from ..basis import kernel, vector
 from ..records import records
 from ..threads import grid_thread
-from .contact_data import NearPairs
-from .cpu_partition import first_of_part, next_of_part
+from .contact_data import PAIRS, NearPairs
+from .cpu_partition import first_of_part, next_of_part, raise_to
 from .near_pairs import vertex_of
 from .nearest_point import nearest_on_segments, nearest_on_triangle
 from .pair_impulses import pair_impulses
@@ -149,6 +149,7 @@ def measure_pairs(scalar: type):
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
+        flags: wp.array(dtype=float),
     ):
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         k = first_of_part(grid_thread(), part)
@@ -160,6 +161,8 @@ def measure_pairs(scalar: type):
             if gap > zero and approach_of(pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
                 pairs.alarm[0] = substep
                 pairs.acting[0] = 1
+                if not (flags[wp.static(PAIRS)] >= float(count)):
+                    raise_to(flags, wp.static(PAIRS), float(count))
             k = next_of_part(k, threads, parts)
 
     return find

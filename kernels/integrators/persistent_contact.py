@@ -49,11 +49,11 @@ class ContactParts(NamedTuple):
     limited: bool
     """Whether dampers of contacts are limited."""
     pairs: bool
-    """Whether near pairs are listed."""
+    """Whether near pairs are listed and looked at."""
     inner: bool
     """Whether closed bodies have inner surfaces."""
     planes: bool
-    """Whether near pairs are kept apart: there have been some."""
+    """Whether near pairs are kept apart."""
     lanes: int
     """Threads that share a point where forces are evaluated."""
 
@@ -193,7 +193,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         wait()
 
     @wp.func
-    def keep_pairs_apart(
+    def keep_apart_now(
         pairs: Pairs,
         numbers: Numbers,
         flags: wp.array(dtype=float),
@@ -201,11 +201,6 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         substep: int,
         threads: int,
     ):
-        if pairs.driven.shape[0] > 0:
-            follow(pairs, step.x, numbers.h, numbers.least, threads, step.x_out, step.v_out)
-            wait()
-        measure(pairs, step.x, step.x_out, numbers.least, numbers.apart, substep, threads, 0, 1)
-        wait()
         keep(
             pairs,
             step.x,
@@ -222,6 +217,23 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
             flags,
         )
         wait()
+
+    @wp.func
+    def keep_pairs_apart(
+        pairs: Pairs,
+        numbers: Numbers,
+        flags: wp.array(dtype=float),
+        step: Step,
+        substep: int,
+        threads: int,
+    ):
+        if pairs.driven.shape[0] > 0:
+            follow(pairs, step.x, numbers.h, numbers.least, threads, step.x_out, step.v_out)
+            wait()
+        measure(pairs, step.x, step.x_out, numbers.least, numbers.apart, substep, threads, 0, 1, flags)
+        if wp.static(planes):
+            wait()
+            keep_apart_now(pairs, numbers, flags, step, substep, threads)
 
     def take_substeps(
         scene: SceneData,
@@ -265,7 +277,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
                 advance(scene, step, force + load(scene, step.compensation, step.x, step.v, i, mask), i)
                 i += threads / wp.static(lanes)
             wait()
-            if wp.static(planes):
+            if wp.static(parts.pairs):
                 keep_pairs_apart(pairs, numbers, flags, step, substep + k, threads)
                 if k == count - 1:
                     place_all(data, tree, numbers, buffer, flags, step, step.x_out, step.v_out, 0.0, threads)

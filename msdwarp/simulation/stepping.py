@@ -258,7 +258,7 @@ class Stepping:
         summed = track.sums_balance = self._can_sum_balance and self.sum_balance
         self.stepper.takes_contact_along = not self._unrecorded and self.stepper.may_take_contact_along
         contact = self.assembly.body_contact
-        kind = summed, self.stepper.takes_contact_along, contact.check_every if contact is not None else 0
+        kind = summed, self.stepper.takes_contact_along, contact and contact.recorded_for
         if kind not in graphs and (partition is not None or not self._unrecorded):
             graphs[kind] = self._record(partial(self._launch_frame, track), partition)
         self.dynamics.begin_frame(time)

@@ -18,7 +18,7 @@ class Track:
         self.backup = Backup(assembly, state, others)  # the state at the start of the frame
         self.found = Found(state.model)  # the check of the state at its end
         # The recorded frames, by whether they sum their energy balance, and by their search intervals:
-        self.graphs: dict[tuple[bool, bool, int], Any] = {}
+        self.graphs: dict[tuple, Any] = {}
         self.sums_balance = False  # whether the last launched frame did so
 
 

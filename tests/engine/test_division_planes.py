@@ -123,7 +123,7 @@ def test_what_flies_together_is_not_held_back(plain_device, thickness):
     assert velocity[:SIZE, 2].mean() < -2.5  # it has been pushed
 
 
-def test_bodies_with_an_inside_launch_nothing_until_they_are_near_by_their_inner_surfaces():
+def test_bodies_with_an_inside_are_not_kept_apart_until_their_inner_surfaces_are_near():
     die = box((2, 2, 2), 0.1)
     two = die + die.translate((0, 0, 0.3))
     planes = Simulation(two, contact=Contact(), device="cpu").assembly.body_contact.planes

@@ -372,7 +372,7 @@ def test_the_skin_follows_the_fastest_motion():
     near = contact_of(scene("cpu")).neighbors
 
     def skin(way: float, moved: float = 0.0) -> float:
-        near.judge(np.array([moved, way, 0, 0, 0, 0, 0, 0]))
+        near.judge(np.array([moved, way, 0, 0, 0, 0, 0, 0]), np.ones(1, dtype=bool))
         return float(near.buffer.numpy()[0])
 
     least, widest = near._least_skin, near._widest

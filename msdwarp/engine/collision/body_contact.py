@@ -222,9 +222,9 @@ class BodyContact(WithHistory):
         self.neighbors.invalidate()
 
     @property
-    def check_every(self) -> int:
-        """Substeps from one decision whether to search to the next."""
-        return self.neighbors.check_every
+    def recorded_for(self) -> tuple[int, bool]:
+        """What the launches of a frame depend on: how often searches may begin, and whether pairs are kept apart."""
+        return self.neighbors.check_every, self.planes is not None and self.planes.awake
 
     def begin_substep(self, substep: int) -> bool:
         """Set the number of the coming substep, for the neighbor list."""
@@ -286,7 +286,7 @@ class BodyContact(WithHistory):
         self.held_back = flags[:, HELD_BACK].astype(np.float64)
         if self._found is self._flags:
             self._flags.zero_()
-        return self.neighbors.judge(flags[~self.frozen])
+        return self.neighbors.judge(flags, ~self.frozen)
 
     def forget(self) -> None:
         """Clear the contact history: all worlds restart."""

@@ -36,10 +36,14 @@ APART_INSIDE = 0.1
 """The same between inner surfaces alone, by how far they are apart where bodies touch."""
 ROOM = 4
 """Room for near pairs at first, by the number of vertices."""
+LEAST_ROOM = 2**10
+"""Room for pairs of inner surfaces at first."""
 MOST_IN_CLUSTER = 2**15
 """With room for more pairs each phase is a launch of its own."""
 CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
+QUIET = 60
+"""Frames in which no pair comes too near, after which no launch keeps pairs apart until one does."""
 PAIR_THREADS = 2**16
 """Threads on a GPU that share the pairs, at most: with more, launches take longer where nothing comes near."""
 
@@ -104,8 +108,11 @@ class DivisionPlanes(Effect):
         data.restitution = wp.array(rules.restitution, dtype=scalar, device=device)
         heaviest = float(mass[np.isfinite(mass)].max(initial=0.0))
         self.per_unit = 1.0 / unit_of_sums(heaviest * thickness)
-        # Closed bodies hardly ever come so near that inner surfaces do: only then is there anything to launch.
-        self._give_room(0 if on_host.closed.all() else ROOM * model.worlds * (vertices + len(edge)))
+        # The inner surfaces of closed bodies seldom come near each other.
+        self.may_sleep, self._quiet = bool(on_host.closed.all()), 0
+        self.awake = not self.may_sleep
+        """Whether pairs are kept apart in the coming frame; if not, it is repeated if any should have been."""
+        self._give_room(LEAST_ROOM if self.may_sleep else ROOM * model.worlds * (vertices + len(edge)))
 
     def _add_vertices(self, surfaces: ContactSurfaces, each: Repeated, inner: NDArray[np.bool_]) -> None:
         """Fill in the vertices of pairs: those drawn, and those of the inner surfaces of the bodies `inner`."""
@@ -152,11 +159,6 @@ class DivisionPlanes(Effect):
             # As means of drawn vertices, they move with distant ones in proportion to their weight.
             self.pairs.inner.more.assign(0.5 * more * self._share_of_opposite)
 
-    @property
-    def awake(self) -> bool:
-        """Whether pairs have ever been near."""
-        return bool(len(self.pairs.vertices))
-
     def find(self, frame_begins: bool) -> None:
         """Launch the listing of near pairs, after the search of the `NeighborList`, by its tree.
 
@@ -195,8 +197,6 @@ class DivisionPlanes(Effect):
 
         At a frame's end also launch the measurement of motion that tells whether lists of near pairs were valid.
         """
-        if not self.awake:
-            return
         model, neighbors, steps = self._model, self.neighbors, self.steps
         if len(self.pairs.driven):
             outputs = [after.x, after.v]
@@ -204,8 +204,9 @@ class DivisionPlanes(Effect):
             neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
         measured = [self.pairs, before.x, after.x, self.least_gap, self.apart, substep + 1]
         kernel = measure_pairs(model.scalar)
-        neighbors.share(kernel, len(self.pairs.vertices), measured, [], PAIR_THREADS)
-        self._keep_apart(before, after, substep)
+        neighbors.share(kernel, len(self.pairs.vertices), measured, [neighbors.flags], PAIR_THREADS)
+        if self.awake:
+            self._keep_apart(before, after, substep)
         if substep + 1 == steps.substeps:  # for the others the next substep finds it
             neighbors.place(after.x, after.v, after.compensation)
 
@@ -231,6 +232,16 @@ class DivisionPlanes(Effect):
             wp.capture_if(self.pairs.acting, launch_each)
         else:  # a single CPU thread handles all pairs
             neighbors.launch_parts(lambda part, _: launch(0, PHASES - 1) if part == 0 else None)
+
+    def judge(self, pairs: int) -> bool:
+        """Decide whether pairs are kept apart in coming frames; return whether the last one must be repeated.
+
+        `pairs` is their number if any came too near, or more than there is room for; else 0.
+        """
+        missed = pairs > len(self.pairs.vertices) or (pairs > 0 and not self.awake)
+        self._quiet = 0 if pairs else self._quiet + 1
+        self.awake = pairs > 0 or not self.may_sleep or (self.awake and self._quiet < QUIET)
+        return missed
 
     def extend(self, pairs: int) -> bool:
         """Make room for this many near pairs, and as many to spare; return False if there is room already."""

@@ -299,18 +299,17 @@ class NeighborList:
         if self.planes is not None:
             self.planes.find(frame_begins)
 
-    def judge(self, flags: NDArray[Any]) -> bool:
+    def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
         """Choose the skin by the flags of a frame; return whether the frame must be repeated.
 
-        Worlds that fly apart do not count: divergence is found elsewhere.
+        Only worlds that count do; nor do those that fly apart: divergence is found elsewhere.
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
-        self.active = int(flags[:, ACTIVE].max(initial=0.0))
-        flags = flags[flags[:, WAY] < self._farthest_way]
+        self.active, pairs = (int(flags[0, one]) for one in (ACTIVE, PAIRS))
+        flags = flags[counts & (flags[:, WAY] < self._farthest_way)]
         if not len(flags):
             return False
-        chosen = [MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]
-        moved, way, longest, body_pairs, pairs = flags.max(axis=0)[chosen].tolist()
+        moved, way, longest, body_pairs = flags.max(axis=0)[[MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS]].tolist()
         held = moved <= 0.5 * self._skin_now
         narrowest = 2.0 * way * (CHECK_EVERY + ALLOWANCE)
         if narrowest > self._widest:
@@ -324,8 +323,8 @@ class NeighborList:
             self.buffer.fill_(wanted)
             self.invalidate()
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
-        overflown |= self.planes is not None and pairs > len(self.planes.pairs.vertices)
-        self._make_room(int(longest), int(body_pairs), int(pairs))
+        overflown |= self.planes is not None and self.planes.judge(pairs)
+        self._make_room(int(longest), int(body_pairs), pairs)
         return not held or overflown
 
     def _make_room(self, longest: int, body_pairs: int, near_pairs: int) -> bool:

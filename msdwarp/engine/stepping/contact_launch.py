@@ -33,8 +33,13 @@ class ContactLaunch:
 
     @property
     def pays(self) -> bool:
-        """Whether few enough points are near anything: else launches that fill the whole GPU are faster."""
-        return self._effect.neighbors.active <= MOST_ACTIVE
+        """Whether few enough points are near anything: else launches that fill the whole GPU are faster.
+
+        Where inner surfaces must be kept apart, which is rare, the kernel would only become larger.
+        """
+        planes = self._effect.planes
+        rare = planes is not None and planes.may_sleep and planes.awake
+        return not rare and self._effect.neighbors.active <= MOST_ACTIVE
 
     def launch(self, substeps: int, first: int) -> None:
         """Take substeps from number `first` of a frame on."""
