@@ -48,8 +48,8 @@ from .lanes import (
 )
 from .near_pairs import (
     clear_pairs as clear_pairs,
+    find_pair_candidates as find_pair_candidates,
     find_pairs as find_pairs,
-    find_tangles as find_tangles,
 )
 from .nearest_point import nearest_on_triangle as nearest_on_triangle
 from .neighbor_search import (
@@ -57,7 +57,7 @@ from .neighbor_search import (
     find_rows as find_rows,
     range_of_speeds as range_of_speeds,
 )
-from .pair_gaps import measure_pairs as measure_pairs
+from .pair_gaps import find_alarm as find_alarm, measure_pairs as measure_pairs
 from .segments_and_spheres import evaluate_segments_and_spheres as evaluate_segments_and_spheres
 from .surface_contact import evaluate_surface as evaluate_surface
 from .surface_contact_data import (
@@ -68,4 +68,5 @@ from .surface_contact_data import (
     quadrature_weights as quadrature_weights,
     surface_contact_term as surface_contact_term,
 )
+from .tangles import find_tangles as find_tangles
 from .vertices import place_inner as place_inner, place_vertices as place_vertices

@@ -194,6 +194,8 @@ def NearPairs(scalar: type):
         bare: wp.array(dtype=int)  # whether it is an edge of no triangle
         of_facet: wp.array(dtype=wp.vec3i)  # the edges that a search finds by each facet, -1: none
         rank: wp.array(dtype=int)  # of each body by the length of its edges, the shortest first
+        near: wp.array(dtype=int)  # the vertices, and the edges beyond these, that may be in a pair, in any order
+        near_count: wp.array(dtype=int)  # number of these, shape [1]
         # Pairs:
         vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first end as ~
         count: wp.array(dtype=int)  # number of pairs, shape [1]

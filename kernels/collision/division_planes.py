@@ -23,10 +23,10 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..partition import raise_to
 from ..records import records
 from ..threads import grid_thread, wait
 from .contact_data import FLAGS, HELD_BACK, NearPairs
-from .cpu_partition import raise_to
 from .near_pairs import vertex_of
 from .pair_gaps import ways
 from .pair_impulses import pair_impulses

@@ -8,8 +8,8 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..partition import add_whole
 from .contact_data import body_contact_term
-from .cpu_partition import add_whole
 
 Units = wp.types.vector(3, wp.int64)
 """A force in units."""

@@ -5,9 +5,9 @@ import functools
 import warp as wp
 
 from ..basis import kernel
+from ..partition import first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import ACTIVE, BodyContactData, Substep
-from .cpu_partition import first_of_part, next_of_part, raise_to
 
 ON_GPU, MANY_ON_GPU = 8, 4
 """Threads per point on a GPU in scenes with triangles: few points take less time by more threads, which also share

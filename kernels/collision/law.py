@@ -5,10 +5,10 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..partition import count_up, raise_to
 from ..records import table
 from ..springs import sum_over_lanes
 from .contact_data import DEEPEST, BodyContactData, Pair, Substep, first_flag
-from .cpu_partition import count_up, raise_to
 
 TANGENTIAL = 2.0 / 7.0
 """Ratio of tangential to normal stiffness (Cundall and Strack; for spheres Mindlin)."""

@@ -5,9 +5,9 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, first_flag
-from .cpu_partition import count_up, first_of_part, next_of_part, raise_to
 from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
 from .lanes import (
     ballot_of_lanes,

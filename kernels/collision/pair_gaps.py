@@ -5,10 +5,10 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..partition import first_of_part, next_of_part, raise_to
 from ..records import records
 from ..threads import grid_thread
-from .contact_data import PAIRS, NearPairs
-from .cpu_partition import first_of_part, next_of_part, raise_to
+from .contact_data import PAIRS, BodyContactData, NearPairs
 from .near_pairs import vertex_of
 from .nearest_point import nearest_on_segments, nearest_on_triangle
 from .pair_impulses import pair_impulses
@@ -161,6 +161,69 @@ def measure_pairs(scalar: type):
             if gap > zero and approach_of(pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
                 pairs.alarm[0] = substep
                 pairs.acting[0] = 1
+                if not (flags[wp.static(PAIRS)] >= float(count)):
+                    raise_to(flags, wp.static(PAIRS), float(count))
+            k = next_of_part(k, threads, parts)
+
+    return find
+
+
+@functools.cache
+def find_alarm(scalar: type, worlds: bool = False):
+    """Compose the kernel that tells, in flags, whether inner surfaces are so near that they must be kept apart.
+
+    It looks at the vertices that have been placed as the substep begins: pairs of them are near if they may come
+    within `apart` in the substep. That is sooner than `measure_pairs` finds, and takes a tenth of the time. Its
+    threads share the pairs, all of inner surfaces.
+    """
+    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
+    on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
+    load, zero, one = records(3, scalar).load, scalar(0.0), scalar(1.0)
+
+    @wp.func
+    def mean_of(pairs: Pairs, at: wp.array(dtype=V), i: int) -> V:
+        """Return the mean of drawn vertices, by the weights of inner vertex i."""
+        chord = pairs.inner.chord[i]
+        weight = pairs.inner.weight[i]
+        mean = V()
+        for k in range(4):
+            mean += weight[k] * load(at, chord[k])
+        return mean
+
+    @kernel
+    def find(
+        data: Data,
+        pairs: Pairs,
+        apart: scalar,  # beyond this distance pairs are left alone [m]
+        h: scalar,  # length of the substep [s]
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # number of parts, one for each CPU thread
+        flags: wp.array(dtype=float),
+    ):
+        drawn = data.surfaces.x.shape[0]
+        count = wp.min(pairs.count[0], pairs.vertices.shape[0])
+        k = first_of_part(grid_thread(), part)
+        while k < count:
+            vertices = pairs.vertices[k]
+            first = vertex_of(vertices, 0) - drawn
+            a = mean_of(pairs, data.surfaces.x, first)
+            u = mean_of(pairs, data.surfaces.v, first)
+            b = mean_of(pairs, data.surfaces.x, vertices[1] - drawn) - a
+            c = mean_of(pairs, data.surfaces.x, vertices[2] - drawn) - a
+            d = mean_of(pairs, data.surfaces.x, vertices[3] - drawn) - a
+            fastest = zero
+            for m in range(1, 4):
+                fastest = wp.max(fastest, wp.length(mean_of(pairs, data.surfaces.v, vertices[m] - drawn) - u))
+            away = V()
+            if vertices[0] < 0:
+                shares = on_segments(V(), b, c, d)
+                away = shares[0] * b - (one - shares[1]) * c - shares[1] * d
+                fastest += fastest  # of the two ends of the first edge
+            else:
+                on = on_triangle(V(), b, c, d)
+                away = -(on[0] * b + on[1] * c + on[2] * d)
+            if wp.length(away) < scalar(2.0) * apart + h * fastest:
                 if not (flags[wp.static(PAIRS)] >= float(count)):
                     raise_to(flags, wp.static(PAIRS), float(count))
             k = next_of_part(k, threads, parts)

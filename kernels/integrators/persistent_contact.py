@@ -10,23 +10,21 @@ import warp as wp
 
 from ..basis import as_function, kernel, vector
 from ..collision import (
-    PHASES,
     BodyContactData,
     FacetTree,
     NearPairs,
     begin_search,
     box_facets,
     box_neighbours,
-    catch_up,
     clear_pairs,
     count_contacts,
     evaluate_contact,
     evaluate_segments_and_spheres,
+    find_alarm,
     find_candidates,
+    find_pair_candidates,
     find_pairs,
     find_rows,
-    keep_apart,
-    measure_pairs,
     place_inner,
     place_vertices,
     range_of_speeds,
@@ -48,12 +46,8 @@ class ContactParts(NamedTuple):
     overlapping_at_start: bool
     limited: bool
     """Whether dampers of contacts are limited."""
-    pairs: bool
-    """Whether near pairs are listed and looked at."""
     inner: bool
     """Whether closed bodies have inner surfaces."""
-    planes: bool
-    """Whether near pairs are kept apart."""
     lanes: int
     """Threads that share a point where forces are evaluated."""
 
@@ -71,23 +65,21 @@ def ContactNumbers(scalar: type):
         more: float
         beyond: float
         farthest: scalar
-        least: scalar
         apart: scalar
-        per_unit_of_impulse: wp.float64
-        particles: int
 
     return ContactNumbers
 
 
 @functools.cache
-def search_in_launch(scalar: type, listed: bool, inner: bool):
+def search_in_launch(scalar: type, inner: bool):
     """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists where vertices are now."""
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
     candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))
-    near, inside = as_function(find_pairs(scalar, False, lanes, inner)), as_function(place_inner(scalar))
+    choose, inside = as_function(find_pair_candidates(scalar, inner)), as_function(place_inner(scalar))
+    near = as_function(find_pairs(scalar, False, lanes, inner))
     speeds = as_function(range_of_speeds(scalar, lanes))
 
     @wp.func
@@ -101,7 +93,7 @@ def search_in_launch(scalar: type, listed: bool, inner: bool):
         threads: int,
     ):
         begin(data, tree, 0.0, threads)
-        if wp.static(listed):
+        if wp.static(inner):
             clear(pairs, threads)
         wait()
         box(data, tree, threads)
@@ -111,9 +103,11 @@ def search_in_launch(scalar: type, listed: bool, inner: bool):
         neighbours(data, tree, wp.uint64(0), numbers.farthest, buffer, threads, flags)
         wait()
         candidates(data, tree, threads, 0, 1)
+        if wp.static(inner):
+            choose(data, tree, pairs, buffer, numbers.apart, threads, 0, 1)
         wait()
         rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
-        if wp.static(listed):
+        if wp.static(inner):
             near(data, tree, pairs, buffer, numbers.apart, threads, 0, 1, flags)
         wait()
         speeds(data, threads)
@@ -132,14 +126,14 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     _, SceneData, *_ = tools(composition)
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     begin, masked_particles = beginning(composition), bool(composition.selective)
-    moving, timed, planes = composition.collider_term.moving, composition.timed, parts.planes
+    moving, timed = composition.collider_term.moving, composition.timed
     force_at, lanes = composition.force_algorithm.force_at, composition.force_algorithm.lanes
     Step = method(composition).Step
     advance, load = by_first_lane(composition, method)
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
     place = as_function(place_vertices(dim, scalar, composition.compensated))
     search, composed = (
-        search_in_launch(scalar, parts.pairs, parts.inner),
+        search_in_launch(scalar, parts.inner),
         (scalar, parts.overlapping_at_start, parts.lanes),
     )
     if parts.triangles:
@@ -147,8 +141,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         evaluate = as_function(evaluate_contact(*composed, False, parts.limited))
     else:
         count_touches, evaluate = None, as_function(evaluate_segments_and_spheres(*composed))
-    follow, measure = as_function(catch_up(scalar)), as_function(measure_pairs(scalar))
-    keep = as_function(keep_apart(scalar, blocks))
+    watch = as_function(find_alarm(scalar))
 
     @wp.func
     def place_all(
@@ -183,6 +176,8 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         wait()
         if data.neighbors.due[0] != 0:  # the same for all: it changes behind the search's first barriers
             search(data, tree, pairs, numbers, buffer, flags, threads)
+        if wp.static(parts.inner):
+            watch(data, pairs, numbers.apart, numbers.h, threads, 0, 1, flags)
         h = numbers.h
         behind = numbers.behind
         per_unit = numbers.per_unit
@@ -191,49 +186,6 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
             wait()
         evaluate(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
         wait()
-
-    @wp.func
-    def keep_apart_now(
-        pairs: Pairs,
-        numbers: Numbers,
-        flags: wp.array(dtype=float),
-        step: Step,
-        substep: int,
-        threads: int,
-    ):
-        keep(
-            pairs,
-            step.x,
-            numbers.h,
-            numbers.per_unit_of_impulse,
-            numbers.apart,
-            numbers.particles,
-            substep,
-            0,
-            wp.static(PHASES - 1),
-            threads,
-            step.x_out,
-            step.v_out,
-            flags,
-        )
-        wait()
-
-    @wp.func
-    def keep_pairs_apart(
-        pairs: Pairs,
-        numbers: Numbers,
-        flags: wp.array(dtype=float),
-        step: Step,
-        substep: int,
-        threads: int,
-    ):
-        if pairs.driven.shape[0] > 0:
-            follow(pairs, step.x, numbers.h, numbers.least, threads, step.x_out, step.v_out)
-            wait()
-        measure(pairs, step.x, step.x_out, numbers.least, numbers.apart, substep, threads, 0, 1, flags)
-        if wp.static(planes):
-            wait()
-            keep_apart_now(pairs, numbers, flags, step, substep, threads)
 
     def take_substeps(
         scene: SceneData,
@@ -277,9 +229,5 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
                 advance(scene, step, force + load(scene, step.compensation, step.x, step.v, i, mask), i)
                 i += threads / wp.static(lanes)
             wait()
-            if wp.static(parts.pairs):
-                keep_pairs_apart(pairs, numbers, flags, step, substep + k, threads)
-                if k == count - 1:
-                    place_all(data, tree, numbers, buffer, flags, step, step.x_out, step.v_out, 0.0, threads)
 
     return kernel(take_substeps, launch_bounds=MOST_THREADS, cluster_dim=blocks)

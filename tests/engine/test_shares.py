@@ -31,7 +31,7 @@ from msdwarp import (
 from msdwarp.engine.collision.body_contact import BodyContact
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.cpu_partition import LEAST_SHARE, THREADS, divided, ending_in, threads_for
-from msdwarp.kernels.collision.cpu_partition import CHUNK, first_of_part, next_of_part
+from msdwarp.kernels.partition import CHUNK, first_of_part, next_of_part
 
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0).translate((0, 0, 2.5))

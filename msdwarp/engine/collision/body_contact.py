@@ -223,7 +223,7 @@ class BodyContact(WithHistory):
 
     @property
     def recorded_for(self) -> tuple[int, bool]:
-        """What the launches of a frame depend on: how often searches may begin, and whether pairs are kept apart."""
+        """What a frame's launches depend on: how often searches may begin, and whether pairs are kept apart."""
         return self.neighbors.check_every, self.planes is not None and self.planes.awake
 
     def begin_substep(self, substep: int) -> bool:

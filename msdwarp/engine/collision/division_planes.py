@@ -13,6 +13,8 @@ from ...kernels.collision import (
     NearPairs,
     catch_up,
     clear_pairs,
+    find_alarm,
+    find_pair_candidates,
     find_pairs,
     find_tangles,
     keep_apart,
@@ -87,10 +89,12 @@ class DivisionPlanes(Effect):
         data.edge, data.bare = each.alike(edge, wp.vec2i, vertices), each.alike(bare, int)
         of_world = np.where(of_facet < 0, -(2**30), of_facet)  # below 0 in all worlds
         data.of_facet = each.alike(of_world, wp.vec3i, len(edge))
+        data.near = wp.zeros(model.worlds * (vertices + len(edge)), dtype=int, device=device)
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
         data.tangled = wp.zeros_like(data.body_of)
-        for name in ("count", "particle_count", "tangles", "alarm", "acting", "lacking", "unsettled"):
+        numbers = "near_count", "count", "particle_count", "tangles", "alarm", "acting", "lacking", "unsettled"
+        for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
         data.in_pair, data.particle, data.pushes, data.held = (
             wp.zeros(particles, dtype=int, device=device) for _ in "ipph"
@@ -171,8 +175,9 @@ class DivisionPlanes(Effect):
         if self.tangles and frame_begins:
             self._find_tangles()
         many = len(self._contact.surfaces.x) + len(data.edge)
-        kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, self.inner, model.in_worlds)
         inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.apart]
+        neighbors.share(find_pair_candidates(model.scalar, self.inner, model.in_worlds), many, inputs, [])
+        kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, self.inner, model.in_worlds)
         neighbors.share(kernel, neighbors.lanes * many, inputs, [neighbors.flags])
 
     def place_inner(self) -> None:
@@ -192,11 +197,20 @@ class DivisionPlanes(Effect):
         kernel = find_tangles(self._model.scalar, lanes, self.inner, self._model.in_worlds)
         neighbors.share(kernel, lanes * (len(pairs.edge) + len(surfaces.ends)), inputs, [])
 
+    def watch(self) -> None:
+        """Launch the test whether inner surfaces come so near that they must be kept apart, if none are now."""
+        if not self.awake:
+            kernel, neighbors = find_alarm(self._model.scalar, self._model.in_worlds), self.neighbors
+            inputs = [self._contact, self.pairs, self.apart, neighbors.dt]
+            neighbors.share(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
+
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch the kernels that keep near pairs apart at a substep's end.
 
         At a frame's end also launch the measurement of motion that tells whether lists of near pairs were valid.
         """
+        if not self.awake:
+            return
         model, neighbors, steps = self._model, self.neighbors, self.steps
         if len(self.pairs.driven):
             outputs = [after.x, after.v]
@@ -205,8 +219,7 @@ class DivisionPlanes(Effect):
         measured = [self.pairs, before.x, after.x, self.least_gap, self.apart, substep + 1]
         kernel = measure_pairs(model.scalar)
         neighbors.share(kernel, len(self.pairs.vertices), measured, [neighbors.flags], PAIR_THREADS)
-        if self.awake:
-            self._keep_apart(before, after, substep)
+        self._keep_apart(before, after, substep)
         if substep + 1 == steps.substeps:  # for the others the next substep finds it
             neighbors.place(after.x, after.v, after.compensation)
 

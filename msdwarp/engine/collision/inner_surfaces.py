@@ -13,8 +13,8 @@ from ...kernels.filling import cast_rays
 from .contact_rules import ContactRules
 
 INSET = 0.25
-"""How deep inner surfaces lie, by the spacing. So a corner of a body goes half a spacing deep into another at most,
-not beyond the middle of a body of one cell."""
+"""How deep inner surfaces lie, by the spacing. So a corner of a body goes at most half a spacing deep into
+another, not beyond the middle of a body of one cell."""
 MOST_OF_CHORD = 0.3
 """The largest share of the way to the opposite side: less than a half, so that two sides do not meet."""
 FLAT = 0.05
@@ -92,4 +92,8 @@ def inner_vertices(
     keys, share = (vertex[:, None] * len(surfaces.body_of_particle) + particle)[present], share[present]
     different, which = np.unique(keys, return_inverse=True)
     vertex, particle = np.divmod(different, len(surfaces.body_of_particle))
-    return np.bincount(vertex, minlength=len(chord)), particle, np.bincount(which, weights=share)
+    return (
+        np.bincount(vertex, minlength=len(chord)),
+        particle,
+        np.bincount(which, weights=share).astype(np.float64),
+    )

@@ -225,8 +225,13 @@ class NeighborList:
         """
         checks = frame_begins or (begins and self.substep % self.check_every == 0)
         self.place(x, v, compensation, after, checks)
-        if not checks:
-            return
+        if checks:
+            self._find_if_due(after, frame_begins)
+        if begins and self.planes is not None:
+            self.planes.watch()
+
+    def _find_if_due(self, after: float, frame_begins: bool) -> None:
+        """Launch a search that the device leaves out if lists are still valid."""
         if frame_begins and self.planes is not None and self.planes.tangles:
             self._find(after, True)
         elif self.partition is not None and self.partition.is_recording:

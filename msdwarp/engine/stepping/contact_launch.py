@@ -13,14 +13,14 @@ from .stages import Stage
 
 AHEAD = 2.0
 """Lists must hold for this many substeps at the present speeds, else they are made again: they must for one."""
-MOST = 2**13, 2**8, 2**11, 2**15
-"""Points, bodies, particles and room for near pairs up to which a cluster may be faster than the whole GPU."""
+MOST = 2**13, 2**8, 2**11
+"""Points, bodies and particles up to which a cluster may be faster than the whole GPU."""
 MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
 """With more points near anything the threads would take them in turns."""
 
 
 class ContactLaunch:
-    """Launches `persistent_contact`: stages, forces of contact, searches and division planes in one kernel.
+    """Launches `persistent_contact`: stages, forces of contact and searches in one kernel.
 
     Its parts are the kernels that are launched one by one otherwise.
     """
@@ -35,11 +35,10 @@ class ContactLaunch:
     def pays(self) -> bool:
         """Whether few enough points are near anything: else launches that fill the whole GPU are faster.
 
-        Where inner surfaces must be kept apart, which is rare, the kernel would only become larger.
+        Where pairs are kept apart, this kernel would take half a minute to compile and save a tenth of the time.
         """
         planes = self._effect.planes
-        rare = planes is not None and planes.may_sleep and planes.awake
-        return not rare and self._effect.neighbors.active <= MOST_ACTIVE
+        return (planes is None or not planes.awake) and self._effect.neighbors.active <= MOST_ACTIVE
 
     def launch(self, substeps: int, first: int) -> None:
         """Take substeps from number `first` of a frame on."""
@@ -54,18 +53,15 @@ class ContactLaunch:
         numbers, pairs, h = ContactNumbers(model.scalar)(), NearPairs(model.scalar)(), effect.steps.dt
         numbers.more, numbers.beyond, numbers.farthest = neighbors.margins
         numbers.h, numbers.behind, numbers.per_unit = h, h if effect.steps.lagging else 0.0, 1.0 / effect.data.unit
-        numbers.particles, numbers.ahead = model.stride, AHEAD * h
+        numbers.ahead = AHEAD * h
         if planes is not None:
-            pairs, numbers.least, numbers.apart = planes.pairs, planes.least_gap, planes.apart
-            numbers.per_unit_of_impulse = planes.per_unit
+            pairs, numbers.apart = planes.pairs, planes.apart
         lanes = effect.lanes(effect.surfaces.triangles)
         parts = ContactParts(
             effect.surfaces.triangles,
             effect.history.overlapping_at_start,
             effect.limits_now,
             planes is not None,
-            planes is not None and planes.inner,
-            planes is not None and planes.awake,
             lanes,
         )
         kernel, threads = persistent_contact(composition, self._method, parts, CLUSTER), CLUSTER * MOST_THREADS
@@ -88,11 +84,10 @@ def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int
         return None
     if not dynamics.only_contact_precedes or algorithm.evaluate is not None or algorithm.tears:
         return None
-    planes, Step = effect.planes, stages[0].method(dynamics.composition).Step
-    if planes is not None and (planes.tangles or model.compensated or "v_half" in Step.vars):
+    planes = effect.planes
+    if planes is not None and (planes.tangles or not planes.may_sleep):
         return None
-    rooms = len(planes.pairs.vertices) if planes is not None else 0
-    sizes = effect.shared_points, len(effect.neighbors.tree.body_lower), model.particle_count, rooms
+    sizes = effect.shared_points, len(effect.neighbors.tree.body_lower), model.particle_count
     if any(size > most for size, most in zip(sizes, MOST, strict=True)):
         return None
     return ContactLaunch(dynamics, effect, stages)

@@ -1,0 +1,121 @@
+"""Surfaces that cross since the start: they are left out of near pairs until they are apart."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..partition import first_of_part, next_of_part
+from ..records import records
+from ..threads import grid_thread
+from .contact_data import BodyContactData, NearPairs
+from .facet_tree import FacetTree, facets_within
+from .near_pairs import both_closed
+
+
+@functools.cache
+def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
+    """Compose the kernel that marks the vertices that no near pair may have: surfaces cross there since the start.
+
+    They are the vertices of an edge that goes through a triangle, those of this triangle, and those of points
+    inside another body since the start. Its threads share edges and points, `lanes` of them one.
+    """
+    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
+    load, (begin, find_next) = records(3, scalar).load, facets_within(lanes)
+    zero = scalar(0.0)
+
+    @wp.func
+    def crosses(a: V, b: V, p: V, q: V, r: V) -> bool:
+        """Tell whether segment ab goes through triangle pqr."""
+        normal = wp.cross(q - p, r - p)
+        above = wp.dot(a - p, normal)
+        below = wp.dot(b - p, normal)
+        if above * below >= zero:
+            return False
+        y = a + (above / (above - below)) * (b - a)
+        on_pq = wp.dot(wp.cross(q - p, y - p), normal)
+        on_qr = wp.dot(wp.cross(r - q, y - q), normal)
+        on_rp = wp.dot(wp.cross(p - r, y - r), normal)
+        return on_pq >= zero and on_qr >= zero and on_rp >= zero
+
+    @wp.func
+    def mark_crossing(
+        data: Data, pairs: Pairs, facet: int, ends: wp.vec2i, a: V, b: V, at: wp.array(dtype=V), further: int
+    ):
+        c = data.surfaces.corner[facet]
+        joined = bool(False)
+        for k in range(3):
+            joined = joined or c[k] == ends[0] or c[k] == ends[1]
+        if c[1] != c[2] and not joined:
+            if crosses(a, b, load(at, c[0]), load(at, c[1]), load(at, c[2])):
+                for k in range(3):
+                    pairs.tangled[c[k] + further] = 1
+                pairs.tangled[ends[0] + further] = 1
+                pairs.tangled[ends[1] + further] = 1
+                pairs.tangles[0] = 1
+
+    @wp.func
+    def crossings_with(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        ends: wp.vec2i,
+        other: int,
+        lane: int,
+        at: wp.array(dtype=V),
+        further: int,
+        wide: wp.vec3,  # by how much the boxes of the tree are exceeded [m]
+    ):
+        a = load(at, ends[0])
+        b = load(at, ends[1])
+        low = wp.min(wp.vec3(a), wp.vec3(b)) - wide
+        high = wp.max(wp.vec3(a), wp.vec3(b)) + wide
+        if wp.static(lanes == 1):
+            near = wp.bvh_query_aabb(tree.binary, low, high, tree.root[other])
+            found = int(0)
+            while wp.bvh_query_next(near, found):
+                mark_crossing(data, pairs, tree.facet[found], ends, a, b, at, further)
+        else:
+            cursor = begin(tree, other)
+            while not cursor.ended:
+                cursor = find_next(tree, cursor, low, high, lane)
+                if cursor.facet >= 0:
+                    mark_crossing(data, pairs, cursor.facet, ends, a, b, at, further)
+
+    @wp.func
+    def find_crossings(data: Data, tree: FacetTree, pairs: Pairs, ends: wp.vec2i, lane: int):
+        mine = data.surfaces.body_of[ends[0]]
+        for n in range(data.neighbors.body_pair_count[mine]):
+            other = data.neighbors.body_pairs[mine, n]
+            if not both_closed(data.surfaces.closed, mine, other):
+                crossings_with(data, tree, pairs, ends, other, lane, data.surfaces.x, 0, wp.vec3())
+            elif wp.static(inner) and mine != other:
+                inset = pairs.inner.inset[other]
+                wide = wp.vec3(inset, inset, inset)
+                further = data.surfaces.x.shape[0]
+                crossings_with(data, tree, pairs, ends, other, lane, pairs.inner.x, further, wide)
+
+    @kernel
+    def find(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # number of parts, one for each CPU thread
+    ):
+        edge_count = pairs.edge.shape[0]
+        n = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
+        while n < edge_count + data.surfaces.ends.shape[0]:
+            if n < edge_count:
+                find_crossings(data, tree, pairs, pairs.edge[n], lane)
+            elif data.history.initial_overlap[n - edge_count] > zero:
+                ends = data.surfaces.ends[n - edge_count]
+                for k in range(2):
+                    pairs.tangled[ends[k]] = 1
+                    if wp.static(inner):
+                        pairs.tangled[ends[k] + data.surfaces.x.shape[0]] = 1
+            n = next_of_part(n, threads / wp.static(lanes), parts)
+
+    return find
