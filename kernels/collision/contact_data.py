@@ -226,7 +226,9 @@ def NearPairs(scalar: type):
         alarm: wp.array(dtype=int)  # in which substep of a frame a pair last came too near, from 1
         acting: wp.array(dtype=int)  # whether one has since that was set to 0
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
-        unsettled: wp.array(dtype=int)  # in which substep particles were last held back in the last round but one
+        unsettled: wp.array(
+            dtype=int
+        )  # of each world: when particles were last held back in the last round but one
 
     return NearPairs
 

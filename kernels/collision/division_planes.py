@@ -215,13 +215,17 @@ def keep_apart(scalar: type, blocks: int):
         x_out: wp.array(dtype=V),
         per_unit: wp.float64,
         apart: scalar,
+        particles: int,
         substep: int,
         phase: int,
         k: int,
     ):
         """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
         if phase >= wp.static(3 * ROUNDS):
-            everywhere = phase == wp.static(PHASES - 2) and pairs.unsettled[0] == substep
+            everywhere = bool(False)
+            if phase == wp.static(PHASES - 2):
+                particle = pairs.particle_of[pairs.first_particle[vertex_of(pairs.vertices[k], 0)]]
+                everywhere = pairs.unsettled[particle / particles] == substep
             shorten(pairs, x, x_out, apart, everywhere, k)
         elif pairs.gap[k] > zero:
             late = phase >= wp.static(3 * FIRST_ROUNDS)
@@ -255,7 +259,7 @@ def keep_apart(scalar: type, blocks: int):
             if pairs.share[i] < 1.0 and pairs.held[i] == 0:
                 pairs.held[i] = 1
                 if phase == wp.static(PHASES - 3):
-                    pairs.unsettled[0] = substep
+                    pairs.unsettled[i / particles] = substep
         else:
             lost = hold_back(pairs, x, x_out, v_out, h, i)
             if lost > 0.0:
@@ -292,7 +296,7 @@ def keep_apart(scalar: type, blocks: int):
                         n += threads
                 else:
                     while n < count:
-                        act(pairs, x, x_out, per_unit, apart, substep, phase, n)
+                        act(pairs, x, x_out, per_unit, apart, particles, substep, phase, n)
                         n += threads
                 if phase < last_phase:
                     wait()

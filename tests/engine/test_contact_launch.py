@@ -3,32 +3,26 @@
 import numpy as np
 import pytest
 
-from msdwarp import Contact, Plane, Simulation, System, box, chain, sheet
+from msdwarp import Contact, Plane, Simulation, System, box
 from msdwarp.engine.stepping import substeps
 
 
-def tower() -> System:
+def tower(speed: float = 1.0) -> System:
     """Return two boxes, the upper one turned and falling on the lower one."""
     one = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.2)
-    return one + one.rotate(0.3, axis=(1, 2, 0)).translate((0.03, 0.02, 0.26)).with_velocity((0.0, 0.0, -1.0))
+    return one + one.rotate(0.3, axis=(1, 2, 0)).translate((0.03, 0.02, 0.26)).with_velocity((0.0, 0.0, -speed))
 
 
-def net() -> System:
-    """Return a rope that falls across a held sheet."""
-    bed = sheet((7, 7), 0.1, mass=0.01, stiffness=200.0, damping=0.02).pin(range(7))
-    rope = chain(6, 0.1, mass=0.01, stiffness=200.0, damping=0.02)
-    return bed + rope.translate((0.05, 0.32, 0.1)).with_velocity((0.0, 0.0, -2.0))
-
-
-@pytest.mark.parametrize("system", [tower(), net()], ids=["closed", "planes"])
-def test_one_launch_equals_many(plain_device, monkeypatch, system):
+def test_one_launch_equals_many(plain_device, monkeypatch):
     if plain_device == "cpu":
         pytest.skip("it is for clusters of blocks of a GPU")
     # Gathered springs: scattered ones are summed in any order.
-    options = {"contact": Contact(friction=0.4), "colliders": [Plane()], "force_algorithm": "gather"}
+    # So stiff that inner surfaces stay far apart.
+    contact = Contact(friction=0.4, stiffness=2000.0)
+    options = {"contact": contact, "colliders": [Plane()], "force_algorithm": "gather"}
 
     def ran() -> tuple[np.ndarray, bool]:
-        simulation = Simulation(system.translate((0.0, 0.0, 0.2)), device=plain_device, **options)
+        simulation = Simulation(tower(speed=0.3).translate((0.0, 0.0, 0.05)), device=plain_device, **options)
         deepest = 0.0
         for _ in range(30):
             simulation.step()

@@ -93,9 +93,10 @@ class DivisionPlanes(Effect):
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
         data.tangled = wp.zeros_like(data.body_of)
-        numbers = "near_count", "count", "particle_count", "tangles", "alarm", "acting", "lacking", "unsettled"
+        numbers = "near_count", "count", "particle_count", "tangles", "alarm", "acting", "lacking"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
+        data.unsettled = wp.zeros(model.worlds, dtype=int, device=device)
         data.in_pair, data.particle, data.pushes, data.held = (
             wp.zeros(particles, dtype=int, device=device) for _ in "ipph"
         )
