@@ -22,7 +22,7 @@ def test_one_launch_equals_many(plain_device, monkeypatch):
     options = {"contact": contact, "colliders": [Plane()], "force_algorithm": "gather"}
 
     def ran() -> tuple[np.ndarray, bool]:
-        simulation = Simulation(tower(speed=0.3).translate((0.0, 0.0, 0.05)), device=plain_device, **options)
+        simulation = Simulation(tower(speed=0.3).translate((0.0, 0.0, 0.12)), device=plain_device, **options)
         deepest = 0.0
         for _ in range(30):
             simulation.step()
