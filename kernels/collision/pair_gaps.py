@@ -16,6 +16,10 @@ from .pair_impulses import pair_impulses
 ROUNDING = 4.0
 """The least gap, as a multiple of the spacing of floating-point numbers at the coordinates of the pair."""
 
+AHEAD = 2.0
+"""Inner surfaces must be kept apart if they may come near each other in this many substeps at their speed: they
+may become faster."""
+
 
 @functools.cache
 def ways(scalar: type):
@@ -173,8 +177,8 @@ def find_alarm(scalar: type, worlds: bool = False):
     """Compose the kernel that tells, in flags, whether inner surfaces are so near that they must be kept apart.
 
     It looks at the vertices that have been placed as the substep begins: pairs of them are near if they may come
-    within `apart` in the substep. That is sooner than `measure_pairs` finds, and takes a tenth of the time. Its
-    threads share the pairs, all of inner surfaces.
+    within `apart` in `AHEAD` substeps. That is sooner than `measure_pairs` finds, and takes a tenth of the time.
+    Its threads share the pairs, all of inner surfaces.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
@@ -213,17 +217,21 @@ def find_alarm(scalar: type, worlds: bool = False):
             c = mean_of(pairs, data.surfaces.x, vertices[2] - drawn) - a
             d = mean_of(pairs, data.surfaces.x, vertices[3] - drawn) - a
             fastest = zero
-            for m in range(1, 4):
-                fastest = wp.max(fastest, wp.length(mean_of(pairs, data.surfaces.v, vertices[m] - drawn) - u))
+            second = mean_of(pairs, data.surfaces.v, vertices[1] - drawn)
+            if vertices[0] >= 0:
+                fastest = wp.length(second - u)
+                second = u
+            for m in range(2, 4):
+                v = mean_of(pairs, data.surfaces.v, vertices[m] - drawn)
+                fastest = wp.max(fastest, wp.max(wp.length(v - u), wp.length(v - second)))
             away = V()
             if vertices[0] < 0:
                 shares = on_segments(V(), b, c, d)
                 away = shares[0] * b - (one - shares[1]) * c - shares[1] * d
-                fastest += fastest  # of the two ends of the first edge
             else:
                 on = on_triangle(V(), b, c, d)
                 away = -(on[0] * b + on[1] * c + on[2] * d)
-            if wp.length(away) < scalar(2.0) * apart + h * fastest:
+            if wp.length(away) < apart + scalar(AHEAD) * h * fastest:
                 if not (flags[wp.static(PAIRS)] >= float(count)):
                     raise_to(flags, wp.static(PAIRS), float(count))
             k = next_of_part(k, threads, parts)

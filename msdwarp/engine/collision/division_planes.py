@@ -250,9 +250,12 @@ class DivisionPlanes(Effect):
     def judge(self, pairs: int) -> bool:
         """Decide whether pairs are kept apart in coming frames; return whether the last one must be repeated.
 
-        `pairs` is their number if any came too near, or more than there is room for; else 0.
+        `pairs` is their number if any came too near, or more than there is room for; else 0. If there was no room,
+        the repeated frame decides.
         """
-        missed = pairs > len(self.pairs.vertices) or (pairs > 0 and not self.awake)
+        if pairs > len(self.pairs.vertices):
+            return True
+        missed = pairs > 0 and not self.awake
         self._quiet = 0 if pairs else self._quiet + 1
         self.awake = pairs > 0 or not self.may_sleep or (self.awake and self._quiet < QUIET)
         return missed
