@@ -23,7 +23,6 @@ from msdwarp import (
     chain,
 )
 from msdwarp.engine import DivergenceMonitor
-from msdwarp.simulation.stepping import Stepping
 from msdwarp.simulation.substep_controller import StepController
 
 WATCHED = {"threads": 1, "gravity": 0.0}
@@ -225,14 +224,14 @@ def test_what_a_function_of_time_raises_ends_the_batch_where_it_begins(as_on_a_g
 
 def test_what_is_raised_between_frames_leaves_none_on_its_way(as_on_a_gpu, monkeypatch):
     runs = [Simulation(swinging(), **WATCHED, device="cpu") for _ in range(2)]
-    asked = Stepping.warnings
+    advance = Simulation._advance
 
-    def interrupted(stepping):
-        if runs[0].frame_index == 5 and stepping is runs[0].stepping:
+    def interrupted(simulation, next_time):
+        if simulation is runs[0] and simulation.frame_index == 5:
             raise KeyboardInterrupt
-        return asked(stepping)
+        advance(simulation, next_time)
 
-    monkeypatch.setattr(Stepping, "warnings", interrupted)
+    monkeypatch.setattr(Simulation, "_advance", interrupted)
     with pytest.raises(KeyboardInterrupt):
         runs[0].step(FRAMES)
     monkeypatch.undo()

@@ -38,7 +38,10 @@ def chords(
     These are the drawn vertex and the three of the opposite facet, and their weights, both of shape
     [vertex_count, 4]. Vertices of other bodies than `bodies` are −1.
     """
+    chord, weight = np.full((len(x), 4), -1), np.zeros((len(x), 4))
     vertex = np.flatnonzero(bodies[surfaces.body])
+    if not len(vertex):
+        return chord, weight
     corner = surfaces.corner[bodies[surfaces.body[surfaces.corner[:, 0]]]]
     way = _inward(surfaces, x, corner)[vertex]
     origin = x[vertex].mean(axis=0)
@@ -52,7 +55,6 @@ def chords(
     facet, first, second, length = hit.numpy().astype(np.float64).T
     # A ray that meets nothing, as in a surface with a hole too small to be seen, leaves the vertex where it is.
     share = np.where(facet >= 0, np.minimum(1.0 / (ABOVE + length), MOST_OF_CHORD), 0.0)
-    chord, weight = np.full((len(x), 4), -1), np.zeros((len(x), 4))
     chord[vertex] = np.column_stack([vertex, corner[facet.astype(int)]])
     opposite = np.column_stack([first, second, 1.0 - first - second])
     weight[vertex] = np.column_stack([1.0 - share, share[:, None] * opposite])
