@@ -59,7 +59,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
     Memory = memories(scalar, worlds)[0]
     Nearest = nearest_facets(scalar, lanes, worlds)[0]
-    (place_of, place_on, _) = places(scalar)
+    place_of, place_on, _ = places(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     moved_along = displacements(scalar, worlds)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)

@@ -37,8 +37,8 @@ would be held back. Without any a driven end of a folded cloth lags by 0.3 m, wi
 blocks that meet at 20 m/s need up to 8."""
 ALLOWED = 0.8
 """The share of its distance from the plane by which a vertex may approach it."""
-MOST_LOST = 0.95
-"""The share of its gap that a pair may lose in a substep, less the least gap, before anything is held back."""
+HOLD_BEYOND = 0.95
+"""The largest approach of a pair in a substep, by its gap, less the least gap, before anything is held back."""
 LEAST_SHARE = 0.05
 """The least share of the gap on either side of a plane."""
 CATCH_UP = 50.0
@@ -140,8 +140,8 @@ def keep_apart(scalar: type, blocks: int):
         gap = pairs.gap[k]
         if gap <= zero:
             return
-        lost = wp.max(scalar(MOST_LOST) * gap - pairs.least[k], gap - apart)
-        if not everywhere and approach_of(pairs, x, x_out, k) <= lost and not is_held(pairs, k):
+        largest = wp.max(scalar(HOLD_BEYOND) * gap - pairs.least[k], gap - apart)
+        if not everywhere and approach_of(pairs, x, x_out, k) <= largest and not is_held(pairs, k):
             return
         vertices = pairs.vertices[k]
         firsts = int(1)

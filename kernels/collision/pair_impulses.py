@@ -14,9 +14,9 @@ from .near_pairs import vertex_of
 
 KEPT = 0.5
 """The share of its gap that impulses try to keep for a pair in a substep, unless the gap remains wide."""
-MOST_LOST = 0.8
+LARGEST_APPROACH = 0.8
 """The share of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
-LATE_LOST = 0.9
+LATE_APPROACH = 0.9
 """The share that it may have lost before a late round: rounds approach the one above, and would never end."""
 ALL_KEPT = 4.0
 """Below this multiple of the least gap, impulses try to keep all of the gap."""
@@ -164,8 +164,8 @@ def pair_impulses(scalar: type):
             if vertices[0] >= 0 and rises[1] > rises[second]:
                 second = int(1)
             approach = rises[second] - rises[first]
-            lack = approach - wp.max(scalar(MOST_LOST) * gap, gap - apart)
-            if late and approach <= wp.max(scalar(LATE_LOST) * gap, gap - apart):
+            lack = approach - wp.max(scalar(LARGEST_APPROACH) * gap, gap - apart)
+            if late and approach <= wp.max(scalar(LATE_APPROACH) * gap, gap - apart):
                 lack = zero
             way = way_of(pairs, x, x_out, vertex_of(vertices, first))
             way -= way_of(pairs, x, x_out, vertex_of(vertices, second))

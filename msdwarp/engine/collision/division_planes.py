@@ -153,9 +153,9 @@ class DivisionPlanes(Effect):
         data.inner.lower, data.inner.upper = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lu")
         data.inner.inset = wp.zeros(bodies, dtype=float, device=device)
         data.inner.more = wp.zeros(bodies, dtype=scalar, device=device)
-        share = np.zeros(len(on_host.closed))
-        np.maximum.at(share, on_host.body, np.where(chord[:, 0] < 0, 0.0, 1.0 - weight[:, 0]))
-        self._share_of_opposite = np.tile(share, model.worlds)
+        opposite = np.zeros(len(on_host.closed))
+        np.maximum.at(opposite, on_host.body, np.where(chord[:, 0] < 0, 0.0, 1.0 - weight[:, 0]))
+        self._share_of_opposite = np.tile(opposite, model.worlds)
 
     def meet(self, neighbors: Any, more: float) -> None:
         """Take the `NeighborList` that pairs are listed with; distant vertices move further by `more` [m]."""
@@ -172,7 +172,8 @@ class DivisionPlanes(Effect):
         data, model, neighbors = self.pairs, self._model, self.neighbors
         neighbors.launch(clear_pairs(model.scalar), len(data.in_pair), [data], [])
         if self.inner:
-            self.place_inner()
+            kernel = place_inner(model.scalar, model.in_worlds)
+            neighbors.launch(kernel, len(data.inner.chord), [self._contact, data], [])
         if self.tangles and frame_begins:
             self._find_tangles()
         many = len(self._contact.surfaces.x) + len(data.edge)
@@ -180,11 +181,6 @@ class DivisionPlanes(Effect):
         neighbors.share(find_pair_candidates(model.scalar, self.inner, model.in_worlds), many, inputs, [])
         kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, self.inner, model.in_worlds)
         neighbors.share(kernel, neighbors.lanes * many, inputs, [neighbors.flags])
-
-    def place_inner(self) -> None:
-        """Launch the placing of inner vertices where drawn vertices are."""
-        pairs, kernel = self.pairs, place_inner(self._model.scalar, self._model.in_worlds)
-        self.neighbors.launch(kernel, len(pairs.inner.chord), [self._contact, pairs], [])
 
     def start(self, overlapping: bool) -> None:
         """Leave out surfaces that cross at the start, or are inside another body, until they are apart."""
