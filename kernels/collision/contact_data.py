@@ -223,12 +223,9 @@ def NearPairs(scalar: type):
         # Results:
         tangles: wp.array(dtype=int)  # whether any edge crosses a triangle, shape [1]
         tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
-        alarm: wp.array(dtype=int)  # in which substep of a frame a pair last came too near, from 1
-        acting: wp.array(dtype=int)  # whether one has since that was set to 0
+        alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
-        unsettled: wp.array(
-            dtype=int
-        )  # of each world: when particles were last held back in the last round but one
+        unsettled: wp.array(dtype=int)  # of each world: whether the last round but one held particles back
 
     return NearPairs
 

@@ -216,7 +216,6 @@ def keep_apart(scalar: type, blocks: int):
         per_unit: wp.float64,
         apart: scalar,
         particles: int,
-        substep: int,
         phase: int,
         k: int,
     ):
@@ -225,7 +224,7 @@ def keep_apart(scalar: type, blocks: int):
             everywhere = bool(False)
             if phase == wp.static(PHASES - 2):
                 particle = pairs.particle_of[pairs.first_particle[vertex_of(pairs.vertices[k], 0)]]
-                everywhere = pairs.unsettled[particle / particles] == substep
+                everywhere = pairs.unsettled[particle / particles] != 0
             shorten(pairs, x, x_out, apart, everywhere, k)
         elif pairs.gap[k] > zero:
             late = phase >= wp.static(3 * FIRST_ROUNDS)
@@ -246,7 +245,6 @@ def keep_apart(scalar: type, blocks: int):
         h: scalar,
         per_unit: wp.float64,
         particles: int,
-        substep: int,
         phase: int,
         flags: wp.array(dtype=float),
         n: int,
@@ -259,8 +257,9 @@ def keep_apart(scalar: type, blocks: int):
             if pairs.share[i] < 1.0 and pairs.held[i] == 0:
                 pairs.held[i] = 1
                 if phase == wp.static(PHASES - 3):
-                    pairs.unsettled[i / particles] = substep
+                    pairs.unsettled[i / particles] = 1
         else:
+            pairs.unsettled[i / particles] = 0
             lost = hold_back(pairs, x, x_out, v_out, h, i)
             if lost > 0.0:
                 raise_to(flags, (i / particles) * wp.static(FLAGS) + wp.static(HELD_BACK), lost)
@@ -272,7 +271,6 @@ def keep_apart(scalar: type, blocks: int):
         per_unit: wp.float64,  # units of impulse times substep [1/(kg m)]
         apart: scalar,  # beyond this distance pairs are left alone [m]
         particles: int,  # number of particles in each world
-        substep: int,  # from 1 in each frame
         first_phase: int,
         last_phase: int,
         threads: int,
@@ -281,7 +279,7 @@ def keep_apart(scalar: type, blocks: int):
         v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),
     ):
-        if pairs.alarm[0] != substep:
+        if pairs.alarm[0] == 0:
             return
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         phase = first_phase
@@ -292,16 +290,18 @@ def keep_apart(scalar: type, blocks: int):
                 n = grid_thread()
                 if (cut < 0 and phase % 3 == 2) or (cut > 0 and cut % 2 == 1):
                     while n < pairs.particle_count[0]:
-                        end_phase(pairs, x, x_out, v_out, h, per_unit, particles, substep, phase, flags, n)
+                        end_phase(pairs, x, x_out, v_out, h, per_unit, particles, phase, flags, n)
                         n += threads
                 else:
                     while n < count:
-                        act(pairs, x, x_out, per_unit, apart, particles, substep, phase, n)
+                        act(pairs, x, x_out, per_unit, apart, particles, phase, n)
                         n += threads
                 if phase < last_phase:
                     wait()
             elif phase < wp.static(3 * ROUNDS) and last_phase > phase:
                 phase = wp.static(3 * ROUNDS - 1)
             phase += 1
+        if first_phase < last_phase and grid_thread() == 0:
+            pairs.alarm[0] = 0
 
     return kernel(keep, launch_bounds=MOST_THREADS, cluster_dim=blocks)

@@ -149,7 +149,6 @@ def measure_pairs(scalar: type):
         x_out: wp.array(dtype=V),  # positions at its end [m]
         least: scalar,  # the least distance from a plane [m]
         apart: scalar,  # beyond this distance pairs are left alone [m]
-        substep: int,  # from 1 in each frame
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -163,8 +162,7 @@ def measure_pairs(scalar: type):
             measure(pairs, x, least, k)
             gap = pairs.gap[k]
             if gap > zero and approach_of(pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
-                pairs.alarm[0] = substep
-                pairs.acting[0] = 1
+                pairs.alarm[0] = 1
                 if not (flags[wp.static(PAIRS)] >= float(count)):
                     raise_to(flags, wp.static(PAIRS), float(count))
             k = next_of_part(k, threads, parts)

@@ -13,6 +13,7 @@ from .conjugate_gradients import conjugate_gradients as conjugate_gradients
 from .cpu_partition import (
     ABORT as ABORT,
     PartOfParticles as PartOfParticles,
+    count_down as count_down,
     in_partition as in_partition,
     wait_for_all as wait_for_all,
 )

@@ -62,6 +62,12 @@ def wait_for_all(share: PartOfParticles):
     barrier(share.meeting, share.threads, share.yield_cpu)
 
 
+@kernel
+def count_down(left: wp.array(dtype=int)):
+    """Subtract 1 from left[0]."""
+    left[0] = left[0] - 1
+
+
 @functools.cache
 def in_partition(composition: Composition, method: Any):
     """Compose the kernel that runs many stages, as `persistent` does, for one part of the particles.

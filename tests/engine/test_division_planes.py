@@ -10,6 +10,7 @@ from msdwarp import (
     Ensemble,
     Plane,
     PrescribedMotion,
+    Probe,
     Simulation,
     StartWarning,
     System,
@@ -199,6 +200,18 @@ def test_restarts_lists_and_overflow_change_nothing(device, monkeypatch):
     for module, name, value in ((nearby, "LEAST_SKIN", 1.5), (nearby, "ROOM", 1), (division_planes, "ROOM", 0)):
         monkeypatch.setattr(module, name, value)
         np.testing.assert_array_equal(run(thrown(20.0, device, **options), 4), expected)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("substeps", [21, 22])  # after the pair that is recorded once come 1 and 2
+def test_substeps_recorded_once_equal_substeps_recorded_each(substeps, threads):
+    def run(**options) -> np.ndarray:
+        simulation = thrown(20.0, bumps=0.03, sideways=1.0, substeps=substeps, threads=threads, **options)
+        simulation.step(4)
+        return np.concatenate(simulation.frame()[1:])
+
+    each = run(probes={"height": Probe("grains", "position", every="substep")})  # a launch after each substep
+    np.testing.assert_array_equal(run(), each)
 
 
 def test_a_folded_strip_does_not_depend_on_lists(monkeypatch):

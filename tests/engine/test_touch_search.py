@@ -370,6 +370,7 @@ def test_lists_get_room_to_spare():
 
 def test_the_skin_follows_the_fastest_motion():
     near = contact_of(scene("cpu")).neighbors
+    near._check_every = near.check_every = nearby.CHECK_EVERY  # as on a GPU
 
     def skin(way: float, moved: float = 0.0) -> float:
         near.judge(np.array([moved, way, 0, 0, 0, 0, 0, 0]), np.ones(1, dtype=bool))

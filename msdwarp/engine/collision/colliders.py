@@ -65,7 +65,7 @@ class Colliders(Effect):
         self._scalar, self._vector = model.scalar, model.vector
         self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
-        self.moves = any(collider.motion is not None for collider in colliders)
+        self.moves = self.numbers_substeps = any(collider.motion is not None for collider in colliders)
         self.planes_only = all(isinstance(one, Plane) for one in colliders)
         """Whether all obstacles are planes, which need no swept test."""
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))

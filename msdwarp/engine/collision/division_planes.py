@@ -38,7 +38,7 @@ APART_INSIDE = 0.1
 """The same between inner surfaces alone, by how far they are apart where bodies touch."""
 ROOM = 4
 """Room for near pairs at first, by the number of vertices."""
-LEAST_ROOM = 2**10
+LEAST_ROOM = 2**13
 """Room for pairs of inner surfaces at first."""
 MOST_IN_CLUSTER = 2**15
 """With room for more pairs each phase is a launch of its own."""
@@ -93,7 +93,7 @@ class DivisionPlanes(Effect):
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
         data.tangled = wp.zeros_like(data.body_of)
-        numbers = "near_count", "count", "particle_count", "tangles", "alarm", "acting", "lacking"
+        numbers = "near_count", "count", "particle_count", "tangles", "alarm", "lacking"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
         data.unsettled = wp.zeros(model.worlds, dtype=int, device=device)
@@ -213,14 +213,14 @@ class DivisionPlanes(Effect):
             outputs = [after.x, after.v]
             inputs = [self.pairs, before.x, steps.dt, self.least_gap]
             neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
-        measured = [self.pairs, before.x, after.x, self.least_gap, self.apart, substep + 1]
+        measured = [self.pairs, before.x, after.x, self.least_gap, self.apart]
         kernel = measure_pairs(model.scalar)
         neighbors.share(kernel, len(self.pairs.vertices), measured, [neighbors.flags], PAIR_THREADS)
-        self._keep_apart(before, after, substep)
+        self._keep_apart(before, after)
         if substep + 1 == steps.substeps:  # for the others the next substep finds it
             neighbors.place(after.x, after.v, after.compensation)
 
-    def _keep_apart(self, before: Instant, after: Instant, substep: int) -> None:
+    def _keep_apart(self, before: Instant, after: Instant) -> None:
         model, device, neighbors = self._model, self._model.device, self.neighbors
         small = not device.is_cuda or len(self.pairs.vertices) <= MOST_IN_CLUSTER
         blocks = CLUSTER if small and device.is_cuda and device.arch >= 90 else 1
@@ -230,16 +230,16 @@ class DivisionPlanes(Effect):
         outputs = [after.x, after.v, neighbors.flags]
 
         def launch(first: int, last: int) -> None:
-            given = [*inputs, substep + 1, first, last, threads]
+            given = [*inputs, first, last, threads]
             wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
 
         def launch_each() -> None:
             for phase in range(PHASES):
                 launch(phase, phase)
-            self.pairs.acting.zero_()
+            self.pairs.alarm.zero_()
 
         if not small:
-            wp.capture_if(self.pairs.acting, launch_each)
+            wp.capture_if(self.pairs.alarm, launch_each)
         else:  # a single CPU thread handles all pairs
             neighbors.launch_parts(lambda part, _: launch(0, PHASES - 1) if part == 0 else None)
 

@@ -72,9 +72,9 @@ MOST_THREADS = 2**14
 MOST_BETWEEN = 32
 """Substeps between two searches for which the skin allows, unless it would become wider than the widest."""
 CHECK_EVERY = 4
-"""Every how many substeps the device decides whether to search: a launch that depends on it takes 10 µs.
+"""Every how many substeps a GPU decides whether to search: a launch that depends on it takes 10 µs.
 
-It is every substep if the skin that slower decisions need were wider than the widest.
+It is every substep if the skin that slower decisions need were wider than the widest, and on a CPU.
 """
 ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
 """The skin allows for this many substeps more than lie between two decisions; lists are made again with less left:
@@ -122,7 +122,9 @@ class NeighborList:
         """Points that had facets near them in the last frame."""
         self.partition: Launcher | None = None
         """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
-        self.check_every = CHECK_EVERY
+        self._check_every = CHECK_EVERY if device.is_cuda else 1
+        """The same where nothing is fast."""
+        self.check_every = self._check_every
         """Substeps from one decision whether to search to the next."""
         self.dt, self.substep = 0.0, 0
         """Length of a substep [s], and the number of the coming one."""
@@ -320,7 +322,7 @@ class NeighborList:
         if narrowest > self._widest:
             self.check_every = 1
         elif narrowest < 0.5 * self._widest:
-            self.check_every = CHECK_EVERY
+            self.check_every = self._check_every
         wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * way))
         wanted = max(wanted, 2.0 * way * (self.check_every + ALLOWANCE), 0.0 if held else SKIN_BY_WAY * moved)
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:

@@ -68,6 +68,9 @@ class Effect:
     shared_points: int = 0
     """Number of its points that CPU threads can share, each about as much work as a connection."""
 
+    numbers_substeps: bool = False
+    """Whether its launches depend on the number of the substep in a frame, beyond the first two and the last."""
+
     steps: Steps = Steps(1.0, 1)
     """The substeps of the coming frames; set when `begin` is called."""
 

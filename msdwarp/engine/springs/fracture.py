@@ -25,6 +25,7 @@ class Fracture(Effect):
     """
 
     piece = None
+    numbers_substeps = True
 
     def __init__(self, model: Model) -> None:
         self._model = model

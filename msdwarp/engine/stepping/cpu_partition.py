@@ -11,7 +11,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ... import checks
-from ...kernels.integrators import ABORT, Composition, PartOfParticles, in_partition, scene, wait_for_all
+from ...kernels.integrators import (
+    ABORT,
+    Composition,
+    PartOfParticles,
+    count_down,
+    in_partition,
+    scene,
+    wait_for_all,
+)
 from ...runtime import cores, record
 from ..device.thread_pool import replay_together
 from ..model.model import Model
@@ -43,6 +51,8 @@ class CpuPartition:
         bounds = divided(model.particle_count, ends, threads)
         begun = np.linspace(0, len(ends), threads + 1).astype(int)
         scatters = composition.force_algorithm.evaluate is not None
+        self._left = [wp.zeros(1, dtype=int, device=model.device) for _ in range(threads)]
+        """How many repetitions of launches each thread has left."""
         self._parts = list[Any]()
         self._sums = list[wp.array | None]()
         """Each thread's array of forces, for an algorithm that scatters."""
@@ -105,6 +115,14 @@ class CpuPartition:
         inner, self._launches = self._launches, outer
         self._launches.append(lambda k: wp.capture_if(condition, lambda: [one(k) for one in inner]))
 
+    def repeat(self, times: int, launch: Callable[[], None]) -> None:
+        """Record launches that each thread runs this many times."""
+        assert self.is_recording
+        outer, self._launches = self._launches, []
+        repeat(self._left[0], times, launch)
+        inner, self._launches = self._launches, outer
+        self._launches.append(lambda k: repeat(self._left[k], times, lambda: [one(k) for one in inner]))
+
     def _launch(self, launch: Callable[[int], None]) -> None:
         self._launches.append(launch)
         launch(0)
@@ -142,6 +160,17 @@ class PartitionedGraph:
     def _abort(self) -> None:
         """Make all threads leave their barriers, because one has failed."""
         self._barrier[ABORT] = 1
+
+
+def repeat(left: wp.array, times: int, launch: Callable[[], object]) -> None:
+    """Record launches once that run this many times, at least once; `left`, shape [1], counts them down."""
+
+    def launch_once() -> None:
+        launch()
+        wp.launch(count_down, 1, [left], device=left.device)
+
+    left.fill_(times)
+    wp.capture_while(left, launch_once)
 
 
 def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """Dynamics: evaluates the equation of motion x'' = f(x, x')/m + g, with contact, for integrators."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,7 +26,7 @@ from ..springs.force_algorithms import forces_of
 from ..springs.fracture import Fracture
 from ..springs.spring_constants_by_world import ensemble_forces
 from .assemble import Assembly
-from .cpu_partition import CpuPartition
+from .cpu_partition import CpuPartition, repeat
 from .per_stage import PerStage, column_count, of_each_world
 from .persistent import launch_persistent
 from .stages import Solve, Stage, StageArrays
@@ -66,6 +66,8 @@ class Dynamics:
         self._fill_scene(forces, effect_mask)
         self._per_stage = PerStage(self.model, self.composition, self.launches_before_forces)
         self.partition = CpuPartition(self.model, self.composition, threads) if threads > 1 else None
+        self._left = wp.zeros(1, dtype=int, device=self.model.device)
+        """How many repetitions of launches are left."""
         for effect in assembly.all:
             effect.use_partition(self.partition)
         self._single_launch = not assembly.begins_substeps
@@ -281,6 +283,19 @@ class Dynamics:
         if self.model.in_worlds:
             return persistent(self.composition, method, 1, threads, threads_at_a_time(self.assembly))
         return persistent(self.composition, method, blocks)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether substeps within a frame are the same launches on a CPU, where to record a launch takes 1 ms."""
+        alike = not self.composition.timed and not any(one.numbers_substeps for one in self.assembly.all)
+        return alike and not self.model.device.is_cuda
+
+    def repeat(self, times: int, launch: Callable[[], None]) -> None:
+        """Make launches that the device repeats this many times, at least once."""
+        if self.partition is not None and self.partition.is_recording:
+            self.partition.repeat(times, launch)
+        else:
+            repeat(self._left, times, launch)
 
     def _search(self, step: Any, begins: bool) -> None:
         """Launch the searches of effects for a stage: not on a side stream, where no launch can be conditional."""

@@ -74,6 +74,8 @@ class Stepper:
         """Whether it launches the next frames."""
         if chosen and single and not one_launch and after_substep is None:
             self.contact = contact_launch(dynamics, stages_only, len(stages_only) // 2)
+        self._repeats = single and after_substep is None and dynamics.repeats
+        """Whether a frame repeats two substeps, which are recorded once."""
         if self.blocks is None and not (model.in_worlds and one_launch and chosen):
             return
         self._method, self._per_substep = stages_only[0].method, len(stages_only) // 2
@@ -99,20 +101,30 @@ class Stepper:
             if substeps % 2:
                 self._state.flip()
         elif self.blocks is None:
-            for k in range(substeps):
-                self._dynamics.begin_substep(self._state, first + k)
-                for stage in self._substeps[k % 2]:
-                    self._dynamics.run(stage)
-                self._dynamics.end_substep(self._state, first + k)
-                self._state.flip()
-                if self._after_substep is not None:
-                    self._after_substep(first + k)
+            begun, pairs = 2, (substeps - 3) // 2  # the first two are not like others, nor is the last
+            if not self._repeats or pairs < 2 or first > 0:
+                begun = pairs = 0
+            self._take_each(range(begun), first)
+            if pairs:
+                self._dynamics.repeat(pairs, lambda: self._take_each(range(2, 4), 0))
+            self._take_each(range(begun + 2 * pairs, substeps), first)
         else:
             self._launch_all(*self.blocks, substeps * self._per_substep, first)
             if substeps % 2 and self.chip is None:
                 self._state.flip()
         self._dynamics.go_to_frame_end()
         self._state.settle()
+
+    def _take_each(self, numbers: range, first: int) -> None:
+        """Take substeps with a launch per stage, their numbers counted from `first`."""
+        for k in numbers:
+            self._dynamics.begin_substep(self._state, first + k)
+            for stage in self._substeps[k % 2]:
+                self._dynamics.run(stage)
+            self._dynamics.end_substep(self._state, first + k)
+            self._state.flip()
+            if self._after_substep is not None:
+                self._after_substep(first + k)
 
     def _launch_all(self, blocks: int, threads: int, stages: int, first: int) -> None:
         """Take stages from substep number `first` on in one launch, or in one per CPU thread."""
