@@ -9,16 +9,24 @@ from .contact_data import HISTORY, BodyContactData, Substep
 from .force_sums import Units, exert_on_segments
 from .history import displacements, memories
 from .lanes import chosen_of_lanes, each_active_point, least_of_lanes
-from .law import contact_law
+from .law import contact_law, damping_limits
 from .pairs import ALMOST, FAR, NONE, places, points
 
 
 @functools.cache
-def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
+def evaluate_segments_and_spheres(
+    scalar: type,
+    overlapping_at_start: bool,
+    lanes: int,
+    worlds: bool = False,
+    limited: bool = False,
+    counting: bool = False,
+):
     """Compose the kernel that sums the contact forces of points if no facet is a triangle.
 
     Such bodies are many, and have neither an inside nor sides. So each of the `lanes` threads of a point handles
-    other bodies near it. `overlapping_at_start` is as for `evaluate_contact`.
+    other bodies near it. `overlapping_at_start` and `limited` are as for `evaluate_contact`; with `counting` the
+    kernel only counts the contacts of each particle, as `count_contacts` does.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
@@ -26,6 +34,7 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     held, moved_along = displacements(scalar, worlds)
     in_units, take_from, add_to = exert_on_segments(scalar)
+    count, load = damping_limits(scalar, 1)
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
 
@@ -84,6 +93,17 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
         return found
 
     @wp.func
+    def limit_of(data: Data, point: Point, mine: int, corner: wp.vec3i, w: V) -> scalar:
+        """Return how strong the damper of a contact may be [N s/m]."""
+        world = int(0)
+        if wp.static(worlds):
+            world = mine / data.surfaces.bodies_each
+        first, particle, weight = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
+        touches, inverse_mass = data.surfaces.touches, data.surfaces.inverse_mass
+        all_loads = load(first, particle, weight, touches, inverse_mass, point.ends, point.share, corner, w, 0)
+        return data.surfaces.damping_limit[world] / all_loads
+
+    @wp.func
     def evaluate_point(
         data: Data,
         p: int,
@@ -121,15 +141,24 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]
                 if mobility > zero:
-                    before = moved_along(held(data, p), pair.other)
-                    k_n, f_n, f_t, moved, _u_n, _slides = press(
-                        pair, mobility, overlap, normal, one, far, u, before, step
-                    )
-                    units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
-                    take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)
-                    total += units
-                    record(data, p, pair.mine, k_n, overlap, step, flags)
-                    memory = remember(memory, pair.other, moved)
+                    if wp.static(counting):
+                        first_of, particle = data.surfaces.first, data.surfaces.particle
+                        count(first_of, particle, data.surfaces.touches, point.ends, corner, w, 0)
+                    else:
+                        strongest = far
+                        if wp.static(limited):
+                            strongest = limit_of(data, point, pair.mine, corner, w)
+                        before = moved_along(held(data, p), pair.other)
+                        k_n, f_n, f_t, moved, _u_n, _slides = press(
+                            pair, mobility, overlap, normal, one, strongest, u, before, step
+                        )
+                        units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
+                        take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)
+                        total += units
+                        record(data, p, pair.mine, k_n, overlap, step, flags)
+                        memory = remember(memory, pair.other, moved)
+        if wp.static(counting):
+            return
         add_to(data.surfaces.force, point.ends, point.share, total, step.parts)
         memory = least_of_all(memory)
         if lane == 0:
@@ -138,4 +167,4 @@ def evaluate_segments_and_spheres(scalar: type, overlapping_at_start: bool, lane
             if wp.static(overlapping_at_start):
                 shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=True)
+    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=not counting)

@@ -85,7 +85,8 @@ class BodyContact(WithHistory):
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
         """Contributions to the blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
-        self.limiting = self._worth_limiting() if surfaces.triangles else np.zeros(1, dtype=bool)
+        only_grains = (on_host.corner == on_host.corner[:, :1]).all()  # their bounces would be less exact
+        self.limiting = np.zeros(1, dtype=bool) if only_grains else self._worth_limiting()
         """Which of the worlds that differ limit dampers."""
         if self.limits_dampers:
             data.surfaces.touches = wp.zeros(model.worlds * model.stride, dtype=int, device=device)
@@ -260,7 +261,9 @@ class BodyContact(WithHistory):
             if self.limits_now:
                 kernels = [count_contacts(*composed), *kernels]
         else:
-            kernels = [evaluate_segments_and_spheres(*composed)]
+            kernels = [evaluate_segments_and_spheres(*composed, self.limits_now)]
+            if self.limits_now:
+                kernels = [evaluate_segments_and_spheres(*composed, True, True), *kernels]
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
         for kernel in kernels:
