@@ -279,6 +279,8 @@ def keep_apart(scalar: type, blocks: int):
         v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),
     ):
+        if first_phase < last_phase and grid_thread() == 0:
+            pairs.may_meet[0] = 0
         if pairs.alarm[0] == 0:
             return
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])

@@ -73,10 +73,11 @@ def ways(scalar: type):
 
 
 @functools.cache
-def measure_pairs(scalar: type):
+def measure_pairs(scalar: type, watched: bool):
     """Compose the kernel that finds the gap of each near pair, and sets `alarm` if any comes too near.
 
-    That is within the substep. Without an alarm `keep_apart` does nothing. Its threads share the pairs.
+    That is within the substep. Without an alarm `keep_apart` does nothing. Its threads share the pairs. If they
+    are `watched`, by `find_alarm`, it does nothing unless they may meet.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs = NearPairs(scalar)
@@ -152,8 +153,10 @@ def measure_pairs(scalar: type):
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
-        flags: wp.array(dtype=float),
     ):
+        if wp.static(watched):
+            if pairs.may_meet[0] == 0:
+                return
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         k = first_of_part(grid_thread(), part)
         if k == 0:
@@ -163,8 +166,6 @@ def measure_pairs(scalar: type):
             gap = pairs.gap[k]
             if gap > zero and approach_of(pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
                 pairs.alarm[0] = 1
-                if not (flags[wp.static(PAIRS)] >= float(count)):
-                    raise_to(flags, wp.static(PAIRS), float(count))
             k = next_of_part(k, threads, parts)
 
     return find
@@ -172,7 +173,7 @@ def measure_pairs(scalar: type):
 
 @functools.cache
 def find_alarm(scalar: type, worlds: bool = False):
-    """Compose the kernel that tells, in flags, whether inner surfaces are so near that they must be kept apart.
+    """Compose the kernel that tells, in flags too, whether inner surfaces may meet and so must be kept apart.
 
     It looks at the vertices that have been placed as the substep begins: pairs of them are near if they may come
     within `apart` in `AHEAD` substeps. That is sooner than `measure_pairs` finds, and takes a tenth of the time.
@@ -230,6 +231,7 @@ def find_alarm(scalar: type, worlds: bool = False):
                 on = on_triangle(V(), b, c, d)
                 away = -(on[0] * b + on[1] * c + on[2] * d)
             if wp.length(away) < apart + scalar(AHEAD) * h * fastest:
+                pairs.may_meet[0] = 1
                 if not (flags[wp.static(PAIRS)] >= float(count)):
                     raise_to(flags, wp.static(PAIRS), float(count))
             k = next_of_part(k, threads, parts)

@@ -93,7 +93,7 @@ class DivisionPlanes(Effect):
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
         data.tangled = wp.zeros_like(data.body_of)
-        numbers = "near_count", "count", "particle_count", "tangles", "alarm", "lacking"
+        numbers = "near_count", "count", "particle_count", "tangles", "may_meet", "alarm", "lacking"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
         data.unsettled = wp.zeros(model.worlds, dtype=int, device=device)
@@ -117,6 +117,7 @@ class DivisionPlanes(Effect):
         self.may_sleep, self._quiet = bool(on_host.closed.all()), 0
         self.awake = not self.may_sleep
         """Whether pairs are kept apart in the coming frame; if not, it is repeated if any should have been."""
+        self._measure: Any = measure_pairs(scalar, self.may_sleep)
         self._give_room(LEAST_ROOM if self.may_sleep else ROOM * model.worlds * (vertices + len(edge)))
 
     def _add_vertices(self, surfaces: ContactSurfaces, each: Repeated, inner: NDArray[np.bool_]) -> None:
@@ -157,6 +158,13 @@ class DivisionPlanes(Effect):
         np.maximum.at(opposite, on_host.body, np.where(chord[:, 0] < 0, 0.0, 1.0 - weight[:, 0]))
         self._share_of_opposite = np.tile(opposite, model.worlds)
 
+    def begin(self, substeps: int, dt: float) -> None:
+        """Load kernels that the first frames do without, so that no later frame waits for a compiler."""
+        if self.may_sleep:
+            device = self._model.device
+            for kernel, block in ((self._measure, 256), (self._keep, MOST_THREADS)):
+                wp.load_module(kernel.module, device, block_dim=block if device.is_cuda else None)
+
     def meet(self, neighbors: Any, more: float) -> None:
         """Take the `NeighborList` that pairs are listed with; distant vertices move further by `more` [m]."""
         self.neighbors = neighbors
@@ -195,8 +203,8 @@ class DivisionPlanes(Effect):
         neighbors.share(kernel, lanes * (len(pairs.edge) + len(surfaces.ends)), inputs, [])
 
     def watch(self) -> None:
-        """Launch the test whether inner surfaces come so near that they must be kept apart, if none are now."""
-        if not self.awake:
+        """Launch the test whether inner surfaces may come so near that they must be kept apart."""
+        if self.may_sleep:
             kernel, neighbors = find_alarm(self._model.scalar, self._model.in_worlds), self.neighbors
             inputs = [self._contact, self.pairs, self.apart, neighbors.dt]
             neighbors.share(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
@@ -214,18 +222,14 @@ class DivisionPlanes(Effect):
             inputs = [self.pairs, before.x, steps.dt, self.least_gap]
             neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
         measured = [self.pairs, before.x, after.x, self.least_gap, self.apart]
-        kernel = measure_pairs(model.scalar)
-        neighbors.share(kernel, len(self.pairs.vertices), measured, [neighbors.flags], PAIR_THREADS)
+        neighbors.share(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
         self._keep_apart(before, after)
         if substep + 1 == steps.substeps:  # for the others the next substep finds it
             neighbors.place(after.x, after.v, after.compensation)
 
     def _keep_apart(self, before: Instant, after: Instant) -> None:
         model, device, neighbors = self._model, self._model.device, self.neighbors
-        small = not device.is_cuda or len(self.pairs.vertices) <= MOST_IN_CLUSTER
-        blocks = CLUSTER if small and device.is_cuda and device.arch >= 90 else 1
-        threads = (blocks * MOST_THREADS if small else PAIR_THREADS) if device.is_cuda else 1
-        kernel = keep_apart(model.scalar, blocks)
+        kernel, threads = self._keep, self._threads if device.is_cuda else 1
         inputs = [self.pairs, before.x, self.steps.dt, self.per_unit, self.apart, model.stride]
         outputs = [after.x, after.v, neighbors.flags]
 
@@ -238,8 +242,9 @@ class DivisionPlanes(Effect):
                 launch(phase, phase)
             self.pairs.alarm.zero_()
 
-        if not small:
+        if not self._small:
             wp.capture_if(self.pairs.alarm, launch_each)
+            self.pairs.may_meet.zero_()
         else:  # a single CPU thread handles all pairs
             neighbors.launch_parts(lambda part, _: launch(0, PHASES - 1) if part == 0 else None)
 
@@ -270,6 +275,10 @@ class DivisionPlanes(Effect):
         data.weights = wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device)
         data.normal = wp.zeros(room, dtype=self._model.vector, device=device)
         data.gap, data.least = (wp.zeros(room, dtype=scalar, device=device) for _ in "gl")
+        self._small = not device.is_cuda or room <= MOST_IN_CLUSTER
+        blocks = CLUSTER if self._small and device.is_cuda and device.arch >= 90 else 1
+        self._keep: Any = keep_apart(scalar, blocks)
+        self._threads = blocks * MOST_THREADS if self._small else PAIR_THREADS
         data.count.zero_()
         self._model.generation += 1
 
