@@ -12,7 +12,7 @@ from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, NearPairs, first_flag
 from .facet_tree import NEVER, FacetTree, extend, overlap
 
-RUN = 8
+RUN = 2
 """Inner vertices that a thread places one after the other."""
 
 

@@ -229,8 +229,6 @@ class NeighborList:
         self.place(x, v, compensation, after, checks)
         if checks:
             self._find_if_due(after, frame_begins)
-        if begins and self.planes is not None:
-            self.planes.watch()
 
     def _find_if_due(self, after: float, frame_begins: bool) -> None:
         """Launch a search that the device leaves out if lists are still valid."""

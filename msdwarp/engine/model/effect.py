@@ -124,6 +124,9 @@ class Effect:
         effect each stage is a separate launch.
         """
 
+    def watch(self) -> None:
+        """Launch what `end_substep` needs, and may run beside the forces of a substep's start, after `search`."""
+
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch changes of the state at a substep's end, `after`, given the state at its start.
 

@@ -260,6 +260,9 @@ class Dynamics:
             self._search(step, begins)
             with self._per_stage.side_stream():
                 self._launch_before_forces(step, begins)
+            if begins:
+                for effect in self._ending:
+                    effect.watch()
             if not self._measuring:
                 self._at_substep_start = self._at_frame_start = False
         partition, measuring = self.partition, self._measuring
