@@ -167,9 +167,7 @@ def InnerSurfaces(scalar: type):
         chord: wp.array(dtype=wp.vec4i)  # the drawn vertex and those of the opposite facet; −1: none
         weight: wp.array(dtype=W)  # theirs
         x: wp.array(dtype=V)  # positions at the last search [m], in records
-        lower: wp.array(dtype=wp.vec3)  # box around each body's inner surface then [m]
-        upper: wp.array(dtype=wp.vec3)
-        inset: wp.array(dtype=float)  # largest distance of one of its vertices from the drawn one [m]
+        inset: wp.array(dtype=float)  # of each body: largest distance of one of them from the drawn one then [m]
         more: wp.array(dtype=scalar)  # by this much more than half a skin may one of its vertices move [m]
 
     return InnerSurfaces

@@ -8,7 +8,7 @@ from ..basis import kernel, vector
 from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import PAIRS, BodyContactData, NearPairs
-from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
+from .facet_tree import FacetTree, facets_within, margin_of_boxes, overlap
 from .nearest_point import nearest_on_segments
 from .pairs import places
 
@@ -44,7 +44,7 @@ def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
 
 @functools.cache
 def clear_pairs(scalar: type):
-    """Compose the kernel that empties the list of pairs and the boxes around inner surfaces, before `find_pairs`.
+    """Compose the kernel that empties the list of pairs, before `place_inner` and `find_pairs`.
 
     Its threads share the particles, which are at least as many as bodies.
     """
@@ -57,12 +57,9 @@ def clear_pairs(scalar: type):
             pairs.count[0] = 0
             pairs.near_count[0] = 0
             pairs.particle_count[0] = 0
-        beyond = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         while i < pairs.in_pair.shape[0]:
             pairs.in_pair[i] = 0
             if i < pairs.inner.inset.shape[0]:
-                pairs.inner.lower[i] = beyond
-                pairs.inner.upper[i] = -beyond
                 pairs.inner.inset[i] = 0.0
             i += threads
 
@@ -73,7 +70,7 @@ def clear_pairs(scalar: type):
 def find_pair_candidates(scalar: type, inner: bool, worlds: bool = False):
     """Compose the kernel that lists the vertices and edges that may be in a pair; its threads share all of them.
 
-    It tests boxes around bodies, or around the inner surfaces of closed bodies (`inner`).
+    It tests boxes around bodies, for the inner surfaces of closed bodies (`inner`), too.
     """
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
     margin, place_of, doubt = margin_of_boxes(scalar), places(scalar)[0], scalar(1.01)
@@ -99,7 +96,7 @@ def find_pair_candidates(scalar: type, inner: bool, worlds: bool = False):
                         more = margin(a, c, reach + pairs.inner.more[body] + pairs.inner.more[other])
                         low = wp.min(a, c) - more
                         high = wp.max(a, c) + more
-                        found = found or overlap(low, high, pairs.inner.lower[other], pairs.inner.upper[other])
+                        found = found or overlap(low, high, tree.body_lower[other], tree.body_upper[other])
         return found
 
     @kernel
@@ -264,14 +261,12 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
         y = place_of(pairs.inner.x, ends, scalar(1.0))
         below = wp.min(wp.vec3(x), wp.vec3(y))
         above = wp.max(wp.vec3(x), wp.vec3(y))
-        wide = margin(below, above, reach)
-        if overlap(below - wide, above + wide, pairs.inner.lower[other], pairs.inner.upper[other]):
-            # The boxes in the tree are around drawn facets.
-            wide = margin(below, above, reach + scalar(pairs.inner.inset[other]))
-            low = below - wide
-            high = above + wide
-            at = pairs.inner.x
-            pairs_with(data, tree, pairs, vertex, e, ends, x, y, low, high, other, lane, at, further, reach, flags)
+        # The boxes in the tree are around drawn facets.
+        wide = margin(below, above, reach + scalar(pairs.inner.inset[other]))
+        low = below - wide
+        high = above + wide
+        at = pairs.inner.x
+        pairs_with(data, tree, pairs, vertex, e, ends, x, y, low, high, other, lane, at, further, reach, flags)
 
     @wp.func
     def find_one(

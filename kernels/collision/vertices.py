@@ -10,10 +10,7 @@ from ..partition import first_of_part, next_of_part, raise_to
 from ..records import records, table
 from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, NearPairs, first_flag
-from .facet_tree import NEVER, FacetTree, extend, overlap
-
-RUN = 2
-"""Inner vertices that a thread places one after the other."""
+from .facet_tree import FacetTree, overlap
 
 
 @functools.cache
@@ -94,43 +91,28 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
 @functools.cache
 def place_inner(scalar: type, worlds: bool = False):
-    """Compose the kernel that places the inner vertices for a search, and extends the boxes around them.
+    """Compose the kernel that places the inner vertices for a search, and finds how far they are from drawn ones.
 
-    `clear_pairs` has emptied these. Its threads share the vertices, in runs: few of them write to the same box.
+    `clear_pairs` has set the furthest of each body to 0. Its threads share the vertices.
     """
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
     load, store, _ = records(3, scalar)
 
     @kernel
     def place(data: Data, pairs: Pairs, threads: int):
-        count = pairs.inner.chord.shape[0]
-        first = grid_thread() * wp.static(RUN)
-        while first < count:
-            least = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
-            most = -least
-            furthest = float(0.0)
-            for i in range(first, wp.min(first + wp.static(RUN), count)):
-                chord = pairs.inner.chord[i]
-                if chord[0] >= 0:
-                    drawn = load(data.surfaces.x, chord[0])
-                    x = drawn
-                    for k in range(1, 4):
-                        x += pairs.inner.weight[i][k] * (load(data.surfaces.x, chord[k]) - drawn)
-                    store(pairs.inner.x, i, x)
-                    least = wp.min(least, wp.vec3(x))
-                    most = wp.max(most, wp.vec3(x))
-                    furthest = wp.max(furthest, float(wp.length(x - drawn)))
+        i = grid_thread()
+        while i < pairs.inner.chord.shape[0]:
+            chord = pairs.inner.chord[i]
+            if chord[0] >= 0:
+                drawn = load(data.surfaces.x, chord[0])
+                x = drawn
+                for k in range(1, 4):
+                    x += pairs.inner.weight[i][k] * (load(data.surfaces.x, chord[k]) - drawn)
+                store(pairs.inner.x, i, x)
+                inset = float(wp.length(x - drawn))
                 body = data.surfaces.body_of[i]
-                ends = i + 1 == wp.min(first + wp.static(RUN), count)
-                if not ends:
-                    ends = data.surfaces.body_of[i + 1] != body
-                if ends and furthest > 0.0:
-                    extend(pairs.inner.lower, pairs.inner.upper, body, least, most)
-                    if furthest > pairs.inner.inset[body]:
-                        wp.atomic_max(pairs.inner.inset, body, furthest)
-                    least = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
-                    most = -least
-                    furthest = float(0.0)
-            first += threads * wp.static(RUN)
+                if inset > pairs.inner.inset[body]:
+                    wp.atomic_max(pairs.inner.inset, body, inset)
+            i += threads
 
     return place

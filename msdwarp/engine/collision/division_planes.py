@@ -151,7 +151,6 @@ class DivisionPlanes(Effect):
         data.inner.weight = each.alike(weight, wp.types.vector(4, scalar))
         data.inner.x = in_records(len(drawn.x), model.dim, scalar, device)
         bodies = len(drawn.closed)
-        data.inner.lower, data.inner.upper = (wp.zeros(bodies, dtype=wp.vec3, device=device) for _ in "lu")
         data.inner.inset = wp.zeros(bodies, dtype=float, device=device)
         data.inner.more = wp.zeros(bodies, dtype=scalar, device=device)
         opposite = np.zeros(len(on_host.closed))
