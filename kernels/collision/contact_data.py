@@ -221,7 +221,7 @@ def NearPairs(scalar: type):
         # Results:
         tangles: wp.array(dtype=int)  # whether any edge crosses a triangle, shape [1]
         tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
-        may_meet: wp.array(dtype=int)  # whether inner surfaces may come near each other in it, shape [1]
+        may_meet: wp.array(dtype=int)  # whether inner surfaces may meet in this substep, shape [1]
         alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
         unsettled: wp.array(dtype=int)  # of each world: whether the last round but one held particles back

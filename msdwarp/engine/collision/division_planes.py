@@ -250,8 +250,8 @@ class DivisionPlanes(Effect):
     def judge(self, pairs: int) -> bool:
         """Decide whether pairs are kept apart in coming frames; return whether the last one must be repeated.
 
-        `pairs` is their number if any came too near, or more than there is room for; else 0. If there was no room,
-        the repeated frame decides.
+        `pairs` is their number if inner surfaces might meet, or there was no room for all; else 0. If there was no
+        room, the repeated frame decides.
         """
         if pairs > len(self.pairs.vertices):
             return True
