@@ -38,26 +38,27 @@ from .facet_tree import (
     find_roots as find_roots,
 )
 from .force_sums import add_impulses as add_impulses
-from .lanes import (
+from .near_pairs import clear_pairs as clear_pairs
+from .nearest_point import nearest_on_triangle as nearest_on_triangle
+from .neighbor_search import (
     BLOCK as BLOCK,
     BLOCKS as BLOCKS,
     FEW_ON_GPU as FEW_ON_GPU,
     MANY_ON_GPU as MANY_ON_GPU,
     MOST_BY_MORE as MOST_BY_MORE,
     ON_GPU as ON_GPU,
-)
-from .near_pairs import (
-    clear_pairs as clear_pairs,
-    find_pair_candidates as find_pair_candidates,
-    find_pairs as find_pairs,
-)
-from .nearest_point import nearest_on_triangle as nearest_on_triangle
-from .neighbor_search import (
     find_candidates as find_candidates,
     find_rows as find_rows,
     range_of_speeds as range_of_speeds,
 )
 from .pair_gaps import find_alarm as find_alarm, measure_pairs as measure_pairs
+from .pair_search import (
+    QUEUES as QUEUES,
+    SHARES as SHARES,
+    WARP as WARP,
+    find_pairs as find_pairs,
+    find_pairs_of_pieces as find_pairs_of_pieces,
+)
 from .segments_and_spheres import evaluate_segments_and_spheres as evaluate_segments_and_spheres
 from .surface_contact import evaluate_surface as evaluate_surface
 from .surface_contact_data import (

@@ -17,13 +17,14 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..lanes import wait_for_lanes
 from ..records import table
 from .contact_data import STORED, BodyContactData, Substep
 from .force_sums import exert_force
 from .history import displacements, memories
-from .lanes import each_active_point, wait_for_lanes
 from .law import TANGENTIAL, contact_law, damping_limits
 from .nearest_facet import facing, nearest_facets
+from .neighbor_search import each_active_point
 from .pairs import FAR, NONE, Pair, next_in_order, places, points
 
 

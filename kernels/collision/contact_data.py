@@ -112,6 +112,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         candidate_count: wp.array(dtype=int)  # length of each row
         # Points:
         in_order: wp.array(dtype=int)  # points in an order that keeps near points together
+        near_own: wp.array(dtype=int)  # whether it may touch its own body, if that is open
         search_points: wp.array(dtype=int)  # points to search rows for, in any order
         search_point_count: wp.array(dtype=int)  # number of search_points, shape [1]
         active_points: wp.array(dtype=int)  # points that have a row, or overlap since the start, in any order
@@ -189,11 +190,11 @@ def NearPairs(scalar: type):
         inner: Inner
         # Edges; a grain is an edge whose ends are the same:
         edge: wp.array(dtype=wp.vec2i)  # the ends of each, shape [edge_count]
-        bare: wp.array(dtype=int)  # whether it is an edge of no triangle
-        of_facet: wp.array(dtype=wp.vec3i)  # the edges that a search finds by each facet, -1: none
         rank: wp.array(dtype=int)  # of each body by the length of its edges, the shortest first
-        near: wp.array(dtype=int)  # the vertices, and the edges beyond these, that may be in a pair, in any order
-        near_count: wp.array(dtype=int)  # number of these, shape [1]
+        # Facets:
+        owned: wp.array(dtype=int)  # its corners (bits 0 to 2) and sides (3 to 5) that belong to no other facet
+        points: wp.array(dtype=int)  # six each: in owned corners, in the middle of owned sides; below 0: none
+        queue: wp.array(dtype=wp.vec3i)  # two facets that may be near, and a test; QUEUES for each warp
         # Pairs:
         vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first end as ~
         count: wp.array(dtype=int)  # number of pairs, shape [1]

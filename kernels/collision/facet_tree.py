@@ -1,10 +1,10 @@
 """The tree of boxes around the facets of each body, and the broad phase: which bodies are near each other.
 
-The facets of a body are sorted along a space-filling curve. Runs of them are pieces, runs of pieces are groups;
-each has a box. The boxes follow the facets, while the tree stays as it was at the start. On a GPU the threads of a
-warp share a search: each tests one box. So few memory accesses wait for each other; a thread alone in a binary
-tree has hundreds of them. But it tests fewer boxes: on the CPU, and where there are points enough to fill a GPU,
-one thread searches for each, in a binary tree (`wp.Bvh`) of the same facets.
+The facets of a body are sorted so that near ones follow each other. Runs of them are pieces, runs of pieces are
+groups; each has a box. The boxes follow the facets, while the tree stays as it was at the start. On a GPU several
+threads share a search: each tests one box. So few memory accesses wait for each other; a thread alone in a binary
+tree has hundreds of them. But it tests fewer boxes: on the CPU one thread searches alone, in a binary tree
+(`wp.Bvh`) of the same facets.
 """
 
 import functools
@@ -12,10 +12,10 @@ import functools
 import warp as wp
 
 from ..basis import kernel
+from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
-from .lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit
 from .pairs import pair_with, pairs
 
 NEVER = 1e30

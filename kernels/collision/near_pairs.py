@@ -5,12 +5,13 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..partition import count_up, first_of_part, next_of_part, raise_to
+from ..partition import count_up, raise_to
+from ..records import records
 from ..threads import grid_thread
 from .contact_data import PAIRS, BodyContactData, NearPairs
-from .facet_tree import FacetTree, facets_within, margin_of_boxes, overlap
-from .nearest_point import nearest_on_segments
-from .pairs import places
+from .facet_tree import margin_of_boxes, overlap
+from .nearest_point import nearest_on_segments, nearest_on_triangle
+from .pairs import never_touches
 
 MARK = """
 #if defined(__CUDA_ARCH__)
@@ -55,7 +56,6 @@ def clear_pairs(scalar: type):
         i = grid_thread()
         if i == 0:
             pairs.count[0] = 0
-            pairs.near_count[0] = 0
             pairs.particle_count[0] = 0
         while i < pairs.in_pair.shape[0]:
             pairs.in_pair[i] = 0
@@ -66,80 +66,59 @@ def clear_pairs(scalar: type):
     return clear
 
 
-@functools.cache
-def find_pair_candidates(scalar: type, inner: bool, worlds: bool = False):
-    """Compose the kernel that lists the vertices and edges that may be in a pair; its threads share all of them.
+def tests_at(k: int, n: int) -> int:
+    """Return the tests between two facets, as in `tests_of`, that touch corner k of the first or n of the second.
 
-    It tests boxes around bodies, for the inner surfaces of closed bodies (`inner`), too.
+    Of tests between sides those count that touch both.
     """
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
-    margin, place_of, doubt = margin_of_boxes(scalar), places(scalar)[0], scalar(1.01)
-
-    @wp.func
-    def is_candidate(data: Data, tree: FacetTree, pairs: Pairs, e: int, ends: wp.vec2i, reach: scalar) -> bool:
-        body = data.surfaces.body_of[ends[0]]
-        x = wp.vec3(place_of(data.surfaces.x, ends, scalar(0.0)))
-        y = wp.vec3(place_of(data.surfaces.x, ends, scalar(1.0)))
-        wide = margin(x, y, reach)
-        below = wp.min(x, y) - wide
-        above = wp.max(x, y) + wide
-        found = bool(False)
-        if overlap(below, above, tree.near_lower[body], tree.near_upper[body]):
-            for b in range(data.neighbors.body_pair_count[body]):
-                other = data.neighbors.body_pairs[body, b]
-                if e < 0 or pairs.rank[body] <= pairs.rank[other]:
-                    if not both_closed(data.surfaces.closed, body, other):
-                        found = found or overlap(below, above, tree.body_lower[other], tree.body_upper[other])
-                    elif wp.static(inner) and body != other:
-                        a = wp.vec3(place_of(pairs.inner.x, ends, scalar(0.0)))
-                        c = wp.vec3(place_of(pairs.inner.x, ends, scalar(1.0)))
-                        more = margin(a, c, reach + pairs.inner.more[body] + pairs.inner.more[other])
-                        low = wp.min(a, c) - more
-                        high = wp.max(a, c) + more
-                        found = found or overlap(low, high, tree.body_lower[other], tree.body_upper[other])
-        return found
-
-    @kernel
-    def find(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
-        apart: scalar,  # [m]
-        threads: int,  # in each part
-        part: int,
-        parts: int,  # number of parts, one for each CPU thread
-    ):
-        reach = doubt * (buffer[0] + apart)
-        vertex_count = data.surfaces.x.shape[0]
-        n = first_of_part(grid_thread(), part)
-        while n < vertex_count + pairs.edge.shape[0]:
-            ends = wp.vec2i(n, n)
-            if n >= vertex_count:
-                ends = pairs.edge[n - vertex_count]
-            if is_candidate(data, tree, pairs, n - vertex_count, ends, reach):
-                pairs.near[count_up(pairs.near_count, 0)] = n
-            n = next_of_part(n, threads, parts)
-
-    return find
+    sides, others = (k, (k + 2) % 3), (n, (n + 2) % 3)
+    points = (k, *(3 + side for side in sides), 6 + n, *(9 + side for side in others))
+    return sum(1 << one for one in (*points, *(12 + 3 * a + b for a in sides for b in others)))
 
 
 @functools.cache
-def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: bool = False):
-    """Compose the kernel that lists the near pairs: those that may come too near before the next search.
+def PairSearch(scalar: type):
+    """Compose the struct of a search for near pairs between two bodies, or between the parts of one."""
+    V = vector(3, scalar)
 
-    Each side of a pair moves by half of a skin at most until then, and pairs beyond the distance `apart` are left
-    alone. So a pair beyond a skin plus `apart` need not be listed; listing it changes no result. `lanes` threads
-    share a vertex or an edge. A pair of edges is found from the body with shorter edges, near which fewer facets
-    are. With `inner` pairs of the inner surfaces of closed bodies are listed, too.
+    @wp.struct
+    class PairSearch:
+        other: int  # the body that is searched
+        alike: bool  # whether it is the same body
+        x: wp.array(dtype=V)  # positions of drawn or of inner vertices [m]
+        further: int  # by how much the indices of these are greater among the vertices of pairs
+        inset: float  # distance of inner from drawn vertices, else 0 [m]
+        reach: scalar  # of pairs [m]; below 0: there are none
+        touching: scalar  # distance within which points of the same body may touch it [m]
+
+    return PairSearch
+
+
+@functools.cache
+def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
+    """Compose (tests_of, test_point, test_edges), which add the near pairs of two facets to the list.
+
+    The facets are of drawn or of inner surfaces. Each vertex and each edge belongs to one of the facets around it,
+    so every pair is found once. With `tangled` vertices that `find_tangles` has marked are left out. Of two facets
+    of one body the points that may touch the other facet are marked, too.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
-    (place_of, place_on, nearest_to), on_segments = places(scalar), nearest_on_segments(scalar)
-    margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
-    doubt = scalar(1.01)
+    Search, load, margin, half = PairSearch(scalar), records(3, scalar).load, margin_of_boxes(scalar), scalar(0.5)
+    nearest, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
+
+    @wp.struct
+    class Facet:
+        corner: wp.vec3i
+        a: V  # positions of its corners [m]
+        b: V
+        c: V
 
     @wp.func
     def add_pair(pairs: Pairs, vertices: wp.vec4i, flags: wp.array(dtype=float)):
+        if wp.static(tangled):
+            for m in range(4):
+                if pairs.tangled[vertex_of(vertices, m)] != 0:
+                    return
         k = count_up(pairs.count, 0)
         if k >= pairs.vertices.shape[0]:
             raise_to(flags, wp.static(PAIRS), float(k + 1))
@@ -153,178 +132,123 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
                         pairs.particle[count_up(pairs.particle_count, 0)] = i
 
     @wp.func
-    def is_tangled(pairs: Pairs, a: int, b: int) -> bool:
-        found = bool(False)
-        if wp.static(tangled):
-            found = pairs.tangled[a] != 0 or pairs.tangled[b] != 0
-        return found
+    def facet_at(corner: wp.array(dtype=wp.vec3i), x: wp.array(dtype=V), number: int) -> Facet:
+        facet = Facet()
+        facet.corner = corner[number]
+        facet.a = load(x, facet.corner[0])
+        facet.b = load(x, facet.corner[1])
+        facet.c = load(x, facet.corner[2])
+        return facet
 
     @wp.func
-    def pairs_of_facet(
-        data: Data,
-        pairs: Pairs,
-        vertex: int,
-        e: int,
-        ends: wp.vec2i,
-        x: V,
-        y: V,
-        facet: int,
-        at: wp.array(dtype=V),
-        further: int,
-        reach: scalar,
-        flags: wp.array(dtype=float),
-    ):
-        """Add the near pairs of a vertex, or of edge e if e >= 0, with a facet to the list.
+    def corner_of(facet: Facet, k: int):
+        """Return the vertex at corner k, and its position: an index into a vector would put it in memory."""
+        vertex = facet.corner[0]
+        x = facet.a
+        if k == 1:
+            vertex = facet.corner[1]
+            x = facet.b
+        if k == 2:
+            vertex = facet.corner[2]
+            x = facet.c
+        return vertex, x
 
-        `at` has the positions of drawn or of inner vertices, whose indices among those of pairs are `further` on.
+    @wp.func
+    def parts_near(facet: Facet, low: wp.vec3, high: wp.vec3) -> int:
+        """Return which corners and sides of a facet, as bits, have boxes that overlap the box low ... high."""
+        a = wp.vec3(facet.a)
+        b = wp.vec3(facet.b)
+        c = wp.vec3(facet.c)
+        near = int(overlap(low, high, a, a))
+        near |= int(overlap(low, high, b, b)) << 1
+        near |= int(overlap(low, high, c, c)) << 2
+        near |= int(overlap(low, high, wp.min(a, b), wp.max(a, b))) << 3
+        near |= int(overlap(low, high, wp.min(b, c), wp.max(b, c))) << 4
+        near |= int(overlap(low, high, wp.min(c, a), wp.max(c, a))) << 5
+        return near
+
+    @wp.func
+    def tests_of(
+        corner: wp.array(dtype=wp.vec3i), owned: wp.array(dtype=int), search: Search, mine: int, found: int
+    ) -> wp.uint32:
+        """Return the tests that two facets need, as bits.
+
+        Bits 0 to 5 are for the corners of the first facet and the points in the middle of its sides against the
+        second, 6 to 11 for those of the second against the first, 12 + 3 k + n for side k of the first and side n
+        of the second.
         """
-        c = data.surfaces.corner[facet]
-        if e < 0:
-            if c[1] != c[2] and c[0] != vertex and c[1] != vertex and c[2] != vertex:
-                if is_tangled(pairs, c[0] + further, c[1] + further):
-                    return
-                if is_tangled(pairs, c[2] + further, c[2] + further):
-                    return
-                away = x - place_on(at, c, nearest_to(at, c, x))
-                if wp.length(away) < reach:
-                    corners = wp.vec4i(vertex, c[0], c[1], c[2])
-                    add_pair(pairs, corners + wp.vec4i(further, further, further, further), flags)
-            return
+        one = facet_at(corner, search.x, mine)
+        other = facet_at(corner, search.x, found)
+        low = wp.vec3(wp.min(wp.min(one.a, one.b), one.c))
+        high = wp.vec3(wp.max(wp.max(one.a, one.b), one.c))
+        wide = margin(low, high, wp.max(search.reach, search.touching))
+        others = owned[found] & parts_near(other, low - wide, high + wide)
+        low = wp.vec3(wp.min(wp.min(other.a, other.b), other.c))
+        high = wp.vec3(wp.max(wp.max(other.a, other.b), other.c))
+        own = owned[mine] & parts_near(one, low - wide, high + wide)
+        edges = int(0)
         for k in range(3):
-            other = pairs.of_facet[facet][k]
-            # Of two edges of the same body, the edge with the lower index finds the other.
-            if other > e or (other >= 0 and data.surfaces.owner[facet] != data.surfaces.body_of[ends[0]]):
-                to = pairs.edge[other]
-                alone = ends[0] == ends[1] or to[0] == to[1]
-                joined = ends[0] == to[0] or ends[0] == to[1] or ends[1] == to[0] or ends[1] == to[1]
-                # A grain and a triangle are a pair already.
-                if not joined and not (alone and (pairs.bare[e] == 0 or pairs.bare[other] == 0)):
-                    if not is_tangled(pairs, to[0] + further, to[1] + further):
-                        a = place_of(at, to, scalar(0.0))
-                        b = place_of(at, to, scalar(1.0))
-                        shares = on_segments(x, y, a, b)
-                        away = x + shares[0] * (y - x) - a - shares[1] * (b - a)
-                        if wp.length(away) < reach:
-                            corners = wp.vec4i(-1 - ends[0], ends[1], to[0], to[1])
-                            add_pair(pairs, corners + wp.vec4i(-further, further, further, further), flags)
+            if (own & (8 << k)) != 0:
+                edges |= (others >> 3) << (3 * k)
+        tests = own | others << 6 | edges << 12
+        if not search.alike:  # no points in the middle of sides are to be marked
+            tests &= ~wp.static(0b111000 << 6 | 0b111000)
+        for k in range(3):
+            for n in range(3):
+                if one.corner[k] == other.corner[n]:
+                    tests &= ~wp.static(tests_at(k, n))
+        return wp.uint32(tests)
 
     @wp.func
-    def pairs_with(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        vertex: int,
-        e: int,
-        ends: wp.vec2i,
-        x: V,
-        y: V,
-        below: wp.vec3,
-        above: wp.vec3,
-        other: int,
-        lane: int,
-        at: wp.array(dtype=V),
-        further: int,
-        reach: scalar,
-        flags: wp.array(dtype=float),
+    def test_point(
+        data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int, flags: wp.array(dtype=float)
     ):
-        """Add the near pairs of a vertex or an edge, of which a box goes from `below` to `above`, with a body."""
-        if wp.static(lanes == 1):
-            near = wp.bvh_query_aabb(tree.binary, below, above, tree.root[other])
-            found = int(0)
-            while wp.bvh_query_next(near, found):
-                pairs_of_facet(data, pairs, vertex, e, ends, x, y, tree.facet[found], at, further, reach, flags)
-        else:
-            cursor = begin(tree, other)
-            while not cursor.ended:
-                cursor = find_next(tree, cursor, below, above, lane)
-                if cursor.facet >= 0:
-                    pairs_of_facet(data, pairs, vertex, e, ends, x, y, cursor.facet, at, further, reach, flags)
+        """Add the pair of a corner and a facet; mark the point there, or that in the middle of a side."""
+        number = mine
+        facing = found
+        if test >= 6:
+            number = found
+            facing = mine
+        k = test % 6
+        one = facet_at(data.surfaces.corner, search.x, number)
+        other = facet_at(data.surfaces.corner, search.x, facing)
+        i, x = corner_of(one, k % 3)
+        j, y = corner_of(one, (k + k / 3) % 3)  # k < 3: the same corner
+        x = half * (x + y)
+        w = nearest(x, other.a, other.b, other.c)
+        away = wp.length(x - w[0] * other.a - w[1] * other.b - w[2] * other.c)
+        c = other.corner
+        if k < 3 and away < search.reach and c[1] != c[2]:
+            more = wp.vec4i(search.further, search.further, search.further, search.further)
+            add_pair(pairs, wp.vec4i(i, c[0], c[1], c[2]) + more, flags)
+        if search.alike and away < search.touching:
+            point = pairs.points[6 * number + k]
+            if point >= 0 and not never_touches(data.surfaces.first_near, data.surfaces.near, wp.vec2i(i, j), c):
+                data.neighbors.near_own[point] = 1
 
     @wp.func
-    def inner_pairs_with(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        vertex: int,
-        e: int,
-        ends: wp.vec2i,
-        other: int,
-        lane: int,
-        reach: scalar,
-        flags: wp.array(dtype=float),
+    def test_edges(
+        data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int, flags: wp.array(dtype=float)
     ):
-        """Add the near pairs of an inner vertex or edge with the inner surface of another body."""
-        further = data.surfaces.x.shape[0]
-        if is_tangled(pairs, ends[0] + further, ends[1] + further):
-            return
-        x = place_of(pairs.inner.x, ends, scalar(0.0))
-        y = place_of(pairs.inner.x, ends, scalar(1.0))
-        below = wp.min(wp.vec3(x), wp.vec3(y))
-        above = wp.max(wp.vec3(x), wp.vec3(y))
-        # The boxes in the tree are around drawn facets.
-        wide = margin(below, above, reach + scalar(pairs.inner.inset[other]))
-        low = below - wide
-        high = above + wide
-        at = pairs.inner.x
-        pairs_with(data, tree, pairs, vertex, e, ends, x, y, low, high, other, lane, at, further, reach, flags)
+        """Add the pair of a side of a facet and a side of another."""
+        one = facet_at(data.surfaces.corner, search.x, mine)
+        other = facet_at(data.surfaces.corner, search.x, found)
+        k = (test - 12) / 3
+        n = test % 3
+        i, a = corner_of(one, k)
+        j, b = corner_of(one, (k + 1) % 3)
+        m, c = corner_of(other, n)
+        o, d = corner_of(other, (n + 1) % 3)
+        if (i == j or m == o) and (one.corner[1] != one.corner[2] or other.corner[1] != other.corner[2]):
+            return  # a grain and a triangle are a pair already
+        shares = on_segments(a, b, c, d)
+        if wp.length(a + shares[0] * (b - a) - c - shares[1] * (d - c)) < search.reach:
+            first = wp.vec2i(wp.min(i, j), wp.max(i, j))
+            second = wp.vec2i(wp.min(m, o), wp.max(m, o))
+            # Which edge of one body is the first does not depend on which facet has found the other.
+            if search.alike and second[0] < first[0]:
+                first, second = second, first
+            more = wp.vec4i(-search.further, search.further, search.further, search.further)
+            add_pair(pairs, wp.vec4i(-1 - first[0], first[1], second[0], second[1]) + more, flags)
 
-    @wp.func
-    def find_one(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        n: int,
-        e: int,
-        ends: wp.vec2i,
-        lane: int,
-        reach: scalar,
-        flags: wp.array(dtype=float),
-    ):
-        """Add the near pairs of vertex n, or of edge e if e >= 0."""
-        x = place_of(data.surfaces.x, ends, scalar(0.0))
-        y = place_of(data.surfaces.x, ends, scalar(1.0))
-        body = data.surfaces.body_of[ends[0]]
-        below = wp.min(wp.vec3(x), wp.vec3(y))
-        above = wp.max(wp.vec3(x), wp.vec3(y))
-        wide = margin(below, above, reach)
-        below -= wide
-        above += wide
-        entangled = is_tangled(pairs, ends[0], ends[1])
-        for b in range(data.neighbors.body_pair_count[body]):
-            other = data.neighbors.body_pairs[body, b]
-            if e >= 0 and pairs.rank[body] > pairs.rank[other]:
-                continue
-            if both_closed(data.surfaces.closed, body, other):
-                if wp.static(inner):
-                    within = reach + pairs.inner.more[body] + pairs.inner.more[other]
-                    if body != other:
-                        inner_pairs_with(data, tree, pairs, n, e, ends, other, lane, within, flags)
-            elif not entangled and overlap(below, above, tree.body_lower[other], tree.body_upper[other]):
-                at = data.surfaces.x
-                pairs_with(data, tree, pairs, n, e, ends, x, y, below, above, other, lane, at, 0, reach, flags)
-
-    @kernel
-    def find(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
-        apart: scalar,  # [m]
-        threads: int,  # in each part
-        part: int,
-        parts: int,  # number of parts, one for each CPU thread
-        flags: wp.array(dtype=float),
-    ):
-        reach = doubt * (buffer[0] + apart)
-        k = first_of_part(grid_thread(), part) / wp.static(lanes)
-        lane = grid_thread() % wp.static(lanes)
-        while k < pairs.near_count[0]:
-            n = pairs.near[k]
-            e = n - data.surfaces.x.shape[0]
-            ends = wp.vec2i(n, n)
-            if e >= 0:
-                ends = pairs.edge[e]
-            find_one(data, tree, pairs, n, e, ends, lane, reach, flags)
-            k = next_of_part(k, threads / wp.static(lanes), parts)
-
-    return find
+    return tests_of, test_point, test_edges

@@ -8,10 +8,10 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..lanes import chosen_of_lanes, least_of_lanes
 from ..records import records, table
 from ..springs import sum_over_lanes
 from .contact_data import BodyContactData, Pair
-from .lanes import chosen_of_lanes, least_of_lanes
 from .pairs import ALMOST, FAR, NONE, places, points, unit_normal
 
 LEAST_FACING = 0.1

@@ -5,19 +5,63 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, wait_for_lanes
 from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
-from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, first_flag
+from .contact_data import ACTIVE, HISTORY, LONGEST_ROW, BodyContactData, Substep, first_flag
 from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
-from .lanes import (
-    ballot_of_lanes,
-    bounds_of_blocks,
-    count_before,
-    count_bits,
-    least_of_lanes,
-    wait_for_lanes,
-)
-from .pairs import FAR, NONE, places, unit_normal
+from .pairs import FAR, NONE, never_touches, places, unit_normal
+
+ON_GPU, MANY_ON_GPU = 8, 4
+"""Threads per point on a GPU in scenes with triangles: few points take less time by more threads, which also share
+the facets around a point; many points fill a GPU anyway."""
+MOST_BY_MORE = 2**14
+"""Points of a world up to which it is the larger number."""
+FEW_ON_GPU = 2
+"""The same for grains and ropes only, which need less computation."""
+BLOCK = 64
+"""Threads per block on a GPU: in larger blocks many threads wait for those with long rows."""
+BLOCKS = 10
+"""Concurrent blocks per multiprocessor: more of them hide memory latency better."""
+
+
+def bounds_of_blocks(scalar: type) -> tuple[int, int]:
+    """Return the launch bounds: threads per block, and concurrent blocks, for the compiler's use of registers."""
+    return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
+
+
+def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, counts_time: bool = False):
+    """Compose the kernel that evaluates all active points; `lanes` of its threads share a point.
+
+    One such kernel of each substep also counts the time since the last search (`counts_time`).
+    """
+    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
+
+    def evaluate_points(
+        data: Data,
+        h: scalar,
+        behind: scalar,
+        per_unit: wp.float64,
+        buffer: wp.array(dtype=scalar),
+        threads: int,  # per part
+        part: int,
+        parts: int,
+        flags: wp.array(dtype=float),
+        stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], if measuring
+        heated: wp.array(dtype=wp.float64),  # [W]
+    ):
+        step = Step(h, behind, per_unit, buffer[0], parts)
+        if wp.static(counts_time):
+            if grid_thread() == 0 and part == 0:
+                data.neighbors.since[0] += float(h)
+                raise_to(flags, wp.static(ACTIVE), float(data.neighbors.active_count[0]))
+        k = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
+        while k < data.neighbors.active_count[0]:
+            evaluate_point(data, data.neighbors.active_points[k], lane, step, flags, stored, heated)
+            k = next_of_part(k, threads / wp.static(lanes), parts)
+
+    return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache
@@ -25,14 +69,31 @@ def find_candidates(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the points which may be near a facet, or have ended contacts to clear.
 
     Its threads share the points; near points become adjacent in the list. Most points of large bodies are left out
-    here, because idle threads in a search take as long as busy ones.
+    here, because idle threads in a search take as long as busy ones. `find_pairs` has marked those points of open
+    bodies that may touch their own.
     """
-    Data, place_of = BodyContactData(scalar, worlds), places(scalar)[0]
+    Data, place_of, margin = BodyContactData(scalar, worlds), places(scalar)[0], margin_of_boxes(scalar)
+
+    @wp.func
+    def is_candidate(data: Data, tree: FacetTree, p: int, around: scalar) -> bool:
+        place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
+        body = data.surfaces.body[p]
+        found = overlap(place, place, tree.near_lower[body], tree.near_upper[body])
+        if found and data.surfaces.closed[body] == 0:
+            found = data.neighbors.near_own[p] != 0
+            wide = margin(place, place, around)
+            for b in range(data.neighbors.body_pair_count[body]):
+                other = data.neighbors.body_pairs[body, b]
+                if not found and other != body:
+                    found = overlap(place - wide, place + wide, tree.body_lower[other], tree.body_upper[other])
+        return found
 
     @kernel
     def list_candidates(
         data: Data,
         tree: FacetTree,
+        farthest: scalar,  # largest distance of any contact [m]
+        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -40,15 +101,14 @@ def find_candidates(scalar: type, worlds: bool = False):
         e = first_of_part(grid_thread(), part)
         while e < data.neighbors.candidate_count.shape[0]:
             p = data.neighbors.in_order[e]
-            place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
-            body = data.surfaces.body[p]
             if (
-                overlap(place, place, tree.near_lower[body], tree.near_upper[body])
+                is_candidate(data, tree, p, farthest + buffer[0])
                 or data.neighbors.candidate_count[p] > 0
                 or data.history.contact_body[0, p] >= 0
                 or data.history.initial_overlap[p] > scalar(0.0)
             ):
                 data.neighbors.search_points[count_up(data.neighbors.search_point_count, 0)] = p
+            data.neighbors.near_own[p] = 0
             e = next_of_part(e, threads, parts)
 
     return list_candidates
@@ -93,16 +153,6 @@ def entries(scalar: type, lanes: int, worlds: bool):
     wait, zero, doubt, far = wait_for_lanes(lanes), scalar(0.0), scalar(1.01), scalar(FAR)
 
     @wp.func
-    def is_near(first_near: wp.array(dtype=int), near: wp.array(dtype=int), vertex: int, corner: wp.vec3i) -> bool:
-        """Tell whether a corner of a facet is among the vertices that a vertex never touches."""
-        found = bool(False)
-        for e in range(first_near[vertex], first_near[vertex + 1]):
-            other = near[e]
-            if other == corner[0] or other == corner[1] or other == corner[2]:
-                found = True
-        return found
-
-    @wp.func
     def enter(data: Data, before: SearchedRow, facet: int, lane: int) -> SearchedRow:
         row = before
         away = far
@@ -110,8 +160,7 @@ def entries(scalar: type, lanes: int, worlds: bool):
             c = data.surfaces.corner[facet]
             may = bool(True)
             if row.mine == row.other:
-                may = not is_near(data.surfaces.first_near, data.surfaces.near, row.ends[0], c)
-                may = may and not is_near(data.surfaces.first_near, data.surfaces.near, row.ends[1], c)
+                may = not never_touches(data.surfaces.first_near, data.surfaces.near, row.ends, c)
             if may:
                 away = wp.length(row.x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, row.x)))
         listed = away < row.limit and away <= doubt * (row.nearest + scalar(2.0) * row.buffer)

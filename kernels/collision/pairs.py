@@ -17,6 +17,19 @@ FAR = 1.0e30
 """A distance greater than any [m]."""
 
 
+@wp.func
+def never_touches(first_near: wp.array(dtype=int), near: wp.array(dtype=int), ends: wp.vec2i, c: wp.vec3i) -> bool:
+    """Tell whether a point of an edge, whose ends these are, is so near a facet of its body that they never touch.
+
+    `near` has the vertices near each vertex.
+    """
+    found = bool(False)
+    for k in range(2):
+        for e in range(first_near[ends[k]], first_near[ends[k] + 1]):
+            found = found or near[e] == c[0] or near[e] == c[1] or near[e] == c[2]
+    return found
+
+
 @functools.cache
 def places(scalar: type):
     """Compose (place_of, place_on, nearest_to).

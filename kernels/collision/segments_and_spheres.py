@@ -5,11 +5,12 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..lanes import chosen_of_lanes, least_of_lanes
 from .contact_data import HISTORY, BodyContactData, Substep
 from .force_sums import Units, exert_on_segments
 from .history import displacements, memories
-from .lanes import chosen_of_lanes, each_active_point, least_of_lanes
 from .law import contact_law, damping_limits
+from .neighbor_search import each_active_point
 from .pairs import ALMOST, FAR, NONE, places, points
 
 

@@ -22,7 +22,6 @@ from ..collision import (
     evaluate_segments_and_spheres,
     find_alarm,
     find_candidates,
-    find_pair_candidates,
     find_pairs,
     find_rows,
     place_inner,
@@ -78,8 +77,7 @@ def search_in_launch(scalar: type, inner: bool):
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
     candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))
-    choose, inside = as_function(find_pair_candidates(scalar, inner)), as_function(place_inner(scalar))
-    near = as_function(find_pairs(scalar, False, lanes, inner))
+    inside, near = as_function(place_inner(scalar)), as_function(find_pairs(scalar, False, lanes, inner))
     speeds = as_function(range_of_speeds(scalar, lanes))
 
     @wp.func
@@ -102,9 +100,7 @@ def search_in_launch(scalar: type, inner: bool):
         wait()
         neighbours(data, tree, wp.uint64(0), numbers.farthest, buffer, threads, flags)
         wait()
-        candidates(data, tree, threads, 0, 1)
-        if wp.static(inner):
-            choose(data, tree, pairs, buffer, numbers.apart, threads, 0, 1)
+        candidates(data, tree, numbers.farthest, buffer, threads, 0, 1)
         wait()
         rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
         if wp.static(inner):

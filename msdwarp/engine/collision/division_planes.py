@@ -10,12 +10,15 @@ from ...bodies import TouchingSurfaces
 from ...kernels.collision import (
     MOST_THREADS,
     PHASES,
+    QUEUES,
+    SHARES,
+    WARP,
     NearPairs,
     catch_up,
     clear_pairs,
     find_alarm,
-    find_pair_candidates,
     find_pairs,
+    find_pairs_of_pieces,
     find_tangles,
     keep_apart,
     measure_pairs,
@@ -46,6 +49,10 @@ CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
 QUIET = 60
 """Frames in which no pair comes too near, after which no launch keeps pairs apart until one does."""
+MANY_FACETS = 2**14
+"""Facets that fill a GPU with one warp for each piece of them; fewer are searched for by one warp each."""
+MOST_SEARCHING = 2**18
+"""Threads that search for them, at most."""
 PAIR_THREADS = 2**16
 """Threads on a GPU that share the pairs, at most: with more, launches take longer where nothing comes near."""
 
@@ -84,16 +91,14 @@ class DivisionPlanes(Effect):
         self.apart = (APART_INSIDE if on_host.closed.all() else APART) * thickness
         scalar, device = model.scalar, model.device
         data = self.pairs = NearPairs(scalar)()
-        edge, bare, of_facet = edges(on_host)
+        edge, owned, points = edges(on_host)
         vertices, particles = len(on_host.particle), model.worlds * model.stride
-        data.edge, data.bare = each.alike(edge, wp.vec2i, vertices), each.alike(bare, int)
-        of_world = np.where(of_facet < 0, -(2**30), of_facet)  # below 0 in all worlds
-        data.of_facet = each.alike(of_world, wp.vec3i, len(edge))
-        data.near = wp.zeros(model.worlds * (vertices + len(edge)), dtype=int, device=device)
+        data.edge, data.owned = each.alike(edge, wp.vec2i, vertices), each.alike(owned, int)
+        data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.share))  # below 0 in all
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
         data.tangled = wp.zeros_like(data.body_of)
-        numbers = "near_count", "count", "particle_count", "tangles", "may_meet", "alarm", "lacking"
+        numbers = "count", "particle_count", "tangles", "may_meet", "alarm", "lacking"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
         data.unsettled = wp.zeros(model.worlds, dtype=int, device=device)
@@ -166,13 +171,18 @@ class DivisionPlanes(Effect):
 
     def meet(self, neighbors: Any, more: float) -> None:
         """Take the `NeighborList` that pairs are listed with; distant vertices move further by `more` [m]."""
-        self.neighbors = neighbors
+        self.neighbors, device = neighbors, self._model.device
+        self._searching = 0
+        """Threads that search for the facets of pieces; 0 where each facet is searched for alone."""
+        if device.is_cuda and len(neighbors.tree.facet) > MANY_FACETS:
+            self._searching = min(SHARES * WARP * len(neighbors.tree.piece), MOST_SEARCHING)
+            self.pairs.queue = wp.zeros(QUEUES * (self._searching // WARP), dtype=wp.vec3i, device=device)
         if self.inner:
             # As means of drawn vertices, they move with distant ones in proportion to their weight.
             self.pairs.inner.more.assign(0.5 * more * self._share_of_opposite)
 
     def find(self, frame_begins: bool) -> None:
-        """Launch the listing of near pairs, after the search of the `NeighborList`, by its tree.
+        """Launch the listing of near pairs, before the search of the `NeighborList`, by its tree.
 
         Surfaces that still cross since the start are found only where a frame begins.
         """
@@ -183,11 +193,13 @@ class DivisionPlanes(Effect):
             neighbors.launch(kernel, len(data.inner.chord), [self._contact, data], [])
         if self.tangles and frame_begins:
             self._find_tangles()
-        many = len(self._contact.surfaces.x) + len(data.edge)
-        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.apart]
-        neighbors.share(find_pair_candidates(model.scalar, self.inner, model.in_worlds), many, inputs, [])
-        kernel = find_pairs(model.scalar, self.tangles, neighbors.lanes, self.inner, model.in_worlds)
-        neighbors.share(kernel, neighbors.lanes * many, inputs, [neighbors.flags])
+        tree, lanes, kinds = neighbors.tree, neighbors.lanes, (self.inner, model.in_worlds)
+        if self._searching:
+            kernel, threads = find_pairs_of_pieces(model.scalar, self.tangles, *kinds), self._searching
+        else:
+            kernel, threads = find_pairs(model.scalar, self.tangles, lanes, *kinds), lanes * len(tree.facet)
+        inputs = [self._contact, tree, data, neighbors.buffer, self.apart]
+        neighbors.share(kernel, threads, inputs, [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
         """Leave out surfaces that cross at the start, or are inside another body, until they are apart."""
@@ -282,22 +294,28 @@ class DivisionPlanes(Effect):
         self._model.generation += 1
 
 
-def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return the ends of each edge, whether it belongs to no triangle, and the edges found by each facet.
+def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
+    """Return the ends of each edge, which parts of it each facet owns, and the points there, -1 for none.
 
-    A search finds every edge by exactly one of its facets; −1 fills up. A grain is an edge from itself to itself.
+    The parts of a facet are its corners and its sides. What is owned is told by bits; every vertex and every edge
+    is owned by the first of the facets around it. A grain is an edge from itself to itself.
     """
     corner = surfaces.corner
-    triangle = corner[:, 1] != corner[:, 2]
-    sides = np.stack([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]], axis=1)
-    facet, side = np.divmod(np.arange(3 * len(corner)), 3)
-    counts = triangle[facet] | (side == 0)  # of segments and grains the first side is all
-    ends = np.sort(sides.reshape(-1, 2)[counts], axis=1)
-    different, first = np.unique(ends, axis=0, return_index=True)
-    of_facet = np.full((len(corner), 3), -1, dtype=np.int32)
-    of_facet[facet[counts][first], side[counts][first]] = np.arange(len(different))
-    bare = ~triangle[facet[counts][first]]
-    return different.astype(np.int32), bare.astype(np.int32), of_facet
+    facets, triangle = len(corner), corner[:, 1] != corner[:, 2]
+    sides = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    numbers = np.flatnonzero(np.stack([np.ones(facets, dtype=bool), triangle, triangle], axis=1))
+    edge, first_side = np.unique(sides[numbers], axis=0, return_index=True)
+    vertex, first_corner = np.unique(corner, return_index=True)
+    vertices = len(surfaces.particle)
+    owned, points = np.zeros((facets, 6), dtype=np.int32), np.full((facets, 6), -1)
+    facet, part = np.divmod(np.append(first_corner, numbers[first_side]), 3)
+    part[len(vertex) :] += 3
+    owned[facet, part] = 1 << part
+    number = np.full(len(edge), -1)
+    middles = np.sort(surfaces.ends[vertices:], axis=1) @ [vertices, 1]
+    number[np.searchsorted(edge @ [vertices, 1], middles)] = vertices + np.arange(len(middles))
+    points[facet, part] = np.append(vertex, number)
+    return edge.astype(np.int32), owned.sum(axis=1), points.reshape(-1)
 
 
 def ranks(surfaces: ContactSurfaces, edge: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -34,6 +34,26 @@ def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int
     return tree
 
 
+def near_together(x: NDArray[np.floating], owner: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return an order of the points x, one owner's after the other's, in which runs of `WIDTH` fill small boxes.
+
+    Points are halved across their greatest extent, again and again. Along a space-filling curve some runs jump:
+    the box of one in a flat cloth overlapped 200 others, and all threads waited for its search.
+    """
+    found: list[NDArray[np.int64]] = []
+    by_owner = np.argsort(owner, kind="stable")
+    left = np.split(by_owner, np.flatnonzero(np.diff(owner[by_owner])) + 1)[::-1]
+    while left:
+        those = left.pop()
+        if len(those) <= WIDTH:
+            found.append(those)
+            continue
+        half = WIDTH << (len(those) - 1).bit_length() - WIDTH.bit_length()
+        parts = np.argpartition(x[those, np.ptp(x[those], axis=0).argmax()], half)
+        left += [those[parts[half:]], those[parts[:half]]]
+    return np.concatenate(found)
+
+
 def runs(owner: NDArray[np.integer], width: int) -> tuple[NDArray[np.integer], ...]:
     """Return runs of at most `width` items of one owner, as (first items, ends, owners); owners are sorted."""
     begins = np.flatnonzero(np.diff(owner, prepend=-1))

@@ -40,15 +40,17 @@ from ..device.vector_arrays import in_records
 from ..model.model import Model
 from .contact_surfaces import ContactSurfaces
 from .division_planes import DivisionPlanes
-from .facet_tree import facet_tree
+from .facet_tree import facet_tree, near_together
 from .tables_by_world import Repeated
 
 MOST_BODIES, MOST_BODIES_ON_GPU = 64, 4096
 """Bodies of a world, up to which all pairs of them are tested; more are searched by a tree."""
 SEARCH_LANES = 32
-"""Threads on a GPU that share a point, a body, a vertex or an edge in a search, if there are few."""
-MOST_SHARED = 2**15
-"""With more points than this in all, each is searched for by one thread."""
+"""Threads on a GPU that share a point, a body or a facet in a search."""
+MOST_BY_WARPS, LANES_OF_MANY = 2**15, 8
+"""With more points than this in all, so many threads share a point."""
+MOST_SEARCHING = 2**20
+"""Threads on a GPU that search for points: most points of large bodies are near nothing."""
 MORTON_BITS = 16
 """Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
@@ -145,13 +147,14 @@ class NeighborList:
         # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
         self._warp = SEARCH_LANES if device.is_cuda else 1
-        self.lanes = self._warp if self._points <= MOST_SHARED else 1
+        many = self._points > MOST_BY_WARPS
+        self.lanes = min(self._warp, LANES_OF_MANY) if many else self._warp
         corner = on_host.corner
-        centre = np.tile(places_along_curve(x_first[corner].mean(axis=1), MORTON_BITS), model.worlds)
-        order = np.lexsort([centre, owner])
+        in_one = near_together(x_first[corner].mean(axis=1), surfaces.body_of_facet)
+        order = (len(corner) * np.arange(model.worlds)[:, None] + in_one).reshape(-1)
         self.tree = facet_tree(order, owner, bodies, device)
-        data.candidate_count, data.search_points, data.active_points = (
-            wp.zeros(self._points, dtype=int, device=device) for _ in "lcb"
+        data.candidate_count, data.near_own, data.search_points, data.active_points = (
+            wp.zeros(self._points, dtype=int, device=device) for _ in "lncb"
         )
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
@@ -298,11 +301,12 @@ class NeighborList:
         kernel = box_neighbours(model.scalar, 0 if by_tree else self._warp, model.in_worlds)
         threads = many if by_tree else self._warp * many
         self.launch(kernel, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
-        self.share(find_candidates(*kinds), self._points, [contact, tree], [])
-        kernel = find_rows(model.scalar, lanes, model.in_worlds)
-        self.share(kernel, lanes * self._points, [contact, tree, *around], [self.flags], block=BLOCK)
         if self.planes is not None:
             self.planes.find(frame_begins)
+        self.share(find_candidates(*kinds), self._points, [contact, tree, *around], [])
+        kernel = find_rows(model.scalar, lanes, model.in_worlds)
+        inputs, searching = [contact, tree, *around], MOST_SEARCHING
+        self.share(kernel, lanes * self._points, inputs, [self.flags], searching, BLOCK)
 
     def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
         """Choose the skin by the flags of a frame; return whether the frame must be repeated.

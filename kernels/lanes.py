@@ -1,25 +1,12 @@
-"""GPU threads that share a point: each tests some of the facets near it, and all receive the result."""
+"""GPU threads that share an item of work: what they tell each other. They are adjacent in a warp.
+
+After a call that all of them make, one may overwrite values that others have read.
+"""
 
 import functools
 
 import warp as wp
 
-from ..basis import kernel
-from ..partition import first_of_part, next_of_part, raise_to
-from ..threads import grid_thread
-from .contact_data import ACTIVE, BodyContactData, Substep
-
-ON_GPU, MANY_ON_GPU = 8, 4
-"""Threads per point on a GPU in scenes with triangles: few points take less time by more threads, which also share
-the facets around a point; many points fill a GPU anyway."""
-MOST_BY_MORE = 2**14
-"""Points of a world up to which it is the larger number."""
-FEW_ON_GPU = 2
-"""The same for grains and ropes only, which need less computation."""
-BLOCK = 64
-"""Threads per block on a GPU: in larger blocks many threads wait for those with long rows."""
-BLOCKS = 10
-"""Concurrent blocks per multiprocessor: more of them hide memory latency better."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -30,7 +17,6 @@ LEAST = """
 #endif
     return value;
 """
-"""A point's threads are adjacent in a warp. After the call, one may overwrite values that others have read."""
 CHOSEN = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});
@@ -69,45 +55,6 @@ COUNT = """
     return __builtin_popcount(bits);
 #endif
 """
-
-
-def bounds_of_blocks(scalar: type) -> tuple[int, int]:
-    """Return the launch bounds: threads per block, and concurrent blocks, for the compiler's use of registers."""
-    return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
-
-
-def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, counts_time: bool = False):
-    """Compose the kernel that evaluates all active points; `lanes` of its threads share a point.
-
-    One such kernel of each substep also counts the time since the last search (`counts_time`).
-    """
-    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
-
-    def evaluate_points(
-        data: Data,
-        h: scalar,
-        behind: scalar,
-        per_unit: wp.float64,
-        buffer: wp.array(dtype=scalar),
-        threads: int,  # per part
-        part: int,
-        parts: int,
-        flags: wp.array(dtype=float),
-        stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], if measuring
-        heated: wp.array(dtype=wp.float64),  # [W]
-    ):
-        step = Step(h, behind, per_unit, buffer[0], parts)
-        if wp.static(counts_time):
-            if grid_thread() == 0 and part == 0:
-                data.neighbors.since[0] += float(h)
-                raise_to(flags, wp.static(ACTIVE), float(data.neighbors.active_count[0]))
-        k = first_of_part(grid_thread(), part) / wp.static(lanes)
-        lane = grid_thread() % wp.static(lanes)
-        while k < data.neighbors.active_count[0]:
-            evaluate_point(data, data.neighbors.active_points[k], lane, step, flags, stored, heated)
-            k = next_of_part(k, threads / wp.static(lanes), parts)
-
-    return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache

@@ -1,0 +1,322 @@
+"""The search for near pairs, by the boxes around facets."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, wait_for_lanes
+from ..partition import first_of_part, next_of_part
+from ..records import records
+from ..threads import grid_thread
+from .contact_data import BodyContactData, NearPairs
+from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
+from .near_pairs import PairSearch, both_closed, pairs_of_facets
+
+WARP = 32
+"""Threads of a GPU that search for the facets of a piece together."""
+ROOM = 2 * WARP
+"""Room in a queue: each thread may add to one that has not yet work for all threads."""
+SHARES = 4
+"""Warps that share a piece: where many layers lie on each other, some pieces take four times as long as most."""
+QUEUES = 3 * ROOM
+"""Room of a warp: it has queues of pairs of facets, of tests of points and of tests of edges."""
+FIRST_OF_EDGES = 12
+"""The first test of two edges among those of two facets."""
+
+
+@functools.cache
+def searches(scalar: type, inner: bool, worlds: bool):
+    """Compose (search_of, box_of): what the facets of a body look for, and where.
+
+    `search_of` returns the search for pairs with body b of those near it. Its reach is below 0 if there are none,
+    or if the other body searches: that with shorter edges does, near which fewer facets are. `box_of` returns the
+    box around the facet at a place in the tree outside of which no box of the other body is near.
+    """
+    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
+    margin, load, doubt = margin_of_boxes(scalar), records(3, scalar).load, scalar(1.01)
+
+    @wp.func
+    def search_of(data: Data, pairs: Pairs, body: int, b: int, skin: scalar, apart: scalar) -> Search:
+        search = Search()
+        search.other = data.neighbors.body_pairs[body, b]
+        search.alike = body == search.other
+        search.x = data.surfaces.x
+        search.reach = doubt * (skin + apart)
+        if pairs.rank[body] > pairs.rank[search.other]:
+            search.reach = scalar(-1.0)
+        elif both_closed(data.surfaces.closed, body, search.other):
+            if wp.static(inner) and not search.alike:
+                search.x = pairs.inner.x
+                search.further = data.surfaces.x.shape[0]
+                search.inset = pairs.inner.inset[search.other]  # the boxes in the tree are around drawn facets
+                search.reach += pairs.inner.more[body] + pairs.inner.more[search.other]
+            else:
+                search.reach = scalar(-1.0)
+        elif search.alike:
+            search.touching = doubt * (data.neighbors.pairs[body, b].reach + skin)
+        return search
+
+    @wp.func
+    def box_of(data: Data, tree: FacetTree, search: Search, place: int):
+        low = tree.lower[place]
+        high = tree.upper[place]
+        if wp.static(inner):
+            if search.further > 0:
+                c = data.surfaces.corner[tree.facet[place]]
+                a = wp.vec3(load(search.x, c[0]))
+                b = wp.vec3(load(search.x, c[1]))
+                d = wp.vec3(load(search.x, c[2]))
+                low = wp.min(wp.min(a, b), d)
+                high = wp.max(wp.max(a, b), d)
+        wide = margin(low, high, wp.max(search.reach, search.touching) + scalar(search.inset))
+        return low - wide, high + wide
+
+    return search_of, box_of
+
+
+@functools.cache
+def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: bool = False):
+    """Compose the kernel that lists the near pairs: those that may come too near before the next search.
+
+    Each side of a pair moves by half of a skin at most until then, and pairs beyond the distance `apart` are left
+    alone. So a pair beyond a skin plus `apart` need not be listed; listing it changes no result. `lanes` threads
+    share a facet. With `inner` pairs of the inner surfaces of closed bodies are listed, too.
+    """
+    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
+    margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
+    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
+    search_of, box_of = searches(scalar, inner, worlds)
+
+    @wp.func
+    def test_all(data: Data, pairs: Pairs, search: Search, facet: int, found: int, flags: wp.array(dtype=float)):
+        bits = tests_of(data.surfaces.corner, pairs.owned, search, facet, found)
+        while bits != wp.uint32(0):
+            test = lowest_bit(bits)
+            bits &= bits - wp.uint32(1)
+            if test < wp.static(FIRST_OF_EDGES):
+                test_point(data, pairs, search, facet, found, test, flags)
+            else:
+                test_edges(data, pairs, search, facet, found, test, flags)
+
+    @wp.func
+    def find_with(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        search: Search,
+        facet: int,
+        low: wp.vec3,
+        high: wp.vec3,
+        lane: int,
+        flags: wp.array(dtype=float),
+    ):
+        """Add the near pairs of a facet with those whose boxes overlap the box from `low` to `high`."""
+        if wp.static(lanes == 1):
+            near = wp.bvh_query_aabb(tree.binary, low, high, tree.root[search.other])
+            k = int(0)
+            while wp.bvh_query_next(near, k):
+                found = tree.facet[k]
+                if not search.alike or found > facet:
+                    test_all(data, pairs, search, facet, found, flags)
+        else:
+            cursor = begin(tree, search.other)
+            while not cursor.ended:
+                cursor = find_next(tree, cursor, low, high, lane)
+                if cursor.facet >= 0 and (not search.alike or cursor.facet > facet):
+                    test_all(data, pairs, search, facet, cursor.facet, flags)
+
+    @wp.func
+    def find_one(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        place: int,
+        lane: int,
+        skin: scalar,
+        apart: scalar,
+        flags: wp.array(dtype=float),
+    ):
+        """Add the near pairs of the facet at a place in the tree."""
+        facet = tree.facet[place]
+        body = data.surfaces.owner[facet]
+        wide = margin(tree.lower[place], tree.upper[place], skin + apart)
+        low, high = tree.lower[place] - wide, tree.upper[place] + wide
+        if overlap(low, high, tree.near_lower[body], tree.near_upper[body]):
+            for b in range(data.neighbors.body_pair_count[body]):
+                search = search_of(data, pairs, body, b, skin, apart)
+                if search.reach >= scalar(0.0):
+                    low, high = box_of(data, tree, search, place)
+                    if overlap(low, high, tree.body_lower[search.other], tree.body_upper[search.other]):
+                        find_with(data, tree, pairs, search, facet, low, high, lane, flags)
+
+    @kernel
+    def find(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
+        apart: scalar,  # [m]
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # number of parts, one for each CPU thread
+        flags: wp.array(dtype=float),
+    ):
+        place = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
+        while place < tree.facet.shape[0]:
+            find_one(data, tree, pairs, place, lane, buffer[0], apart, flags)
+            place = next_of_part(place, threads / wp.static(lanes), parts)
+
+    return find
+
+
+@functools.cache
+def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool = False):
+    """Compose the kernel that lists the same pairs as `find_pairs`, for the many facets that fill a GPU.
+
+    Its threads share the pieces of the tree, `SHARES` warps each piece. A warp searches the tree for all facets of
+    the piece at once, and each thread tests the box of its own. What they find, and then the tests that it needs,
+    wait in queues until there is work for all threads: few would have some at the same time.
+    """
+    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
+    margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
+    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
+    search_of, box_of = searches(scalar, inner, worlds)
+    ballot, wait, least_of = ballot_of_lanes(WARP), wait_for_lanes(WARP), least_of_lanes(wp.float32, WARP)
+
+    @wp.func
+    def least_corner(x: wp.vec3) -> wp.vec3:
+        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
+
+    @wp.func
+    def find_with(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        search: Search,
+        queue: int,
+        share: int,  # of the facets that this warp finds
+        place: int,
+        low: wp.vec3,  # the box of this thread's facet
+        high: wp.vec3,
+        lane: int,
+        flags: wp.array(dtype=float),
+    ):
+        """Add the near pairs of the facets of a piece with those of the body that is searched."""
+        below = least_corner(low)
+        above = -least_corner(-high)
+        cursor = begin(tree, search.other)
+        found = wp.uint32(0)  # facets near the piece, of those that were tested together
+        facets = int(0)  # pairs of facets, tests of points and tests of edges that wait
+        points = int(0)
+        edges = int(0)
+        tests = wp.uint32(0)  # those of a pair of facets of this thread
+        mine = int(0)
+        other = int(0)
+        done = bool(False)
+        while not done:
+            if ballot(tests != wp.uint32(0)) != wp.uint32(0):
+                test = int(-1)
+                if tests != wp.uint32(0):
+                    test = lowest_bit(tests)
+                    tests &= tests - wp.uint32(1)
+                of_edges = test >= wp.static(FIRST_OF_EDGES)
+                those = ballot(test >= 0 and not of_edges)
+                if test >= 0 and not of_edges:
+                    at = queue + wp.static(ROOM) + points + count_before(those, lane)
+                    pairs.queue[at] = wp.vec3i(mine, other, test)
+                points += count_bits(those)
+                those = ballot(of_edges)
+                if of_edges:
+                    at = queue + wp.static(2 * ROOM) + edges + count_before(those, lane)
+                    pairs.queue[at] = wp.vec3i(mine, other, test)
+                edges += count_bits(those)
+            elif facets >= wp.static(WARP) or (cursor.ended and facets > 0):
+                taken = wp.min(facets, wp.static(WARP))
+                facets -= taken
+                if lane < taken:
+                    mine = pairs.queue[queue + facets + lane][0]
+                    other = pairs.queue[queue + facets + lane][1]
+                    tests = tests_of(data.surfaces.corner, pairs.owned, search, mine, other)
+            elif found != wp.uint32(0):
+                k = cursor.place - wp.static(WARP) + lowest_bit(found)
+                found &= found - wp.uint32(1)
+                hit = overlap(low, high, tree.lower[k], tree.upper[k]) and (not search.alike or k > place)
+                those = ballot(hit)
+                if hit:
+                    at = queue + facets + count_before(those, lane)
+                    pairs.queue[at] = wp.vec3i(tree.facet[place], tree.facet[k], 0)
+                facets += count_bits(those)
+            elif not cursor.ended:
+                cursor = find_next(tree, cursor, below, above, lane)
+                found = ballot(cursor.facet >= 0 and lane % wp.static(SHARES) == share)
+            else:
+                done = True
+            wait()
+            if points >= wp.static(WARP) or (done and points > 0):
+                taken = wp.min(points, wp.static(WARP))
+                points -= taken
+                if lane < taken:
+                    one = pairs.queue[queue + wp.static(ROOM) + points + lane]
+                    test_point(data, pairs, search, one[0], one[1], one[2], flags)
+            if edges >= wp.static(WARP) or (done and edges > 0):
+                taken = wp.min(edges, wp.static(WARP))
+                edges -= taken
+                if lane < taken:
+                    one = pairs.queue[queue + wp.static(2 * ROOM) + edges + lane]
+                    test_edges(data, pairs, search, one[0], one[1], one[2], flags)
+            wait()
+
+    @wp.func
+    def find_of_piece(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        p: int,
+        share: int,
+        queue: int,
+        lane: int,
+        skin: scalar,
+        apart: scalar,
+        flags: wp.array(dtype=float),
+    ):
+        piece = tree.piece[p]
+        body = piece[0]
+        place = piece[2] + lane
+        wide = margin(tree.piece_lower[p], tree.piece_upper[p], skin + apart)
+        low, high = tree.piece_lower[p] - wide, tree.piece_upper[p] + wide
+        if overlap(low, high, tree.near_lower[body], tree.near_upper[body]):
+            for b in range(data.neighbors.body_pair_count[body]):
+                search = search_of(data, pairs, body, b, skin, apart)
+                if search.reach >= scalar(0.0):
+                    low = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+                    high = -low
+                    near = bool(False)
+                    if place < piece[3]:
+                        low, high = box_of(data, tree, search, place)
+                        near = overlap(low, high, tree.body_lower[search.other], tree.body_upper[search.other])
+                    if ballot(near) != wp.uint32(0):
+                        find_with(data, tree, pairs, search, queue, share, place, low, high, lane, flags)
+
+    @kernel
+    def find(
+        data: Data,
+        tree: FacetTree,
+        pairs: Pairs,
+        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
+        apart: scalar,  # [m]
+        threads: int,
+        part: int,
+        parts: int,
+        flags: wp.array(dtype=float),
+    ):
+        n = grid_thread() / wp.static(WARP)
+        queue = wp.static(QUEUES) * n
+        lane = grid_thread() % wp.static(WARP)
+        while n < wp.static(SHARES) * tree.piece.shape[0]:
+            p = n / wp.static(SHARES)
+            find_of_piece(data, tree, pairs, p, n % wp.static(SHARES), queue, lane, buffer[0], apart, flags)
+            n += threads / wp.static(WARP)
+
+    return find
