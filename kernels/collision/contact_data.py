@@ -202,6 +202,7 @@ def NearPairs(scalar: type):
         normal: wp.array(dtype=V)  # of the plane between the two sides, towards the first
         gap: wp.array(dtype=scalar)  # from the second side to the first along it [m], at most 0 where they cross
         least: wp.array(dtype=scalar)  # the least that may be left on either side of the plane [m]
+        reserve: wp.array(dtype=scalar)  # how much more the sides may approach before anything must be done [m]
         # Particles:
         in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
         particle: wp.array(dtype=int)  # the particles in pairs, in any order
@@ -211,6 +212,10 @@ def NearPairs(scalar: type):
         impulse: wp.array2d(dtype=wp.int64)  # of pairs on each particle, times the substep [kg m], in units
         share: wp.array(dtype=float)  # of its displacement in the substep that each particle may make
         held: wp.array(dtype=int)  # whether that is less than all, as of an earlier round
+        body: wp.array(dtype=int)  # its body
+        shift: wp.array(dtype=float)  # length of its path by impulses in this substep [m]
+        most_shift: wp.array(dtype=float)  # the longest such path in each body [m]
+        most_weight: float  # largest sum of the absolute weights of a vertex
         driven: wp.array(dtype=int)  # indices of the driven particles
         done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
         contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not asked for
@@ -225,6 +230,7 @@ def NearPairs(scalar: type):
         may_meet: wp.array(dtype=int)  # whether inner surfaces may meet in this substep, shape [1]
         alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
+        cutting: wp.array(dtype=int)  # whether any displacement is shortened in this substep, shape [1]
         unsettled: wp.array(dtype=int)  # of each world: whether the last round but one held particles back
 
     return NearPairs

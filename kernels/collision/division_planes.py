@@ -37,8 +37,6 @@ would be held back. Without any a driven end of a folded cloth lags by 0.3 m, wi
 blocks that meet at 20 m/s need up to 8."""
 ALLOWED = 0.8
 """The share of its distance from the plane by which a vertex may approach it."""
-HOLD_BEYOND = 0.95
-"""The largest approach of a pair in a substep, by its gap, less the least gap, before anything is held back."""
 LEAST_SHARE = 0.05
 """The least share of the gap on either side of a plane."""
 CATCH_UP = 50.0
@@ -110,7 +108,7 @@ def keep_apart(scalar: type, blocks: int):
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
     place_of, way_towards, approach_of = ways(scalar)
-    _, lacks, count_pushes, push, apply = pair_impulses(scalar)
+    _, may_approach, lacks, count_pushes, push, apply = pair_impulses(scalar)
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
@@ -130,6 +128,7 @@ def keep_apart(scalar: type, blocks: int):
         x_out: wp.array(dtype=V),
         apart: scalar,
         everywhere: bool,
+        calm: bool,
         k: int,
     ):
         """Lower the shares of displacement that particles of pair k may make, so that none reaches its plane.
@@ -140,8 +139,8 @@ def keep_apart(scalar: type, blocks: int):
         gap = pairs.gap[k]
         if gap <= zero:
             return
-        largest = wp.max(scalar(HOLD_BEYOND) * gap - pairs.least[k], gap - apart)
-        if not everywhere and approach_of(pairs, x, x_out, k) <= largest and not is_held(pairs, k):
+        largest = may_approach(gap, pairs.least[k], apart)
+        if not everywhere and (calm or approach_of(pairs, x, x_out, k) <= largest) and not is_held(pairs, k):
             return
         vertices = pairs.vertices[k]
         firsts = int(1)
@@ -187,6 +186,7 @@ def keep_apart(scalar: type, blocks: int):
                     height = -height
                 allowed = scalar(ALLOWED) * wp.max(zero, height - pairs.least[k])
                 if ways[m] > allowed:
+                    pairs.cutting[0] = 1
                     for s in range(f[v], f[v + 1]):
                         lower_to(pairs.share, p[s], wp.float32(0.9999 * wp.float32(allowed / ways[m])))
 
@@ -220,12 +220,18 @@ def keep_apart(scalar: type, blocks: int):
         k: int,
     ):
         """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
+        bodies = wp.vec2i(pairs.body_of[vertex_of(pairs.vertices[k], 0)], pairs.body_of[pairs.vertices[k][3]])
+        shift = pairs.most_weight * (pairs.most_shift[bodies[0]] + pairs.most_shift[bodies[1]])
+        # Whatever impulses have done to these bodies, the pair has not come too near.
+        calm = pairs.reserve[k] > scalar(1.001 * shift) + pairs.least[k]
+        if calm and phase <= wp.static(3 * ROUNDS):
+            return
         if phase >= wp.static(3 * ROUNDS):
             everywhere = bool(False)
             if phase == wp.static(PHASES - 2):
                 particle = pairs.particle_of[pairs.first_particle[vertex_of(pairs.vertices[k], 0)]]
                 everywhere = pairs.unsettled[particle / particles] != 0
-            shorten(pairs, x, x_out, apart, everywhere, k)
+            shorten(pairs, x, x_out, apart, everywhere, calm, k)
         elif pairs.gap[k] > zero:
             late = phase >= wp.static(3 * FIRST_ROUNDS)
             weights, nearest, way, lack = lacks(pairs, x, x_out, apart, late, k)
@@ -260,6 +266,8 @@ def keep_apart(scalar: type, blocks: int):
                     pairs.unsettled[i / particles] = 1
         else:
             pairs.unsettled[i / particles] = 0
+            pairs.shift[i] = 0.0
+            pairs.most_shift[pairs.body[i]] = 0.0
             lost = hold_back(pairs, x, x_out, v_out, h, i)
             if lost > 0.0:
                 raise_to(flags, (i / particles) * wp.static(FLAGS) + wp.static(HELD_BACK), lost)
@@ -287,8 +295,12 @@ def keep_apart(scalar: type, blocks: int):
         phase = first_phase
         while phase <= last_phase:
             cut = phase - wp.static(3 * ROUNDS)
-            # A round follows only if pairs came too near in the one before; each phase only in such a round.
-            if cut >= 0 or phase == 0 or pairs.lacking[0] >= (phase + 2) / 3:
+            # A round follows only if pairs came too near in the one before, each phase only in such a round; and
+            # displacements are shortened further only if any has been.
+            needed = phase == 0 or pairs.lacking[0] >= (phase + 2) / 3
+            if cut >= 0:
+                needed = cut == 0 or phase == wp.static(PHASES - 1) or pairs.cutting[0] != 0
+            if needed:
                 n = grid_thread()
                 if (cut < 0 and phase % 3 == 2) or (cut > 0 and cut % 2 == 1):
                     while n < pairs.particle_count[0]:

@@ -82,7 +82,7 @@ def measure_pairs(scalar: type, watched: bool):
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs = NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
-    (place_of, _, approach_of), may_lose = ways(scalar), pair_impulses(scalar)[0]
+    (place_of, _, approach_of), (may_lose, may_approach, *_) = ways(scalar), pair_impulses(scalar)
     zero, one = scalar(0.0), scalar(1.0)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
@@ -161,11 +161,16 @@ def measure_pairs(scalar: type, watched: bool):
         k = first_of_part(grid_thread(), part)
         if k == 0:
             pairs.lacking[0] = 0
+            pairs.cutting[0] = 0
         while k < count:
             measure(pairs, x, least, k)
             gap = pairs.gap[k]
-            if gap > zero and approach_of(pairs, x, x_out, k) > may_lose(gap, pairs.least[k], apart):
-                pairs.alarm[0] = 1
+            if gap > zero:
+                approach = approach_of(pairs, x, x_out, k)
+                lost = may_lose(gap, pairs.least[k], apart)
+                if approach > lost:
+                    pairs.alarm[0] = 1
+                pairs.reserve[k] = wp.min(lost, may_approach(gap, pairs.least[k], apart)) - approach
             k = next_of_part(k, threads, parts)
 
     return find

@@ -8,6 +8,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..partition import raise_to
 from ..records import records
 from .contact_data import NearPairs
 from .near_pairs import vertex_of
@@ -18,18 +19,21 @@ LARGEST_APPROACH = 0.8
 """The share of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
 LATE_APPROACH = 0.9
 """The share that it may have lost before a late round: rounds approach the one above, and would never end."""
+HOLD_BEYOND = 0.95
+"""The largest approach of a pair in a substep, by its gap, less the least gap, before anything is held back."""
 ALL_KEPT = 4.0
 """Below this multiple of the least gap, impulses try to keep all of the gap."""
 
 
 @functools.cache
 def pair_impulses(scalar: type):
-    """Compose (may_lose, lacks, count_pushes, push, apply).
+    """Compose (may_lose, may_approach, lacks, count_pushes, push, apply).
 
-    `may_lose` returns by how much the gap of a pair may shrink in a substep [m]. `lacks` returns where the gap
-    shrinks most: the weights of the vertices, whether these are the nearest points, the displacement of the first
-    side relative to the second there in the substep, and how much more than allowed the gap shrinks [m]. `late`
-    rounds are only for pairs that would be held back otherwise.
+    `may_lose` returns by how much the gap of a pair may shrink in a substep before impulses act [m],
+    `may_approach` by how much any two of its vertices may approach before they are held back [m]. `lacks` returns
+    where the gap shrinks most: the weights of the vertices, whether these are the nearest points, the displacement
+    of the first side relative to the second there in the substep, and how much more than allowed the gap shrinks
+    [m]. `late` rounds are only for pairs that would be held back otherwise.
     In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
     """
     V, W, Units = vector(3, scalar), wp.types.vector(4, scalar), wp.types.vector(3, wp.int64)
@@ -132,6 +136,10 @@ def pair_impulses(scalar: type):
             if pairs.done.shape[0] > 0 and pairs.inverse_mass[i] == zero:
                 speed = wp.vec3d(load(x_out, i) - load(x, i)) / wp.float64(h)
                 pairs.done[i] -= wp.dot(impulse, speed)
+            shift = pairs.shift[i] + float(wp.length(moved))
+            pairs.shift[i] = shift
+            if shift > pairs.most_shift[pairs.body[i]]:
+                raise_to(pairs.most_shift, pairs.body[i], shift)
             store(x_out, i, load(x_out, i) + moved)
             store(v_out, i, load(v_out, i) + moved / h)
 
@@ -139,6 +147,10 @@ def pair_impulses(scalar: type):
     def may_lose(gap: scalar, least: scalar, apart: scalar) -> scalar:
         share = (scalar(1.0) - kept) * (gap - scalar(ALL_KEPT) * least)
         return wp.max(zero, wp.max(share, gap - apart))
+
+    @wp.func
+    def may_approach(gap: scalar, least: scalar, apart: scalar) -> scalar:
+        return wp.max(scalar(HOLD_BEYOND) * gap - least, gap - apart)
 
     @wp.func
     def lacks(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, late: bool, k: int):
@@ -174,4 +186,4 @@ def pair_impulses(scalar: type):
             weights[second] = scalar(-1.0)
         return weights, nearest, way, lack
 
-    return may_lose, lacks, count_pushes, push, apply
+    return may_lose, may_approach, lacks, count_pushes, push, apply

@@ -97,8 +97,10 @@ class DivisionPlanes(Effect):
         data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.share))  # below 0 in all
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
+        weights, first = np.abs(data.weight.numpy()), data.first_particle.numpy()
+        data.most_weight = float(np.add.reduceat(weights, first[:-1]).max(initial=1.0))
         data.tangled = wp.zeros_like(data.body_of)
-        numbers = "count", "particle_count", "tangles", "may_meet", "alarm", "lacking"
+        numbers = "count", "particle_count", "tangles", "may_meet", "alarm", "lacking", "cutting"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
         data.unsettled = wp.zeros(model.worlds, dtype=int, device=device)
@@ -106,7 +108,9 @@ class DivisionPlanes(Effect):
             wp.zeros(particles, dtype=int, device=device) for _ in "ipph"
         )
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
-        data.share = wp.ones(particles, dtype=float, device=device)
+        data.share, data.shift = (wp.full(particles, one, dtype=float, device=device) for one in (1.0, 0.0))
+        data.body = each.alike(np.resize(on_host.body_of_particle, model.stride), int, len(on_host.closed))
+        data.most_shift = wp.zeros(len(surfaces.data.closed), dtype=float, device=device)
         mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
         data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
         if model.driven.any():
@@ -285,7 +289,7 @@ class DivisionPlanes(Effect):
         data.vertices = wp.zeros(room, dtype=wp.vec4i, device=device)
         data.weights = wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device)
         data.normal = wp.zeros(room, dtype=self._model.vector, device=device)
-        data.gap, data.least = (wp.zeros(room, dtype=scalar, device=device) for _ in "gl")
+        data.gap, data.least, data.reserve = (wp.zeros(room, dtype=scalar, device=device) for _ in "glr")
         self._small = not device.is_cuda or room <= MOST_IN_CLUSTER
         blocks = CLUSTER if self._small and device.is_cuda and device.arch >= 90 else 1
         self._keep: Any = keep_apart(scalar, blocks)
