@@ -14,13 +14,14 @@ CONSTANTS = {"mass": 1e-3, "stiffness": 400.0, "damping": 0.1}
 
 
 def crumpled() -> System:
-    """Return two sheets, a block, a rope and three grains, all on each other."""
+    """Return two sheets, two blocks, a rope and three grains, all on each other."""
     rng = np.random.default_rng(4)
     cloth = sheet((7, 7), 0.1, **CONSTANTS)
     x = cloth.position + rng.uniform(-0.09, 0.09, cloth.position.shape)
     whole = cloth.replace(position=x)
     whole += sheet((4, 4), 0.16, **CONSTANTS).rotate(1.1, axis=(1, 0, 0)).translate((0.1, 0.2, -0.1))
     whole += box((3, 3, 3), 0.11, **CONSTANTS).translate((0.2, 0.2, 0.02))
+    whole += box((2, 3, 2), 0.12, **CONSTANTS).translate((0.1, 0.45, 0.02))
     whole += chain(9, 0.08, **CONSTANTS).rotate(0.4, axis=(0, 1, 1)).translate((0.0, 0.3, 0.0))
     return whole + System(position=rng.uniform(0.1, 0.5, (3, 3)) * (1.0, 1.0, 0.1), mass=1e-3)
 
@@ -64,9 +65,12 @@ def all_pairs(effect: BodyContact, x: NDArray) -> tuple[list[tuple], NDArray[np.
 
 
 def listed_pairs(planes: DivisionPlanes) -> list[tuple]:
-    """Return the pairs in the list, named as in `all_pairs`."""
-    found = []
+    """Return the pairs of drawn surfaces in the list, named as in `all_pairs`."""
+    found, drawn = [], len(planes.pairs.inner.x)  # inner vertices, one for each that is drawn, follow these
+    assert drawn > 0
     for row in planes.pairs.vertices.numpy()[: planes.pairs.count.numpy()[0]].tolist():
+        if row[1] >= drawn:
+            continue
         if row[0] < 0:
             found.append(tuple(sorted((tuple(sorted((-1 - row[0], row[1]))), tuple(sorted(row[2:]))))))
         else:

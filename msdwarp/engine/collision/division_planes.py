@@ -97,8 +97,9 @@ class DivisionPlanes(Effect):
         data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.share))  # below 0 in all
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
-        weights, first = np.abs(data.weight.numpy()), data.first_particle.numpy()
-        data.most_weight = float(np.add.reduceat(weights, first[:-1]).max(initial=1.0))
+        counts = np.diff(data.first_particle.numpy())  # a vertex without an inner one has none
+        of_vertex = np.repeat(np.arange(len(counts)), counts)
+        data.most_weight = float(np.bincount(of_vertex, np.abs(data.weight.numpy())).max())
         data.tangled = wp.zeros_like(data.body_of)
         numbers = "count", "particle_count", "tangles", "may_meet", "alarm", "lacking", "cutting"
         for name in numbers:
