@@ -92,7 +92,8 @@ def pair_impulses(scalar: type):
             total = Units()
             for c in range(3):
                 total[c] = wp.int64(wp.float64(impulse[c]) * per_unit)
-            # The vertices of the second side get exactly the opposite of what those of the first side get.
+            # The vertices of the second side get exactly the opposite of what those of the first side get: what is
+            # left by rounding goes to one of these that is pushed.
             rest = Units()
             for m in range(3, -1, -1):
                 v = vertex_of(vertices, m)
@@ -100,7 +101,7 @@ def pair_impulses(scalar: type):
                 on_vertex = Units()
                 for c in range(3):
                     on_vertex[c] = wp.int64(wp.float64(total[c]) * wp.float64(weights[m]))
-                    if m == 0:
+                    if m == 0 or (m == 1 and weights[0] == zero):
                         on_vertex[c] = rest[c]
                     rest[c] = rest[c] - on_vertex[c]
                 for s in range(begin + 1, pairs.first_particle[v + 1]):

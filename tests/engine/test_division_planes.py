@@ -202,6 +202,20 @@ def test_restarts_lists_and_overflow_change_nothing(device, monkeypatch):
         np.testing.assert_array_equal(run(thrown(20.0, device, **options), 4), expected)
 
 
+def test_no_impulse_is_left_for_later(device):
+    # A restart, or a frame that is repeated, would not have it. Edges are pushed at their ends, too.
+    constants = {"mass": MASS, "stiffness": STIFFNESS, "damping": 0.1}
+    below = sheet((8, 8), SPACING, **constants)
+    above = sheet((6, 6), SPACING, **constants).rotate(0.5, axis=(1, 2, 3)).translate((0.1, 0.1, 0.35))
+    thrown_down = above.replace(velocity=np.tile((0.0, 1.0, -40.0), (36, 1)))
+    contact = Contact(thickness=THICKNESS, stiffness=200.0, friction=0.3, restitution=0.4)
+    simulation = Simulation(below + thrown_down, contact=contact, gravity=0.0, device=device, fps=480.0)
+    pairs = simulation.assembly.body_contact.planes.pairs
+    for _ in range(12):
+        simulation.step()
+        assert not pairs.impulse.numpy().any()
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("substeps", [21, 22])  # after the pair that is recorded once come 1 and 2
 def test_substeps_recorded_once_equal_substeps_recorded_each(substeps, threads):
