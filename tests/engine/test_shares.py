@@ -149,7 +149,9 @@ TOUCHING = {
 
 
 @pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
-@pytest.mark.parametrize("name", [*TOUCHING])
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one == "grains" else pytest.mark.slow) for one in TOUCHING]
+)
 def test_threads_share_contacts(name):
     # Forces of contact are whole numbers of a unit: their sums do not depend on the order.
     system, options = TOUCHING[name]

@@ -19,7 +19,10 @@ def thrown(break_strain: float = np.inf) -> System:
     return cloth.replace(break_strain=break_strain).pin(rim) + weight.with_velocity((0, 0, -8))
 
 
-@pytest.mark.parametrize(("break_strain", "frames"), [(np.inf, 3), (0.1, 10)], ids=["whole", "torn"])
+@pytest.mark.parametrize(
+    ("break_strain", "frames"),
+    [pytest.param(np.inf, 3, id="whole", marks=pytest.mark.slow), pytest.param(0.1, 10, id="torn")],
+)
 def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain, frames):
     # Hundreds of facets are near a point of the sheet by then; where the run starts there are none.
     run = Simulation(thrown(break_strain), contact=Contact(), device=plain_device)
