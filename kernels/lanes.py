@@ -7,6 +7,8 @@ import functools
 
 import warp as wp
 
+WARP = 32
+"""Threads of a warp."""
 LEAST = """
 #if defined(__CUDA_ARCH__)
     const unsigned sharing = {sharing}u << (threadIdx.x & {first});

@@ -55,7 +55,6 @@ from .pair_gaps import find_alarm as find_alarm, measure_pairs as measure_pairs
 from .pair_search import (
     QUEUES as QUEUES,
     SHARES as SHARES,
-    WARP as WARP,
     find_pairs as find_pairs,
     find_pairs_of_pieces as find_pairs_of_pieces,
 )

@@ -82,6 +82,12 @@ def overlaps_box(
 
 
 @wp.func
+def box_around(a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Return the least and the greatest corner of the box around three places."""
+    return wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c)
+
+
+@wp.func
 def extend(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), i: int, least: wp.vec3, most: wp.vec3):
     """Extend box i to hold the box from `least` to `most`, atomically."""
     if not (wp.min(least, low[i]) == low[i] and wp.max(most, high[i]) == high[i]):  # seldom
@@ -202,8 +208,7 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
             a = wp.vec3(load(data.surfaces.x, c[0]))
             b = wp.vec3(load(data.surfaces.x, c[1]))
             d = wp.vec3(load(data.surfaces.x, c[2]))
-            below = wp.min(wp.min(a, b), d)
-            above = wp.max(wp.max(a, b), d)
+            below, above = box_around(a, b, d)
             tree.lower[e] = below
             tree.upper[e] = above
             least = wp.min(least, below)

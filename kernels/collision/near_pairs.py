@@ -9,10 +9,12 @@ from ..partition import count_up, raise_to
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import PAIRS, BodyContactData, NearPairs
-from .facet_tree import margin_of_boxes, overlap
+from .facet_tree import box_around, margin_of_boxes, overlap
 from .nearest_point import nearest_on_segments, nearest_on_triangle
 from .pairs import never_touches
 
+FIRST_OF_EDGES = 12
+"""The first test of two edges among those of two facets."""
 MARK = """
 #if defined(__CUDA_ARCH__)
     return atomicExch(&wp::index(marks, i), 1) == 0;
@@ -73,7 +75,7 @@ def tests_at(k: int, n: int) -> int:
     """
     sides, others = (k, (k + 2) % 3), (n, (n + 2) % 3)
     points = (k, *(3 + side for side in sides), 6 + n, *(9 + side for side in others))
-    return sum(1 << one for one in (*points, *(12 + 3 * a + b for a in sides for b in others)))
+    return sum(1 << one for one in (*points, *(FIRST_OF_EDGES + 3 * a + b for a in sides for b in others)))
 
 
 @functools.cache
@@ -179,18 +181,16 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         """
         one = facet_at(corner, search.x, mine)
         other = facet_at(corner, search.x, found)
-        low = wp.vec3(wp.min(wp.min(one.a, one.b), one.c))
-        high = wp.vec3(wp.max(wp.max(one.a, one.b), one.c))
+        low, high = box_around(wp.vec3(one.a), wp.vec3(one.b), wp.vec3(one.c))
         wide = margin(low, high, wp.max(search.reach, search.touching))
         others = owned[found] & parts_near(other, low - wide, high + wide)
-        low = wp.vec3(wp.min(wp.min(other.a, other.b), other.c))
-        high = wp.vec3(wp.max(wp.max(other.a, other.b), other.c))
+        low, high = box_around(wp.vec3(other.a), wp.vec3(other.b), wp.vec3(other.c))
         own = owned[mine] & parts_near(one, low - wide, high + wide)
         edges = int(0)
         for k in range(3):
             if (own & (8 << k)) != 0:
                 edges |= (others >> 3) << (3 * k)
-        tests = own | others << 6 | edges << 12
+        tests = own | others << 6 | edges << wp.static(FIRST_OF_EDGES)
         if not search.alike:  # no points in the middle of sides are to be marked
             tests &= ~wp.static(0b111000 << 6 | 0b111000)
         for k in range(3):
@@ -233,8 +233,8 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         """Add the pair of a side of a facet and a side of another."""
         one = facet_at(data.surfaces.corner, search.x, mine)
         other = facet_at(data.surfaces.corner, search.x, found)
-        k = (test - 12) / 3
-        n = test % 3
+        k = (test - wp.static(FIRST_OF_EDGES)) / 3
+        n = (test - wp.static(FIRST_OF_EDGES)) % 3
         i, a = corner_of(one, k)
         j, b = corner_of(one, (k + 1) % 3)
         m, c = corner_of(other, n)

@@ -167,10 +167,10 @@ def measure_pairs(scalar: type, watched: bool):
             gap = pairs.gap[k]
             if gap > zero:
                 approach = approach_of(pairs, x, x_out, k)
-                lost = may_lose(gap, pairs.least[k], apart)
-                if approach > lost:
+                allowed = may_lose(gap, pairs.least[k], apart)
+                if approach > allowed:
                     pairs.alarm[0] = 1
-                pairs.reserve[k] = wp.min(lost, may_approach(gap, pairs.least[k], apart)) - approach
+                pairs.reserve[k] = wp.min(allowed, may_approach(gap, pairs.least[k], apart)) - approach
             k = next_of_part(k, threads, parts)
 
     return find

@@ -5,24 +5,20 @@ import functools
 import warp as wp
 
 from ..basis import kernel
-from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, wait_for_lanes
+from ..lanes import WARP, ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, wait_for_lanes
 from ..partition import first_of_part, next_of_part
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import BodyContactData, NearPairs
-from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
-from .near_pairs import PairSearch, both_closed, pairs_of_facets
+from .facet_tree import NEVER, FacetTree, box_around, facets_within, margin_of_boxes, overlap
+from .near_pairs import FIRST_OF_EDGES, PairSearch, both_closed, pairs_of_facets
 
-WARP = 32
-"""Threads of a GPU that search for the facets of a piece together."""
 ROOM = 2 * WARP
 """Room in a queue: each thread may add to one that has not yet work for all threads."""
 SHARES = 4
 """Warps that share a piece: where many layers lie on each other, some pieces take four times as long as most."""
 QUEUES = 3 * ROOM
 """Room of a warp: it has queues of pairs of facets, of tests of points and of tests of edges."""
-FIRST_OF_EDGES = 12
-"""The first test of two edges among those of two facets."""
 
 
 @functools.cache
@@ -67,8 +63,7 @@ def searches(scalar: type, inner: bool, worlds: bool):
                 a = wp.vec3(load(search.x, c[0]))
                 b = wp.vec3(load(search.x, c[1]))
                 d = wp.vec3(load(search.x, c[2]))
-                low = wp.min(wp.min(a, b), d)
-                high = wp.max(wp.max(a, b), d)
+                low, high = box_around(a, b, d)
         wide = margin(low, high, wp.max(search.reach, search.touching) + scalar(search.inset))
         return low - wide, high + wide
 
@@ -236,8 +231,9 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool 
                 taken = wp.min(facets, wp.static(WARP))
                 facets -= taken
                 if lane < taken:
-                    mine = pairs.queue[queue + facets + lane][0]
-                    other = pairs.queue[queue + facets + lane][1]
+                    two = pairs.queue[queue + facets + lane]
+                    mine = two[0]
+                    other = two[1]
                     tests = tests_of(data.surfaces.corner, pairs.owned, search, mine, other)
             elif found != wp.uint32(0):
                 k = cursor.place - wp.static(WARP) + lowest_bit(found)

@@ -12,7 +12,6 @@ from ...kernels.collision import (
     PHASES,
     QUEUES,
     SHARES,
-    WARP,
     NearPairs,
     catch_up,
     clear_pairs,
@@ -24,6 +23,7 @@ from ...kernels.collision import (
     measure_pairs,
     place_inner,
 )
+from ...kernels.lanes import WARP
 from ..device.vector_arrays import in_records
 from ..model.effect import Effect
 from ..model.model import Model

@@ -7,9 +7,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.collision import FacetTree
+from ...kernels.lanes import WARP
 
-WIDTH = 32
-"""Facets in a piece of the tree, and pieces in a group: as many as the threads of a GPU's warp."""
+WIDTH = WARP
+"""Facets in a piece of the tree, and pieces in a group: the threads of a warp test them together."""
 
 
 def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int, device: Any) -> Any:

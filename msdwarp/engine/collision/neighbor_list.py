@@ -35,6 +35,7 @@ from ...kernels.collision import (
     range_of_speeds,
 )
 from ...kernels.compensation import compensated_sum
+from ...kernels.lanes import WARP
 from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records
 from ..model.model import Model
@@ -45,10 +46,8 @@ from .tables_by_world import Repeated
 
 MOST_BODIES, MOST_BODIES_ON_GPU = 64, 4096
 """Bodies of a world, up to which all pairs of them are tested; more are searched by a tree."""
-SEARCH_LANES = 32
-"""Threads on a GPU that share a point, a body or a facet in a search."""
 MOST_BY_WARPS, LANES_OF_MANY = 2**15, 8
-"""With more points than this in all, so many threads share a point."""
+"""On a GPU a warp shares a point, a body or a facet in a search; with more points than this, so many threads."""
 MOST_SEARCHING = 2**20
 """Threads on a GPU that search for points: most points of large bodies are near nothing."""
 MORTON_BITS = 16
@@ -146,7 +145,7 @@ class NeighborList:
         )
         # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
-        self._warp = SEARCH_LANES if device.is_cuda else 1
+        self._warp = WARP if device.is_cuda else 1
         many = self._points > MOST_BY_WARPS
         self.lanes = min(self._warp, LANES_OF_MANY) if many else self._warp
         corner = on_host.corner
