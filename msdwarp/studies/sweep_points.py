@@ -8,6 +8,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
@@ -79,9 +80,12 @@ def stored_row(folder: Path) -> Row | None:
 
 
 def remove_unfinished(runs: Path) -> None:
-    """Remove the folders of workers that were lost."""
-    for folder in runs.glob(f"{_UNFINISHED}*"):
-        shutil.rmtree(folder, ignore_errors=True)
+    """Remove the folders of workers that were lost, or still run and will not be waited for."""
+    for folder in list(runs.glob(f"{_UNFINISHED}*")):
+        taken = runs / f"{_UNFINISHED}{secrets.token_hex(8)}"
+        with suppress(OSError):  # its worker was faster
+            folder.rename(taken)  # now its worker cannot put it in place while it is emptied
+        shutil.rmtree(taken, ignore_errors=True)
 
 
 def run_point(

@@ -4,6 +4,7 @@ import csv
 import os
 import re
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import swept
 
 import msdwarp as msd
 from msdwarp.engine import THREADS
+from msdwarp.studies.sweep_points import Point, remove_unfinished, run_point, stored_row
 from msdwarp.studies.workers import Workers
 
 pytest.importorskip("h5netcdf")
@@ -187,6 +189,16 @@ def test_a_lost_call_fails_alone_and_its_worker_is_replaced():
         with pytest.raises(RuntimeError):
             calls[1].result()
         assert calls[2].result() != os.getpid()
+
+
+def test_a_sweep_that_ends_amid_a_run_leaves_no_half_of_it(tmp_path):
+    points = [Point({"k": k}, None) for k in range(1000)]
+    with ThreadPoolExecutor(2) as workers:
+        calls = [workers.submit(run_point, lambda *_: {}, point, tmp_path, False) for point in points]
+        while not all(call.done() for call in calls):
+            remove_unfinished(tmp_path)
+    assert all(stored_row(folder) for folder in tmp_path.iterdir())
+    assert {call.result()["status"] for call in calls} <= {"done", "failed"}
 
 
 @pytest.mark.slow
