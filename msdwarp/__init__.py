@@ -40,6 +40,7 @@ if _typing.TYPE_CHECKING:
         JELLY as JELLY,
         RUBBER as RUBBER,
         STEEL_WIRE as STEEL_WIRE,
+        Cells as Cells,
         CoulombDamper as CoulombDamper,
         Frame as Frame,
         Material as Material,
@@ -114,8 +115,8 @@ __version__ = "0.1.0"
 
 # The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
-    "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE CoulombDamper Frame Material QuadraticDamper Surface System "
-    "space_filling_order",
+    "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE Cells CoulombDamper Frame Material QuadraticDamper Surface "
+    "System space_filling_order",
     "checks": "EnergyDriftWarning FitWarning StartWarning",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",

@@ -6,6 +6,13 @@ by `force_at`, from a table of neighbours (`gather`) or, in a lattice, from inde
 compensated precision positions are x − compensation.x, since rounding errors matter to short springs.
 """
 
+from .cell_volumes import (
+    cell_blocks as cell_blocks,
+    cell_energies as cell_energies,
+    cell_forces as cell_forces,
+    cell_table as cell_table,
+    cell_volumes as cell_volumes,
+)
 from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS
 from .dampers import Law as Law, damper_force as damper_force
 from .extra_springs import tie_force as tie_force

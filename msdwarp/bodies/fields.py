@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from .cells import Cells
 from .dampers import Damper
 from .selection import check_no_mask
 from .surface import Surface
@@ -58,7 +59,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         fields["position"] = positions(fields["position"])
     particle_count = len(fields["position"])
     if known and particle_count != len(known["position"]):
-        new |= {"connections", "surface", "groups"}  # these hold indices of particles
+        new |= {"connections", "surface", "cells", "groups"}  # these hold indices of particles
 
     for name in PARTICLE_FIELDS[1:]:
         shape = fields["position"].shape if name == "velocity" else (particle_count,)
@@ -78,6 +79,8 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     if "surface" in new and fields["surface"] is not None:
         checks.instance("surface", fields["surface"], Surface, "Surface(particle=..., uv=..., triangles=...)")
         checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))
+    if "cells" in new and fields["cells"] is not None:
+        check_cells(fields["cells"], *fields["position"].shape)
     if "directions" in new:
         fields["directions"] = checks.sequence("directions", fields["directions"], Mapping, "{'x': slice(0, 4)}")
         for k, body in enumerate(fields["directions"]):
@@ -89,6 +92,14 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         checks.instance("groups", groups, Mapping, "{'scoop': [0, 1]}")
         fields["groups"] = {name: group_of(name, group, particle_count) for name, group in groups.items()}
     return fields
+
+
+def check_cells(cells: Cells, particle_count: int, dim: int) -> None:
+    """Check that cells fit a number of particles and of coordinates."""
+    checks.instance("cells", cells, Cells, "Cells(corners=..., rest_volume=..., modulus=...)")
+    checks.within("cells.corners", cells.corners, (lambda index: index < particle_count, "an index of a particle"))
+    if dim == 1 or (dim == 2 and not cells.flat.all()):
+        raise ValueError(f"cells are given; in {dim} dimensions they must be {'flat' if dim == 2 else 'None'}")
 
 
 def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArray[np.float64]]:

@@ -91,6 +91,8 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
         result["original_length"] = result["rest_length"]
     if (surface := fields["surface"]) is not None:
         result["surface"] = replace(surface, particle=number[surface.particle])
+    if (cells := fields["cells"]) is not None:
+        result["cells"] = cells.renumbered(number)
     result["groups"] = {name: np.sort(number[group]) for name, group in fields["groups"].items()}
     return result
 
@@ -119,6 +121,7 @@ def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, 
         "connections": np.concatenate([one["connections"], other["connections"] + np.int32(n)]),
         "damper": (one if one["damping"].any() else other)["damper"],
         "surface": one["surface"] if other["surface"] is None else other["surface"].behind(one["surface"], n),
+        "cells": one["cells"] if other["cells"] is None else other["cells"].behind(one["cells"], n),
         "directions": one["directions"] + shifted,
         "groups": groups,
     }

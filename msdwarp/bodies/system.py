@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from .cells import Cells
 from .dampers import LINEAR, Damper
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
 from .numbering import between_neighbours, concatenated, renumbered
@@ -66,6 +67,8 @@ class System:
         exert no force and store no energy: broken_at=0 cuts them.
     surface
         The triangles that are drawn, if any.
+    cells
+        Cells that resist a change of their volume, if any.
     directions
         For each body in the system, the slice of connections of each lattice direction, by name.
     groups
@@ -95,6 +98,7 @@ class System:
     break_force: NDArray[np.float64]
     broken_at: NDArray[np.float64]
     surface: Surface | None
+    cells: Cells | None
     directions: tuple[Mapping[str, slice], ...]
     groups: Mapping[str, NDArray[np.int32]]
 
@@ -117,6 +121,7 @@ class System:
         break_force: ArrayLike = DEFAULTS["break_force"],
         broken_at: ArrayLike = DEFAULTS["broken_at"],
         surface: Surface | None = None,
+        cells: Cells | None = None,
         directions: tuple[Mapping[str, slice], ...] = ({},),
         groups: Mapping[str, ArrayLike] | None = None,
     ) -> None:
@@ -140,7 +145,7 @@ class System:
         defaults: dict[str, Any] = {name: uniform(value, count) for name, value in DEFAULTS.items()}
         defaults |= {"velocity": np.broadcast_to(0.0, position.shape), "mass": uniform(1.0, len(position))}
         defaults |= {"original_length": fields["rest_length"], "damper": LINEAR}
-        defaults |= {"surface": None, "directions": ({},), "groups": {}}
+        defaults |= {"surface": None, "cells": None, "directions": ({},), "groups": {}}
         for name, value in (defaults | fields).items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -161,6 +166,8 @@ class System:
             springs += f", yields beyond a strain of {span(self.yield_strain)}" if self.yields else ""
             tears = f", {counted(broken, 'connection')} broken" if broken else ", tears"
             lines.append(springs + (tears if self.tears else ""))
+        if self.cells is not None:
+            lines.append(f"{counted(len(self.cells), 'cell')}, modulus {span(self.cells.modulus)}")
         if self.groups:
             groups = [f"{name} ({len(particles)})" for name, particles in list(self.groups.items())[:_NAMED]]
             more = f" and {len(self.groups) - _NAMED} more" if len(self.groups) > _NAMED else ""
@@ -315,9 +322,10 @@ class System:
     def set_rest_shape(self) -> Self:
         """Return this system with every rest length set to the current length, so that it keeps its shape.
 
-        The result has no plastic deformation.
+        The result has no plastic deformation. Rest volumes of cells become the current ones.
         """
-        return self.replace(rest_length=self.length)
+        cells = None if self.cells is None else self.cells.at_rest(self.position)
+        return self.replace(rest_length=self.length, cells=cells)
 
     def named(self, name: str) -> Self:
         """Return this system with all its particles in a group of this name; other groups stay."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import TEARING_FIELDS, CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
+from ..bodies import TEARING_FIELDS, Cells, CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
 from .names import OWN, ROOT, load, store, store_text
 
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
@@ -25,6 +25,8 @@ def arrays_of(system: System) -> dict[str, NDArray]:
             del found[name]
     if system.surface is not None:
         found |= {f"surface/{field.name}": getattr(system.surface, field.name) for field in fields(system.surface)}
+    if system.cells is not None:
+        found |= {f"cells/{field.name}": getattr(system.cells, field.name) for field in fields(system.cells)}
     found |= {f"groups/{k}": particles for k, particles in enumerate(system.groups.values())}  # names may have a /
     arrays = {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
     return {name: values[0] if is_uniform(values) else values for name, values in arrays.items()}
@@ -50,12 +52,14 @@ def read_system(file: Any) -> System:
     # The stored system may be from a later frame, with springs about to break, which `System` would refuse.
     broken_at = arrays.pop("broken_at", np.inf)
     surface = dict(_read(part["surface"])) if "surface" in part else None
+    cells = dict(_read(part["cells"])) if "cells" in part else None
     return System(
         **arrays,
         broken_at=0.0,
         connections=load(file[ROOT]["Lines/Connectivity"]).reshape(-1, 2),
         damper=DAMPERS[law](**constants),
         surface=None if surface is None else Surface(**surface),
+        cells=None if cells is None else Cells(**cells),
         directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
         groups={name: load(part[f"groups/{k}"]) for k, name in enumerate(described["groups"])},
     ).replace(broken_at=broken_at)

@@ -163,6 +163,7 @@ def match_stiffness(system: System, other: System) -> System:
     for name, rates in (("system", own), ("other", wanted)):
         if not rates.stiffness > 0.0:
             raise ValueError(f"{name} has no springs that hold a free particle; it must have some")
-    stiffness = system.stiffness * (wanted.stiffness / own.stiffness)
-    damping = system.damping * (wanted.damping / own.damping if own.damping > 0.0 else 1.0)
-    return system.replace(stiffness=stiffness, damping=damping)
+    stiffer = wanted.stiffness / own.stiffness
+    more_damped = wanted.damping / own.damping if own.damping > 0.0 else 1.0
+    cells = None if system.cells is None else system.cells.scaled(stiffer, more_damped)
+    return system.replace(stiffness=stiffer * system.stiffness, damping=more_damped * system.damping, cells=cells)

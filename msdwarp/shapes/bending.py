@@ -129,6 +129,7 @@ def resisting_bending(
         stiffness=np.concatenate(parts["stiffness"]),
         damping=np.concatenate(parts["damping"]),
         surface=flat.surface,
+        cells=flat.cells,
         directions=(slices,),
     )
 

@@ -90,6 +90,18 @@ def whole_cells(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return mask
 
 
+def cell_corners(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the particles at the corners of whole cells in VTK's order, shape [any, 8], or [any, 4] in a sheet.
+
+    Cells are in the order of the particles at their first corners.
+    """
+    index = particle_numbers(mask.shape, mask)
+    around = ((0, 0), (1, 0), (1, 1), (0, 1))
+    steps = around if mask.ndim == 2 else [(*one, z) for z in (0, 1) for one in around]
+    first = np.argwhere(whole.T)[:, ::-1]
+    return np.stack([index[tuple((first + step).T)] for step in steps], axis=1).astype(np.int32)
+
+
 def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8]:
     """Return the number of whole cells around each connection along a step, in the order of `ends_of`.
 

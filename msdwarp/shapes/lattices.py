@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import Material, Surface, System, mask_of
+from ..bodies import Cells, Material, Surface, System, mask_of, uniform
 from .bending import flexural_rigidity, resisting_bending
 from .grid import (
+    cell_corners,
     cell_shares,
     check_memory,
     count_pieces,
@@ -65,6 +66,11 @@ def _lattice(
             f"spacing is {spacing!r}; with {what} it must be the same along all axes: {whose} stiffness is "
             "derived for such cells"
         )
+    if material is not None and material.poissons_ratio is not None and len(shape) > 1 and not diagonals:
+        raise ValueError(
+            f"material has poissons_ratio={material.poissons_ratio:g}; it needs neighbours="
+            f"{(8, 26)[len(shape) - 2]}: without diagonals nothing resists shear"
+        )
     position = np.zeros((*shape[::-1], dim))  # z, y, x
     axes = [one * (np.arange(n) - (n - 1) / 2) for one, n in zip(spacings, shape, strict=True)]
     for k, coordinates in enumerate(np.meshgrid(*axes[::-1], indexing="ij", sparse=True)[::-1]):
@@ -101,19 +107,33 @@ def _lattice(
 
 def _constants_of(
     material: Material, section: float, mask: NDArray[np.bool_], spacing: float, diagonals: bool
-) -> dict[str, NDArray[np.float64]]:
-    """Return mass, stiffness and damping of a lattice of a material, summed from the shares of cells."""
+) -> dict[str, Any]:
+    """Return mass, stiffness, damping, summed from the shares of cells, and cells of a lattice of a material."""
     whole, axes = whole_cells(mask), mask.ndim
     by_axes = material.cell_stiffness(axes, spacing, section, diagonals=diagonals)
     steps = lattice_directions(axes, diagonals=diagonals).values()
     shares = [by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step) for step in steps]
     stiffness = np.concatenate(shares)
     longest = max(int(np.ptp(points)) for points in np.nonzero(mask))
+    time = material.damping_time(spacing * longest)
     return {
         "mass": material.cell_mass(axes, spacing, section) * cell_shares(whole, (0,) * axes),
         "stiffness": stiffness,
-        "damping": material.damping_time(spacing * longest) * stiffness,
+        "damping": time * stiffness,
+        "cells": _cells_of(material, section, mask, spacing, time),
     }
+
+
+def _cells_of(
+    material: Material, section: float, mask: NDArray[np.bool_], spacing: float, time: float
+) -> Cells | None:
+    """Return the cells of a lattice of a material, damped for a time β; None if springs are enough."""
+    modulus = material.cell_modulus(mask.ndim, section)
+    if modulus == 0.0:
+        return None
+    corners = cell_corners(mask, whole_cells(mask))
+    volume = uniform(spacing**mask.ndim, len(corners))
+    return Cells(corners=corners, rest_volume=volume, modulus=modulus, damping=time * modulus)
 
 
 def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:

@@ -23,6 +23,8 @@ from .stepping import Stepping
 Arrays = Mapping[str, NDArray]
 Numbers = Mapping[str, Any]
 
+_REST_VOLUME = "system.cells.rest_volume"
+
 
 def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Return the arrays of the state, the effects and the system, and the numbers of the substeps."""
@@ -48,7 +50,8 @@ def saved_system(system: System) -> dict[str, NDArray]:
     """Return the fields of a system that can change."""
     absent = () if system.tears else TEARING_FIELDS
     names = (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent))
-    return {f"system.{name}": np.array(stored(getattr(system, name))) for name in names}
+    arrays = {f"system.{name}": np.array(stored(getattr(system, name))) for name in names}
+    return arrays | ({} if system.cells is None else {_REST_VOLUME: np.array(system.cells.rest_volume)})
 
 
 def _saved_choice(choice: StepChoice, baseline: Iterable[float]) -> dict[str, Any]:
@@ -82,6 +85,12 @@ def restored_system(start: System, arrays: Arrays) -> System:
     for changed in (breaking, fields):
         if any((getattr(start, name) != value).any() for name, value in changed.items()):
             start = start.replace(**changed)
+    if start.cells is not None:
+        volume = checks.member("checkpoint", arrays, _REST_VOLUME)
+        if np.shape(volume) != (len(start.cells),):
+            raise ValueError(f"checkpoint is of another system: its cells are {np.shape(volume)}")
+        if (volume != start.cells.rest_volume).any():
+            start = start.replace(cells=replace(start.cells, rest_volume=volume))
     return start
 
 

@@ -326,4 +326,5 @@ def _is_physical(stepping: Stepping, rises: list[float]) -> bool:
 
     An isolated body has no source of energy. A fixed obstacle is a source if a body starts inside it.
     """
-    return bool(stepping.assembly.all) and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])
+    has_source = not all(one.conserves for one in stepping.assembly.all)
+    return has_source and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])

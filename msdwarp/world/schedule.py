@@ -75,6 +75,8 @@ class Change:
         if self.set_rest_shape:
             values["rest_length"] = system.length[joined]
         fields: dict[str, Any] = {}
+        if self.set_rest_shape and system.cells is not None:
+            fields["cells"] = system.cells.at_rest(system.position, chosen)
         for name, value in values.items():
             old = getattr(system, name)
             where = chosen if name in OF_PARTICLES else joined

@@ -19,6 +19,7 @@ from msdwarp import (
     ExplicitEuler,
     Force,
     Leapfrog,
+    Material,
     Plane,
     PrescribedMotion,
     Pressure,
@@ -35,6 +36,8 @@ WORLDS = 4
 BLOCK = box((3, 3, 3), 0.1, stiffness=1e3, damping=1.0).translate((0.0, 0.0, 0.25))
 CLOTH = sheet((4, 4), 0.1, stiffness=1e3, damping=1.0, mass=0.01).translate((0.0, 0.0, 0.3))
 SKIN = ball(0.2, 0.1, stiffness=1e3, damping=1.0)
+SOFT = Material(density=100.0, youngs_modulus=1e4, damping_ratio=0.1, poissons_ratio=0.4)
+RUBBER = box((3, 3, 3), 0.1, material=SOFT).translate((0.0, 0.0, 0.15))
 
 
 @wp.func
@@ -70,6 +73,7 @@ LOADS = {
     "prescribed motion": by(PrescribedMotion([0, 1, 2], swing)),
     "actuators": by(Actuator(lambda t: 0.1 * np.sin(9 * t))),
     "yielding": (BLOCK.replace(yield_strain=0.002, relaxation_time=0.02), {"colliders": [Plane()]}),
+    "cells": by(system=RUBBER, colliders=[Plane()]),
     "tearing": (CLOTH.pin([0, 3]).replace(break_strain=0.001), {}),
     "contact": by(
         system=BLOCK + BLOCK.translate((0.05, 0.0, 0.5)),

@@ -68,6 +68,9 @@ class Effect:
     shared_points: int = 0
     """Number of its points that CPU threads can share, each about as much work as a connection."""
 
+    conserves: bool = False
+    """Whether its forces only store energy or turn it to heat: a rise of energy is then due to the step."""
+
     numbers_substeps: bool = False
     """Whether its launches depend on the number of the substep in a frame, beyond the first two and the last."""
 

@@ -16,6 +16,8 @@ class ExtraSprings(Effect):
     effect adds only their forces.
     """
 
+    conserves = True
+
     def __init__(self, model: Model) -> None:
         assert model.lattice is not None
         system, ties = model.system, model.lattice.ties

@@ -27,6 +27,8 @@ class Fracture(Effect):
     piece = None
     numbers_substeps = True
 
+    conserves = True
+
     def __init__(self, model: Model) -> None:
         self._model = model
         self.breaking = breaking(model.scalar)

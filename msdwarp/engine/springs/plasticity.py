@@ -18,6 +18,8 @@ STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic
 class Plasticity(Effect):
     """Lets springs of a model yield at the start of each substep; see `msdwarp.kernels.springs.plasticity`."""
 
+    conserves = True
+
     def __init__(self, model: Model) -> None:
         self._model = model
         self.piece = yielding(model.dim, model.scalar, model.compensated)

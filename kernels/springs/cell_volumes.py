@@ -1,0 +1,247 @@
+"""Cells that resist a change of their volume: pressures, and their forces on the corners.
+
+A cell of volume V stores W = V₀ w(J), J = V/V₀, and its corner c feels the force −p ∂V/∂x_c with
+
+    p = w'(J) + c V̇/V₀
+
+The faces of solid cells are bilinear; ∂V/∂x_c follows from the six corners around c. Reference: Flanagan and
+Belytschko, A uniform strain hexahedron and quadrilateral with orthogonal hourglass control, Int. J. Numer. Methods
+Eng. 17 (1981) 679-706. Flat cells have the area |d₁ × d₂|/2 of their diagonals.
+
+With d = J − 1, a modulus κ ≥ 0 has w' = κ d. A negative one would let a body collapse by this law, so there
+w' = 2 κ d/(1 + J²) for d ≥ 0 and κ d/(1 + d²) for d < 0: near J = 1 both are κ d, and far from it springs prevail.
+The damper of a negative modulus follows w'', and ends where that changes its sign.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import state_types
+from ..effect import ForceTerm
+from ..records import records
+from .cell_geometry import cell_geometry
+
+
+@functools.cache
+def volume_law(scalar: type):
+    """Compose law(κ, J) -> (w, w', w'', share of damping), as in the module's docstring."""
+
+    @wp.func
+    def law(modulus: scalar, ratio: scalar):
+        one = scalar(1.0)
+        d = ratio - one
+        energy = scalar(0.5) * d * d
+        slope = d
+        curvature = one
+        if modulus < scalar(0.0):
+            if d < scalar(0.0):
+                s = one + d * d
+                energy = scalar(0.5) * wp.log(s)
+                slope = d / s
+                curvature = (one - d * d) / (s * s)
+            else:
+                s = one + ratio * ratio
+                energy = wp.log(scalar(0.5) * s) + scalar(2.0) * (wp.atan(one) - wp.atan(ratio))
+                slope = scalar(2.0) * d / s
+                curvature = scalar(2.0) * (one + scalar(2.0) * ratio - ratio * ratio) / (s * s)
+        return modulus * energy, modulus * slope, modulus * curvature, wp.max(curvature, scalar(0.0))
+
+    return law
+
+
+@functools.cache
+def cell_table(scalar: type):
+    """Compose the struct of the cells of a model."""
+
+    @wp.struct
+    class CellTable:
+        corners: wp.array2d(dtype=int)  # particles, shape [cell_count, 8]; -1 in the last four of flat cells
+        rest_volume: wp.array(dtype=scalar)  # V0 [m³], or [m²], shape [cell_count]
+        modulus: wp.array(dtype=scalar)  # [Pa], or [N/m], shape [cell_count]
+        damping: wp.array(dtype=scalar)  # [Pa s], or [N s/m], shape [cell_count]
+
+    return CellTable
+
+
+@functools.cache
+def cell_volumes(dim: int, scalar: type, compensated: bool) -> ForceTerm:
+    """Return the term of cells: the sum of the forces on a particle that `cell_forces` has computed."""
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+
+    @wp.struct
+    class Corners:
+        first: wp.array(dtype=int)  # row starts of `entry`, shape [particle_count + 1]
+        entry: wp.array(dtype=int)  # entries of `force` on each particle, shape [any]
+        force: wp.array(dtype=V)  # on corner k of cell c at k · cell_count + c [N], of all worlds
+
+    def force(SceneData: Any):
+        @wp.func
+        def sum_over_corners(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
+            total = V()
+            for e in range(scene.cells.first[i], scene.cells.first[i + 1]):
+                total += scene.cells.force[scene.cells.entry[e]]
+            return total
+
+        return sum_over_corners
+
+    return ForceTerm("cells", Corners, force=force, selective=True)
+
+
+@functools.cache
+def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool):
+    """Compose the kernel, over cells of all worlds, of the forces on their corners."""
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    CellTable: Any = cell_table(scalar)
+    Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
+    law, load, corners = volume_law(scalar), records(dim, scalar).load, 8 if solid else 4
+
+    @kernel
+    def find_cell_forces(
+        # Model:
+        cells: CellTable,
+        begin: int,  # the first cell of this launch
+        stride: int,  # from one world to the next, in particles
+        # State in:
+        compensation: Compensation,
+        x: Vectors,  # [m], of all worlds
+        v: Vectors,  # [m/s]
+        # Out:
+        force: wp.array(dtype=V),  # [N], of all worlds, see `cell_volumes`
+    ):
+        count = cells.corners.shape[0]
+        c = (begin + wp.tid()) % count
+        world = (begin + wp.tid()) / count
+        used = wp.static(corners)
+        is_flat = wp.static(not solid)
+        if wp.static(solid and flat):
+            is_flat = cells.corners[c, 7] < 0
+            if is_flat:
+                used = 4
+        origin = world * stride + cells.corners[c, 0]
+        points = Rows()
+        for k in range(wp.static(corners)):
+            if k < used:
+                i = world * stride + cells.corners[c, k]
+                point = load(x, i) - load(x, origin)
+                if wp.static(compensated):
+                    point -= load(compensation.x, i) - load(compensation.x, origin)
+                points[k] = point
+        volume, gradient = geometry(points, is_flat)
+        rest = cells.rest_volume[c]
+        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
+        if wp.static(damped):
+            rate = scalar(0.0)
+            for k in range(wp.static(corners)):
+                if k < used:
+                    rate += wp.dot(load(v, world * stride + cells.corners[c, k]), gradient[k])
+            pressure += cells.damping[c] * share * rate / rest
+        first = world * wp.static(corners) * count + c
+        for k in range(wp.static(corners)):
+            force[first + k * count] = -pressure * gradient[k]
+
+    return find_cell_forces
+
+
+@functools.cache
+def cell_energies(dim: int, scalar: type, solid: bool, flat: bool):
+    """Compose the kernel, over worlds and cells, of the stored energy and dissipated power of each cell."""
+    V, Row = vector(dim, scalar), vector(dim, wp.float64)
+    CellTable: Any = cell_table(scalar)
+    Rows, geometry, _turning = cell_geometry(dim, wp.float64, solid, flat)
+    law, corners = volume_law(wp.float64), 8 if solid else 4
+
+    @kernel
+    def find_cell_energies(
+        # Model:
+        cells: CellTable,
+        stride: int,  # from one world to the next, in particles
+        # State in:
+        x: wp.array(dtype=V),  # [m], of all worlds
+        v: wp.array(dtype=V),  # [m/s]
+        # Out, shape [worlds, cell_count]:
+        energy: wp.array2d(dtype=wp.float64),  # [J]
+        power: wp.array2d(dtype=wp.float64),  # [W]
+    ):
+        w, c = wp.tid()
+        first = w * stride
+        used = wp.static(corners)
+        is_flat = cells.corners[c, 7] < 0
+        if is_flat:
+            used = 4
+        points = Rows()
+        for k in range(wp.static(corners)):
+            if k < used:
+                points[k] = Row(x[first + cells.corners[c, k]])
+        volume, gradient = geometry(points, is_flat)
+        rest = wp.float64(cells.rest_volume[c])
+        density, _pressure, _curvature, share = law(wp.float64(cells.modulus[c]), volume / rest)
+        rate = wp.float64(0.0)
+        for k in range(wp.static(corners)):
+            if k < used:
+                rate += wp.dot(Row(v[first + cells.corners[c, k]]), gradient[k])
+        energy[w, c] = rest * density
+        power[w, c] = wp.float64(cells.damping[c]) * share * rate * rate / rest
+
+    return find_cell_energies
+
+
+@functools.cache
+def cell_blocks(dim: int, scalar: type, solid: bool, flat: bool):
+    """Compose the kernel, over cells, that adds each cell to the blocks of its corners, for the stability bound.
+
+    A cell adds w''/V₀ g gᵀ to K, where g is the gradient of its volume, and w' ∂²V/∂x². With weights s_c that sum
+    to 1, (Σ g_c·u_c)² ≤ Σ (g_c·u_c)²/s_c: so g gᵀ is at most the blocks g_c g_cᵀ/s_c. Weights in proportion to
+    1/m_c make this exact for a cell by itself. The second part is bounded by Gershgorin's row sums. Blocks hold
+    half of both: the bound doubles them.
+    """
+    V, Row = vector(dim, scalar), vector(dim, wp.float64)
+    Block = wp.types.matrix((dim, dim), wp.float64)
+    CellTable: Any = cell_table(scalar)
+    Rows, geometry, turning = cell_geometry(dim, wp.float64, solid, flat)
+    law, corners = volume_law(wp.float64), 8 if solid else 4
+
+    @kernel
+    def add_cell_blocks(
+        # Model:
+        cells: CellTable,
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        # State in:
+        x: wp.array(dtype=V),  # [m], shape [particle_count]
+        # Out:
+        stiffness: wp.array(dtype=Block),  # A_i [N/m], shape [particle_count]
+        damping: wp.array(dtype=Block),  # B_i [N s/m], shape [particle_count]
+    ):
+        c = wp.tid()
+        used = wp.static(corners)
+        is_flat = cells.corners[c, 7] < 0
+        if is_flat:
+            used = 4
+        points = Rows()
+        light = wp.float64(0.0)
+        for k in range(wp.static(corners)):
+            if k < used:
+                i = cells.corners[c, k]
+                points[k] = Row(x[i])
+                light += wp.float64(inverse_mass[i])
+        if light == wp.float64(0.0):
+            return
+        volume, gradient = geometry(points, is_flat)
+        rest = wp.float64(cells.rest_volume[c])
+        _energy, pressure, curvature, share = law(wp.float64(cells.modulus[c]), volume / rest)
+        sums = turning(points, is_flat)
+        for k in range(wp.static(corners)):
+            if k < used:
+                i = cells.corners[c, k]
+                own = wp.float64(inverse_mass[i])
+                if own > wp.float64(0.0):
+                    square = wp.float64(0.5) / rest * light / own * wp.outer(gradient[k], gradient[k])
+                    turned = wp.float64(0.5) * wp.abs(pressure) * sums[k]
+                    along = wp.max(curvature, wp.float64(0.0)) * square
+                    damped = wp.max(wp.float64(cells.damping[c]), wp.float64(0.0)) * share
+                    wp.atomic_add(stiffness, i, along + turned * wp.identity(dim, wp.float64))
+                    wp.atomic_add(damping, i, damped * square)
+
+    return add_cell_blocks
