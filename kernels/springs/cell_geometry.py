@@ -79,6 +79,16 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
         return volume, gradient
 
     @wp.func
+    def flat_turning(p: V, q: V) -> scalar:
+        """Return the sum at an end of the diagonal p of a flat cell, whose other one is q."""
+        result = scalar(1.0)
+        if wp.static(dim == 3):
+            area = wp.length(wp.cross(p, q))  # twice that of the cell
+            if area > scalar(0.0):
+                result += (wp.abs(wp.dot(p, q)) + wp.dot(q, q)) / area
+        return result
+
+    @wp.func
     def turning(points: Rows, is_flat: bool):
         result = Numbers()
         if wp.static(solid):
@@ -94,19 +104,12 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
                     )
         if wp.static(flat):
             if is_flat:
-                for k in range(4):
-                    result[k] = scalar(1.0)
-                if wp.static(dim == 3):
-                    p = points[2] - points[0]
-                    q = points[3] - points[1]
-                    area = scalar(2.0) * wp.length(wp.cross(p, q))  # of the cell, times 4
-                    if area > scalar(0.0):
-                        across = scalar(2.0) * wp.abs(wp.dot(p, q)) / area
-                        for k in range(4):
-                            other = q
-                            if k % 2 == 1:
-                                other = p
-                            result[k] += across + scalar(2.0) * wp.dot(other, other) / area
+                p = points[2] - points[0]
+                q = points[3] - points[1]
+                result[0] = flat_turning(p, q)
+                result[1] = flat_turning(q, p)
+                result[2] = result[0]
+                result[3] = result[1]
         return result
 
     return Rows, geometry, turning
