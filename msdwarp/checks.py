@@ -32,6 +32,10 @@ class FitWarning(UserWarning):
     """The measurements do not determine the fitted values well."""
 
 
+class SettleWarning(UserWarning):
+    """A system has not settled within its tolerance."""
+
+
 class StartWarning(UserWarning):
     """The scene can be simulated, but its starting state probably contains a mistake."""
 

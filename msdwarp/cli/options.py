@@ -145,6 +145,8 @@ class Options(SimulationOptions):
     tolerance: float | None = None
     """Pick integrator, precision and substeps so that the error stays below this fraction of the body's size (see
     `msdwarp tune`)."""
+    settle: Flag = False
+    """Start from static equilibrium: do not wait until the body has come to rest."""
     duration: float | None = None
     """Simulated time [s]. Default: set by the scene."""
     out: Path | None = None

@@ -153,6 +153,8 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         if isinstance(values, np.ndarray):
             yield f"{field.name} {values.shape}".encode()
             yield np.ascontiguousarray(stored(values) if values.ndim == 1 else values).tobytes()
+    if scene.settled:
+        yield b"settled"
     if (cells := scene.system.cells) is not None:
         yield from (np.ascontiguousarray(getattr(cells, field.name)).tobytes() for field in fields(cells))
     constant = np.asarray(with_potential(scene.gravity), dtype=float).tolist()

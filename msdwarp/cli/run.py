@@ -49,6 +49,8 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
         check_names(origin.name, options.out or Path())
     with at_once():  # compiles kernels, which takes a while
         simulation = simulation_by(scene, options)
+    if simulation.start is not None:
+        talk.print(str(simulation.start), highlight=False)
     wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder or bool(scene.probes)
     # Report an invalid log or folder before anything is created.
     tentative = wanted_folder(origin.name, options.out, options.force) if wanted else None
@@ -91,6 +93,7 @@ def method_of(options: Options) -> dict[str, Any]:
 def simulation_by(scene: Scene, options: Options) -> Simulation:
     """Return the simulation of a scene with some options."""
     more: Any = {"threads": options.threads, "contact_forces": options.sums_contact}
+    scene = replace(scene, settled=True) if options.settle else scene
     return Simulation.from_scene(scene, **method_of(options), **more)
 
 

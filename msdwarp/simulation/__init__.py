@@ -8,4 +8,5 @@ from .divergence_error import SimulationDiverged as SimulationDiverged
 from .ensemble import Ensemble as Ensemble
 from .ensemble_results import ENERGIES as ENERGIES, GroupMean as GroupMean, observations as observations
 from .readback import Readback as Readback
+from .settling import Settled as Settled
 from .simulation import Simulation as Simulation

@@ -1,5 +1,6 @@
 """Changing: changes of a simulation between two frames."""
 
+import warnings
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,6 +26,7 @@ from ..world import (
     with_contact,
 )
 from .properties import PresentWorld
+from .settling import Settled, settled
 from .substep_controller import StepController
 
 
@@ -36,6 +38,7 @@ class Changing(PresentWorld):
     _active_loads: tuple[Load, ...]
     """The current loads, as given."""
     _step_controller: StepController | None
+    _threads: int | str
     _due: list[Change]
     """Scheduled changes that have not been made yet."""
 
@@ -142,6 +145,53 @@ class Changing(PresentWorld):
         if contact is None and not any(isinstance(one, Contact) for one in given):
             contact = tuple(one for one in self._active_loads if isinstance(one, Contact))
         self._replace_loads(given if contact is None else with_contact(given, contact))
+
+    @in_turn
+    def settle(self, tolerance: float | None = None, *, substeps: int = 200_000) -> Settled:
+        """Lead the system to static equilibrium, where it stays at rest; the time does not change.
+
+        Fast inertial relaxation (FIRE; see `msdwarp.kernels.integrators.fire`) finds a minimum of the energy under
+        the present loads, contact and obstacles, many times faster than motion dies away. Functions of time act as
+        they do now. Velocities are 0 afterwards. Where friction or several minima leave a choice, the
+        equilibrium is the one that is reached first. Automatic substeps are chosen again.
+
+        Parameters
+        ----------
+        tolerance
+            Largest force that may be left on a free particle [N]. By default a thousandth of the mean weight of a
+            particle, or without gravity 1e-4 of the largest force at the start.
+        substeps
+            Substeps after which it ends in any case.
+
+        Returns
+        -------
+        found
+            The force that is left, the tolerance, the number of substeps, and whether it has `converged`.
+
+        Warns
+        -----
+        SettleWarning
+            If the force that is left is above the tolerance.
+
+        Raises
+        ------
+        ValueError
+            If an argument is out of range, or the system has no springs.
+        SimulationDiverged
+            If a number is no longer finite. Nothing changes then, in this case as in the others.
+        """
+        system, found = settled(
+            self.snapshot(),
+            self._surroundings,
+            tolerance=tolerance,
+            most=substeps,
+            threads=self._threads,
+            time=self.time,
+        )
+        if not found.converged:
+            warnings.warn(str(found), checks.SettleWarning, stacklevel=4)
+        self._reload(system, {})
+        return found
 
     def _apply(self, change: Change) -> None:
         """Make a change of the system, gravity or loads."""

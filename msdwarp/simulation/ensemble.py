@@ -124,6 +124,8 @@ class Ensemble(Present):
                 f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
             )
         self._observe = scene.observe if isinstance(scene, Scene) else {}
+        if isinstance(scene, Scene) and scene.settled:
+            raise ValueError("scene has settled=True, which an ensemble cannot do yet; it must be False")
         given = dict(zip(SYSTEM_FIELDS, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
         alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
         self._base = system.replace(**alike)

@@ -40,6 +40,7 @@ from .arguments import frame_count, in_order
 from .changing import Changing, check_supports_contact
 from .divergence_error import SimulationDiverged, describe
 from .readings import Readings
+from .settling import Settled
 from .stepping import Stepping
 from .substep_controller import StepControlFailed, StepController
 
@@ -117,6 +118,9 @@ class Simulation(Changing):
         If a particle starts deep in an obstacle, or so far from the origin that float32 rounds strains.
     """
 
+    start: Settled | None = None
+    """How the scene settled before the start; None if it did not have to."""
+
     @in_turn
     def __init__(
         self,
@@ -182,7 +186,12 @@ class Simulation(Changing):
         """
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
         names = ("gravity", "colliders", "loads", "contact", "schedule", "probes")
-        return cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
+        simulation = cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
+        if scene.settled:
+            simulation.start = simulation.settle()
+            simulation._initial = simulation.system
+            simulation.reset()
+        return simulation
 
     def __reduce__(self) -> NoReturn:
         """Refuse copies and pickles: memory and graphs of the device cannot be copied."""

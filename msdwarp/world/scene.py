@@ -56,6 +56,8 @@ class Scene:
         Quantities to observe, by name: functions of positions and velocities, of shape [worlds, particle_count, d]
         each, that return an array with the worlds along its first axis. `Ensemble.run` observes them,
         `msdwarp run` prints them at the end, `msdwarp sweep` stores them.
+    settled
+        Whether a simulation starts from static equilibrium under the loads at the start: see `Simulation.settle`.
 
     Raises
     ------
@@ -74,6 +76,7 @@ class Scene:
     schedule: Sequence[Change] = ()
     probes: Mapping[str, Probe] = field(default_factory=dict)
     observe: Mapping[str, Observed] = field(default_factory=dict)
+    settled: bool = False
 
     def __post_init__(self) -> None:
         checks.instance("system", self.system, System, "chain(5)")
@@ -94,6 +97,7 @@ class Scene:
         bound(self.loads, self.system)
         gravity_at(self.gravity, np.zeros(1), dim)
         checks.positive("duration", self.duration)
+        checks.one_of("settled", self.settled, (False, True))
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
         object.__setattr__(self, "looks", self._checked_looks())
         object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders, self.loads))

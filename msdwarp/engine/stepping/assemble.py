@@ -47,6 +47,7 @@ from ..springs.cell_volumes import CellVolumes
 from ..springs.extra_springs import ExtraSprings
 from ..springs.fracture import Fracture
 from ..springs.plasticity import Plasticity
+from .fire import Fire
 
 COLLIDER_RULES = ("coulomb", "report")
 
@@ -64,6 +65,8 @@ class Surroundings(NamedTuple):
     """Probes by name."""
     contact_forces: bool = False
     """Whether the contact force on each particle is requested."""
+    settles: bool = False
+    """Whether the system is led to equilibrium."""
 
     def asks_for(self, *quantities: str) -> bool:
         """Return whether a probe measures one of these quantities, or all contact forces are requested."""
@@ -145,6 +148,7 @@ class Assembly:
         self.all += [planes] if planes is not None else []
         self.external_work = self._work()
         self.all += [self.external_work] if self.external_work is not None else []
+        self.all += [Fire(model)] if around.settles else []  # after all that changes velocities
 
     def _one_of(self, kind: type) -> Any:
         """Return the effect of a kind, or None."""
@@ -200,6 +204,7 @@ def assemble(
     loads: Sequence[Load] = (),
     probes: Mapping[str, Probe] | None = None,
     contact_forces: bool = False,
+    settles: bool = False,
     **options: Any,
 ) -> Assembly:
     """Return a system on a device with its effects.
@@ -212,7 +217,8 @@ def assemble(
     loads = bound(loads, system)
     model = Model(system, gravity=gravity, driven=driven_particles(loads, system), **options)
     measured = checked_probes(probes or {}, system, colliders, loads)
-    return Assembly(model, Surroundings(tuple(colliders), collider_rule, loads, measured, contact_forces))
+    around = Surroundings(tuple(colliders), collider_rule, loads, measured, contact_forces, settles)
+    return Assembly(model, around)
 
 
 def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> Assembly:

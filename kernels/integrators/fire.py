@@ -1,0 +1,135 @@
+"""FIRE (fast inertial relaxation engine): leads a body to a minimum of its energy.
+
+After each substep, with the acceleration a that it has had and |·| weighted by mass, velocities become
+
+    v ← (1 − α) v + α |v| a/|a|  if a·v > 0, and 0 otherwise,
+
+and positions follow, as if the substep had ended with these velocities.
+
+α falls from 0.1 by 1 % a substep while a·v > 0 has lasted for more than five, and is 0.1 again after a stop. The
+substep h is constant, about as long as is stable. The factor α |v|/|a| of a makes springs stiffer in effect. It is
+therefore at most h: so all is stable if h² λ < 2 for the fastest mode.
+Reference: Bitzek, Koskinen, Gähler, Moseler and Gumbsch, Structural relaxation made simple, Phys. Rev. Lett. 97
+(2006) 170201.
+"""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+from ..compensation import state_types
+from ..records import records
+
+SHARES = 256
+"""Threads that sum over a body on a GPU."""
+POWER, SPEED, ACCELERATION, RESIDUAL = 0, 1, 2, 3
+"""Rows of the sums: Σ m a·v, Σ m v², Σ m a², and the largest m |a|."""
+ROWS = 4
+KEPT, TOWARDS, MIXING, LASTING, LARGEST_FORCE, STRONGEST = 0, 1, 2, 3, 4, 5
+"""Columns of the decision: factors of v and of a, α, for how many substeps a·v > 0 has lasted, the largest force
+on a particle [N], and the largest of these so far."""
+COLUMNS = 6
+MIXING_AT_START, MIXING_FALLS, LASTS = 0.1, 0.99, 5.0
+
+
+@functools.cache
+def fire_sums(dim: int, scalar: type):
+    """Compose the kernel, over SHARES threads or one, that sums over particles."""
+    _, Vectors, _ = state_types(dim, scalar, False)
+    load = records(dim, scalar).load
+
+    @kernel
+    def sum_power(
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        before: Vectors,  # velocities at a substep's start [m/s]
+        after: Vectors,  # and at its end
+        dt: scalar,  # [s]
+        # Out:
+        sums: wp.array2d(dtype=wp.float64),  # shape [ROWS, threads]
+    ):
+        share = wp.tid()
+        power = wp.float64(0.0)
+        speed = wp.float64(0.0)
+        acceleration = wp.float64(0.0)
+        residual = wp.float64(0.0)
+        i = share
+        while i < inverse_mass.shape[0]:
+            if inverse_mass[i] > scalar(0.0):
+                m = wp.float64(1.0) / wp.float64(inverse_mass[i])
+                v = load(after, i)
+                a = (v - load(before, i)) / dt
+                square = wp.float64(wp.dot(a, a))
+                power += m * wp.float64(wp.dot(a, v))
+                speed += m * wp.float64(wp.dot(v, v))
+                acceleration += m * square
+                residual = wp.max(residual, m * wp.sqrt(square))
+            i += sums.shape[1]
+        sums[wp.static(POWER), share] = power
+        sums[wp.static(SPEED), share] = speed
+        sums[wp.static(ACCELERATION), share] = acceleration
+        sums[wp.static(RESIDUAL), share] = residual
+
+    return sum_power
+
+
+@kernel
+def fire_decision(
+    sums: wp.array2d(dtype=wp.float64),  # shape [ROWS, threads], a block of so many threads
+    dt: wp.float64,  # [s]
+    # In and out:
+    decision: wp.array(dtype=wp.float64),  # shape [COLUMNS]
+):
+    """Decide how velocities are mixed."""
+    share = wp.tid()
+    own = wp.float64(sums[wp.static(POWER), share])
+    power = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
+    own = wp.float64(sums[wp.static(SPEED), share])
+    speed = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
+    own = wp.float64(sums[wp.static(ACCELERATION), share])
+    acceleration = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
+    own = wp.float64(sums[wp.static(RESIDUAL), share])
+    residual = wp.tile_extract(wp.tile_max(wp.tile(own)), 0)
+    if share == 0:
+        decision[wp.static(LARGEST_FORCE)] = residual
+        decision[wp.static(STRONGEST)] = wp.max(decision[wp.static(STRONGEST)], residual)
+        if power > wp.float64(0.0) and acceleration > wp.float64(0.0):
+            mixing = decision[wp.static(MIXING)]
+            decision[wp.static(KEPT)] = wp.float64(1.0) - mixing
+            decision[wp.static(TOWARDS)] = wp.min(mixing * wp.sqrt(speed / acceleration), dt)
+            lasting = decision[wp.static(LASTING)] + wp.float64(1.0)
+            decision[wp.static(LASTING)] = lasting
+            if lasting > wp.float64(wp.static(LASTS)):
+                decision[wp.static(MIXING)] = wp.float64(wp.static(MIXING_FALLS)) * mixing
+        else:
+            decision[wp.static(KEPT)] = wp.float64(0.0)
+            decision[wp.static(TOWARDS)] = wp.float64(0.0)
+            decision[wp.static(LASTING)] = wp.float64(0.0)
+            decision[wp.static(MIXING)] = wp.float64(wp.static(MIXING_AT_START))
+
+
+@functools.cache
+def fire_mixing(dim: int, scalar: type):
+    """Compose the kernel, over particles, that mixes velocities with accelerations, and moves them on."""
+    _, Vectors, _ = state_types(dim, scalar, False)
+    load, store, _ = records(dim, scalar)
+
+    @kernel
+    def mix_velocities(
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        before: Vectors,  # velocities at a substep's start [m/s]
+        dt: scalar,  # [s]
+        decision: wp.array(dtype=wp.float64),  # shape [COLUMNS]
+        # In and out:
+        x: Vectors,  # positions at its end [m]
+        after: Vectors,  # velocities at its end
+    ):
+        i = wp.tid()
+        if inverse_mass[i] > scalar(0.0):
+            v = load(after, i)
+            a = (v - load(before, i)) / dt
+            mixed = scalar(decision[wp.static(KEPT)]) * v + scalar(decision[wp.static(TOWARDS)]) * a
+            store(after, i, mixed)
+            store(x, i, load(x, i) + dt * (mixed - v))
+
+    return mix_velocities

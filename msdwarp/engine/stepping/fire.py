@@ -1,0 +1,67 @@
+"""Fire: leads a body to a minimum of its energy, by velocities that it changes after each substep."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ...kernels.integrators import fire
+from ..device.launcher import Launcher
+from ..model.effect import Effect
+from ..model.model import Model
+from ..model.state import Instant
+
+
+class Fire(Effect):
+    """Changes velocities after each substep as `msdwarp.kernels.integrators.fire` says."""
+
+    piece = None
+
+    def __init__(self, model: Model) -> None:
+        self._model, device = model, model.device
+        shares = fire.SHARES if device.is_cuda else 1
+        self._sums = wp.zeros((fire.ROWS, shares), dtype=wp.float64, device=device)
+        self._decision = wp.zeros(fire.COLUMNS, dtype=wp.float64, device=device)
+        start = np.zeros(fire.COLUMNS)
+        start[fire.MIXING] = fire.MIXING_AT_START
+        self._decision.assign(start)
+        self._partition: Launcher | None = None
+
+    @property
+    def largest_force(self) -> float:
+        """The largest force on a free particle at the start of the last substep [N]."""
+        return float(self._decision.numpy()[fire.LARGEST_FORCE])
+
+    @property
+    def strongest_force(self) -> float:
+        """The largest force on a free particle so far [N]."""
+        return float(self._decision.numpy()[fire.STRONGEST])
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """What has been decided."""
+        return [self._decision]
+
+    def use_partition(self, partition: Launcher | None) -> None:
+        """Let the first thread of a launcher do all."""
+        self._partition = partition
+
+    def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
+        """Launch nothing; but so each substep is launched by itself."""
+
+    def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
+        """Launch the sums, the decision and the change of velocities."""
+        if self._partition is not None and self._partition.is_recording:
+            self._partition.launch_parts(lambda part, _: self._launch(before, after) if part == 0 else None)
+        else:
+            self._launch(before, after)
+
+    def _launch(self, before: Instant, after: Instant) -> None:
+        model, device, dt = self._model, self._model.device, self.steps.dt
+        kinds, shares = (model.dim, model.scalar), self._sums.shape[1]
+        inputs = [model.inverse_mass, before.v, after.v, dt]
+        wp.launch(fire.fire_sums(*kinds), shares, inputs, [self._sums], device=device)
+        inputs = [self._sums, dt]
+        wp.launch(fire.fire_decision, shares, inputs, [self._decision], device=device, block_dim=shares)
+        inputs = [model.inverse_mass, before.v, dt, self._decision]
+        wp.launch(fire.fire_mixing(*kinds), model.particle_count, inputs, [after.x, after.v], device=device)

@@ -1,0 +1,117 @@
+"""Settling: leads a system to static equilibrium by FIRE, instead of waiting until its motion has died away."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import checks
+from ..bodies import LINEAR, System
+from ..engine import Dynamics, Fire, assemble, rate_bounds, starting_state, threads_for, weight
+from ..integrators import SymplecticEuler, choose_stable
+from ..runtime import in_turn
+from .divergence_error import SimulationDiverged
+from .stepping import Stepping
+
+SUBSTEPS = 64
+"""Substeps of a frame at the start: between two frames the residual force is read."""
+SHARE_OF_WEIGHT = 1e-3
+"""The tolerance that is used if none is given, as a share of the mean weight of a particle."""
+SHARE_OF_START = 1e-4
+"""The same without gravity, as a share of the largest force in the first frame."""
+SAFETY = 0.6
+"""Share of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`."""
+REFRESH = 8
+"""Frames after which the stable substep is computed again."""
+NEAR = 0.9
+"""A number of substeps of at least this share of the current one changes nothing."""
+
+
+class Settled(NamedTuple):
+    """How a system has settled."""
+
+    residual: float
+    """The largest force that is left on a free particle [N]."""
+    tolerance: float
+    """The largest that was wanted [N]."""
+    substeps: int
+    """Substeps of FIRE."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the residual force is within the tolerance."""
+        return self.residual <= self.tolerance
+
+    def __str__(self) -> str:
+        """Describe it in a line."""
+        within = "within" if self.converged else "above"
+        return (
+            f"settled in {self.substeps} substeps: the largest force left is {self.residual:.3g} N, {within} the "
+            f"tolerance of {self.tolerance:.3g} N"
+        )
+
+
+@in_turn
+def settled(
+    system: System,
+    surroundings: Mapping[str, Any],
+    *,
+    tolerance: float | None,
+    most: int,
+    threads: int | str,
+    time: float,
+) -> tuple[System, Settled]:
+    """Return a system in equilibrium under the loads of a `time` [s], at rest, and how it has settled.
+
+    `surroundings` are arguments of `assemble`. It is led there in float64 and without dampers, which change no
+    equilibrium, in at most this many substeps. See `Simulation.settle`.
+    """
+    tolerance = None if tolerance is None else checks.positive("tolerance", tolerance)
+    most = checks.count("substeps", most, 1)
+    cells = None if system.cells is None else system.cells.scaled(1.0, 0.0)
+    still = np.zeros_like(system.velocity)
+    undamped = system.replace(velocity=still, damping=0.0, damper=LINEAR, cells=cells)
+    assembly = assemble(undamped, **{**surroundings, "precision": "float64", "probes": {}}, settles=True)
+    fire = next(one for one in assembly.all if isinstance(one, Fire))
+    method = SymplecticEuler()
+    state = starting_state(undamped, assembly, method.method_state, time, 1.0)
+    rates = rate_bounds(undamped, assembly, state)
+    limit = method.stable_step(rates)
+    if not math.isfinite(limit):
+        raise ValueError("the system has no springs that hold a free particle; it must have some to settle")
+    fps = 1.0 / (SUBSTEPS * SAFETY * limit)
+    stepping = Stepping(
+        Dynamics(assembly, threads=threads_for(assembly, threads)),
+        state,
+        method,
+        [choose_stable(rates, method, fps, safety=SAFETY)],
+        energy_limit=math.inf,
+        blocks=None,
+        time=time,
+    )
+    taken = frame = 0
+    residual = math.inf
+    while taken < most and (tolerance is None or residual > tolerance):
+        if not stepping.advance(time):
+            found = stepping.locate_divergence()
+            raise SimulationDiverged(
+                f"settling diverged in substep {taken + found.substep}, at particle {found.particle}: a number is "
+                "no longer finite",
+                time=time,
+                substep=found.substep,
+                particle=found.particle,
+            )
+        taken, frame, residual = taken + stepping.choice.substeps, frame + 1, fire.largest_force
+        if tolerance is None:
+            free = int(np.isfinite(assembly.model.mass).sum())
+            fall = SHARE_OF_WEIGHT * weight(assembly.model) / max(free, 1)
+            tolerance = fall if fall > 0.0 else SHARE_OF_START * fire.strongest_force
+        if frame % REFRESH == 0:
+            choice = choose_stable(rate_bounds(undamped, assembly, stepping.state), method, fps, safety=SAFETY)
+            if not NEAR * stepping.choice.substeps <= choice.substeps <= stepping.choice.substeps:
+                stepping = stepping.with_choice(choice)
+    assert tolerance is not None
+    changed = stepping.changed_fields()
+    result = system.replace(position=stepping.frame(time).position, velocity=still, **changed)
+    return result, Settled(residual, tolerance, taken)

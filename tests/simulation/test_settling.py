@@ -1,0 +1,147 @@
+"""Settling: the equilibrium is that of SciPy, of waiting, and of closed forms; what does not settle is told."""
+
+import numpy as np
+import pytest
+import volumes
+from problems import forces
+from statics import equilibrium
+
+from msdwarp import (
+    Contact,
+    Force,
+    Material,
+    Plane,
+    Scene,
+    Simulation,
+    Sphere,
+    System,
+    at,
+    box,
+    chain,
+    checks,
+    sheet,
+)
+
+G = 9.82
+SOFT = Material(density=1000.0, youngs_modulus=1e5, damping_ratio=0.1)
+
+
+def hung_cloth() -> System:
+    return sheet((9, 9), 0.05, mass=0.001, stiffness=40.0, damping=0.01).pin([0, 8])
+
+
+def cantilever(ratio: float | None = None) -> System:
+    material = Material(density=1000.0, youngs_modulus=1e6, damping_ratio=0.1, poissons_ratio=ratio)
+    system = box((13, 4, 4), 0.1, material=material)
+    return system.pin(system.position[:, 0] < system.position[:, 0].min() + 0.01)
+
+
+def weight(system: System) -> np.ndarray:
+    return np.where(system.pinned, 0.0, system.mass)[:, None] * (0.0, 0.0, -G)
+
+
+def held_cloth() -> System:
+    """Return a cloth that is held at its rim: its equilibrium is the only one, as all of it is stretched."""
+    system = sheet((9, 9), 0.05, mass=0.001, stiffness=40.0)
+    return system.pin((np.abs(system.position[:, :2]) > 0.19).any(axis=1))
+
+
+@pytest.mark.parametrize("system", [held_cloth(), cantilever()], ids=["cloth", "cantilever"])
+def test_the_equilibrium_is_that_of_scipy(plain_device, system):
+    simulation = Simulation(system, device=plain_device, precision="float64")
+    found = simulation.settle(1e-7)
+    assert found.converged
+    assert found.residual <= found.tolerance == 1e-7
+    expected = equilibrium(system, weight(system), residual=1e-7)
+    # Forces of 1e-7 N on each particle, against the softest modes: of 0.1 N/m in the cloth, 10 in the cantilever.
+    np.testing.assert_allclose(simulation.frame().position, expected, rtol=0, atol=1e-5)
+    assert simulation.time == 0.0
+    assert not simulation.frame().velocity.any()
+    left = forces(system, simulation.frame().position, np.zeros_like(expected)) + weight(system)
+    assert np.linalg.norm(left[~system.pinned], axis=1).max() < 2e-7  # by one more substep
+
+
+def test_a_chain_hangs_in_the_shape_of_its_forces(device):
+    # Each link carries the weight below it on one side: a constant horizontal pull, and a vertical one that grows
+    # by the weight of a particle from link to link.
+    system = chain(31, 0.1, mass=0.01, stiffness=1e4).pin([0, 30])
+    system = system.replace(position=system.position * (0.8, 1, 1), rest_length=0.1)
+    simulation = Simulation(system, device=device, precision="float64")
+    simulation.settle(1e-8)
+    links = np.diff(simulation.frame().position, axis=0)
+    length = np.linalg.norm(links, axis=1)
+    pull = (1e4 * (length - 0.1) / length)[:, None] * links
+    np.testing.assert_allclose(pull[:, 0], pull[0, 0], rtol=1e-5)
+    np.testing.assert_allclose(np.diff(pull[:, 2]), 0.01 * G, rtol=1e-5)
+
+
+def test_what_settles_stays(plain_device):
+    resting = box((4, 4, 4), 0.1, material=SOFT)
+    pulls = [Force((0, 0, -1.0), on=[0]), Force((0, 0, 1.0), on=[63])]
+    scenes = {
+        "on a floor": Simulation(resting.translate((0, 0, 0.2)), colliders=[Plane()], device=plain_device),
+        "over a ball": Simulation(
+            hung_cloth().translate((0, 0, 0.3)), colliders=[Sphere((0, 0, 0.1), 0.15)], device=plain_device
+        ),
+        "rubber": Simulation(cantilever(0.45), device=plain_device),
+        "pulled": Simulation(resting, gravity=0.0, loads=pulls, device=plain_device),
+    }
+    for name, simulation in scenes.items():
+        assert simulation.settle().converged, name
+        before = simulation.frame().position
+        simulation.step(30)
+        assert np.abs(simulation.frame().position - before).max() < 2e-3, name
+
+
+@pytest.mark.slow  # contact
+def test_a_stack_settles_in_contact(plain_device):
+    body = box((4, 4, 4), 0.1, material=SOFT)
+    stack = body.translate((0, 0, 0.16)) + body.translate((0.05, 0, 0.48))
+    simulation = Simulation(stack, colliders=[Plane()], contact=Contact(), device=plain_device)
+    assert simulation.settle().converged
+    before = simulation.frame().position
+    simulation.step(60)
+    assert np.abs(simulation.frame().position - before).max() < 2e-3
+
+
+def test_cells_are_in_equilibrium_too(plain_device):
+    system = cantilever(0.45)
+    simulation = Simulation(system, device=plain_device, precision="float64")
+    simulation.settle(1e-6)
+    x, still = simulation.frame().position, np.zeros_like(system.position)
+    left = forces(system, x, still) + volumes.forces(system, x, still) + weight(system)
+    assert np.linalg.norm(left[~system.pinned], axis=1).max() < 2e-6
+    assert np.linalg.norm(volumes.forces(system, x, still), axis=1).max() > 1.0
+
+
+def test_a_run_goes_on_from_the_equilibrium():
+    simulation = Simulation(hung_cloth(), device="cpu", schedule=[at(0.2, gravity=0.0)])
+    simulation.step(6)
+    simulation.settle()
+    assert simulation.time == pytest.approx(0.1)
+    simulation.step(12)
+    assert simulation.measure().kinetic_energy > 1e-6  # without gravity it contracts
+    simulation.reset()
+    np.testing.assert_allclose(simulation.frame().position, hung_cloth().position, atol=1e-7)
+
+
+def test_a_scene_can_start_settled():
+    scene = Scene(system=hung_cloth(), settled=True)
+    simulation = Simulation.from_scene(scene, device="cpu")
+    lowest = simulation.frame().position[:, 2].min()
+    assert lowest < -0.3
+    simulation.step(5)
+    simulation.reset()
+    assert simulation.frame().position[:, 2].min() == lowest
+
+
+def test_what_does_not_settle_is_told():
+    simulation = Simulation(hung_cloth(), device="cpu")
+    with pytest.warns(checks.SettleWarning, match=r"the largest force left is .* N, above the tolerance"):
+        found = simulation.settle(substeps=100)
+    assert not found.converged
+    for wrong, said in (({"tolerance": 0.0}, "tolerance is 0"), ({"substeps": 0}, "substeps is 0")):
+        with pytest.raises(ValueError, match=said):
+            simulation.settle(**wrong)
+    with pytest.raises(ValueError, match="no springs"):
+        Simulation(System(position=np.eye(3)), device="cpu").settle()
