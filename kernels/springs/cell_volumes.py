@@ -92,7 +92,7 @@ def cell_volumes(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool):
-    """Compose the kernel, over cells of all worlds, of the forces on their corners."""
+    """Compose the kernel, over worlds and cells, of the forces on the corners of cells."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
     Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
@@ -102,7 +102,7 @@ def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bo
     def find_cell_forces(
         # Model:
         cells: CellTable,
-        begin: int,  # the first cell of this launch
+        begin: int,  # first cell of this launch
         stride: int,  # from one world to the next, in particles
         # State in:
         compensation: Compensation,
@@ -111,9 +111,9 @@ def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bo
         # Out:
         force: wp.array(dtype=V),  # [N], of all worlds, see `cell_volumes`
     ):
+        world, c = wp.tid()
+        c += begin
         count = cells.corners.shape[0]
-        c = (begin + wp.tid()) % count
-        world = (begin + wp.tid()) / count
         used = wp.static(corners)
         is_flat = wp.static(not solid)
         if wp.static(solid and flat):

@@ -63,12 +63,12 @@ class CellVolumes(Effect):
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the kernel of the forces on corners, for positions x and velocities v."""
-        total = self._model.worlds * self._count
 
         def launch(part: int, parts: int) -> None:
-            begin, end = part * total // parts, (part + 1) * total // parts
+            begin, end = part * self._count // parts, (part + 1) * self._count // parts
             inputs = [self._table, begin, self._model.stride, compensation, x, v]
-            wp.launch(self._forces, end - begin, inputs, [self.data.force], device=self._model.device)
+            threads = self._model.worlds, end - begin
+            wp.launch(self._forces, threads, inputs, [self.data.force], device=self._model.device)
 
         if self._partition is not None and self._partition.is_recording:
             self._partition.launch_parts(launch)
