@@ -42,11 +42,16 @@ if _typing.TYPE_CHECKING:
         STEEL_WIRE as STEEL_WIRE,
         Cells as Cells,
         CoulombDamper as CoulombDamper,
+        ExponentialSpring as ExponentialSpring,
         Frame as Frame,
+        LimitedSpring as LimitedSpring,
         Material as Material,
+        OwnSpring as OwnSpring,
+        PolynomialSpring as PolynomialSpring,
         QuadraticDamper as QuadraticDamper,
         Surface as Surface,
         System as System,
+        TensionOnlySpring as TensionOnlySpring,
         space_filling_order as space_filling_order,
     )
     from .checks import (
@@ -83,6 +88,7 @@ if _typing.TYPE_CHECKING:
         lattice as lattice,
         sheet as sheet,
         shell as shell,
+        viscoelastic as viscoelastic,
     )
     from .simulation import (
         Ensemble as Ensemble,
@@ -115,8 +121,10 @@ __version__ = "0.1.0"
 
 # The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
-    "bodies": "COTTON FOAM JELLY RUBBER STEEL_WIRE Cells CoulombDamper Frame Material QuadraticDamper Surface "
-    "System space_filling_order",
+    "bodies": (
+        "COTTON FOAM JELLY RUBBER STEEL_WIRE Cells CoulombDamper ExponentialSpring Frame LimitedSpring Material "
+        "OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring space_filling_order"
+    ),
     "checks": "EnergyDriftWarning FitWarning StartWarning",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
@@ -126,7 +134,7 @@ _ROOMS = {
     ),
     "live": "View show view",
     "pictures": "Renderer ColourScale",
-    "shapes": "ball box chain cloth cone cylinder from_mesh icosphere join lattice sheet shell",
+    "shapes": "ball box chain cloth cone cylinder from_mesh icosphere join lattice sheet shell viscoelastic",
     "simulation": "Ensemble GroupMean Simulation SimulationDiverged",
     "studies": "FitResult TrackedPoints fit sweep",
     "world": (

@@ -165,6 +165,31 @@ def test_the_scoop_sags_over_the_rim_and_keeps_its_shape():
 
 
 @pytest.mark.slow
+def test_rubber_bulges_in_the_press_and_cork_does_not():
+    scene = build("press", across=6)
+    frames = simulate(scene, scene.duration)
+    groups = scene.system.groups
+    width = {}
+    for name in ("rubber", "cork"):
+        middle = np.abs(scene.system.position[groups[name], 2] - 0.35) < 0.05
+        width[name] = [np.ptp(frame.position[groups[name]][middle, 1]) for frame in frames]
+    squeezed = 60 * 2 - 1
+    height = np.ptp(frames[squeezed].position[groups["rubber"], 2])
+    assert height == pytest.approx(2 / 3 * 0.5, rel=0.02)
+    # A free bar of rubber becomes 1/√(2/3) = 1.22 times as wide; the plates hold its ends.
+    assert 1.15 < width["rubber"][squeezed] / 0.5 < 1.35
+    assert width["cork"][squeezed] / 0.5 < 1.06
+    cells = scene.system.cells
+    ratio = cells.volumes(frames[squeezed].position) / cells.rest_volume
+    assert 0.85 < ratio[: len(ratio) // 2].mean() < 1.0  # rubber
+    assert ratio.min() > 0.3  # nothing is inside out
+    # Afterwards both are what they were: cubes, at rest.
+    for group in groups.values():
+        np.testing.assert_allclose(np.ptp(frames[-1].position[group], axis=0), 0.5, atol=0.02)
+    assert np.abs(frames[-1].velocity).max() < 0.02
+
+
+@pytest.mark.slow
 def test_the_jelly_wobbles_and_sags_when_it_is_warm():
     scene = build("jelly")
     frames = simulate(scene, scene.duration)

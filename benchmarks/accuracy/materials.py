@@ -18,6 +18,7 @@ import warnings
 from typing import Any
 
 import numpy as np
+from scipy.sparse.linalg import splu
 
 from msdwarp import Force, Material, Simulation, System, box
 
@@ -137,7 +138,9 @@ def finite_elements(ratio: float, cells: int) -> float:
     for k in range(3):  # planes of symmetry
         held.append(basis.get_dofs(lambda x, k=k: np.isclose(x[k], 0.0)).all(f"u^{k + 1}"))
     u[plate.all("u^3")] = -0.5
-    u = solve(*condense(stiffness, x=u, D=np.unique(np.concatenate(held))))
+    how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    condensed = condense(stiffness, x=u, D=np.unique(np.concatenate(held)))
+    u = solve(*condensed, solver=lambda matrix, load: splu(matrix.tocsc(), **how).solve(load))
     return float(8 * u @ (stiffness @ u))
 
 

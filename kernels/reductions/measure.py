@@ -9,7 +9,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from ..springs import Law, damper_force
+from ..springs import LINEAR, Laws, damper_force, spring_energy
 from .columns import COLUMNS, LOOKED, MAXIMA, NONE
 
 SUMMING_BLOCKS = (32, 256)
@@ -111,7 +111,7 @@ def sum_up(
     in_worlds: bool,
     everything: bool,
     compensated: bool,
-    law: Law,
+    laws: Laws,
     tears: bool,
     chosen: bool,
     block: int,
@@ -123,7 +123,9 @@ def sum_up(
     damping are broken, and their strain does not count. With `chosen` true only chosen connections' strain counts.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
-    resistance = damper_force(wp.float64, law)
+    resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
+    energy = None if spring_law is None else spring_energy(spring_law)
+    slack = spring_law == ("tension",)
     column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
     add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 
@@ -224,7 +226,13 @@ def sum_up(
                     closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
                 length = wp.length(dx)
                 stretch = length - rest
-                elastic += wp.float64(0.5) * spring * stretch * stretch
+                if wp.static(spring_law is None):
+                    elastic += wp.float64(0.5) * spring * stretch * stretch
+                else:
+                    elastic += spring * rest * rest * energy(stretch / rest)
+                    if wp.static(slack):
+                        if stretch < wp.float64(0.0):
+                            damper = wp.float64(0.0)
                 if length > wp.float64(0.0):
                     rate = closing / length
                     dissipated += resistance(rate, damper) * rate

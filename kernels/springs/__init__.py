@@ -14,7 +14,7 @@ from .cell_volumes import (
     cell_volumes as cell_volumes,
 )
 from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS
-from .dampers import Law as Law, damper_force as damper_force
+from .dampers import LINEAR as LINEAR, Law as Law, damper_force as damper_force
 from .extra_springs import tie_force as tie_force
 from .force_algorithm import ForceAlgorithm as ForceAlgorithm
 from .fracture import NO_SUBSTEP as NO_SUBSTEP, breaking as breaking, leave_out_broken as leave_out_broken
@@ -29,4 +29,5 @@ from .lanes import (
 from .linearised import add_blocks as add_blocks
 from .plasticity import yielding as yielding
 from .scatter import scatter as scatter
+from .spring_laws import Laws as Laws, spring_energy as spring_energy, steepest_slope as steepest_slope
 from .stencil import COLUMN as COLUMN, stencil as stencil, stencil_rows as stencil_rows

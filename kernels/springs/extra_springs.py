@@ -8,21 +8,21 @@ import warp as wp
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
-from .dampers import Law
 from .force_algorithm import difference
 from .law import spring_damper
+from .spring_laws import Laws
 
 
 @functools.cache
-def tie_force(dim: int, scalar: type, compensated: bool, damper: Law | None) -> ForceTerm:
+def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTerm:
     """Return the term of ties beside a stencil: the sum of the forces of a particle's ties.
 
     Ties obey the law of all springs. A tie is in the table twice, once for each end; both ends compute opposite
     forces of equal size.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    load, damped = records(dim, scalar).load, damper is not None
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    load, damped = records(dim, scalar).load, laws.damper is not None
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
 
     @wp.struct
     class ExtraSprings:

@@ -12,10 +12,10 @@ import warp as wp
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
-from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference
 from .fracture import Breaking
 from .law import spring_damper
+from .spring_laws import Laws
 
 SLICE = 32
 """Particles per slice of the table: as many as the threads of a GPU's warp."""
@@ -36,7 +36,7 @@ NEIGHBOURS = f"""
 
 @functools.cache
 def gather(
-    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
+    dim: int, scalar: type, laws: Laws, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
     """Compose the gathering algorithm: each particle sums the forces of its springs, from a table of neighbours.
 
@@ -48,9 +48,9 @@ def gather(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage)
-    packed, damped, tears = storage == "packed", damper is not None, breaking is not None
+    packed, damped, tears = storage == "packed", laws.damper is not None, breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
 
     Others = wp.types.vector(CHUNK, int)

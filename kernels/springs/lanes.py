@@ -12,10 +12,10 @@ from ..basis import vector
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
-from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference
 from .gather import SLICE
 from .law import spring_damper
+from .spring_laws import Laws
 from .stencil import stencil_layout, stencil_rows
 
 MOST_NEIGHBOURS = 32
@@ -62,7 +62,7 @@ def sum_over_lanes(dim: int, scalar: type, lanes: int):
 
 @functools.cache
 def stencil_of_lanes(
-    dim: int, scalar: type, damper: Law | None, compensated: bool, steps: tuple, lanes: int
+    dim: int, scalar: type, laws: Laws, compensated: bool, steps: tuple, lanes: int
 ) -> ForceAlgorithm:
     """Compose the stencil's algorithm for a uniform lattice, with `lanes` threads per particle.
 
@@ -73,10 +73,11 @@ def stencil_of_lanes(
     Three = vector(3, scalar)
     load, constants_of = records(dim, scalar).load, records(3, scalar).load
     lane_here, sum_of_lanes = lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     rows, neighbours = stencil_rows(steps)
     each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
-    damped, rounds, layout = damper is not None, -(-len(each) // lanes), stencil_layout(lanes, rows, neighbours)
+    damped, layout = laws.damper is not None, stencil_layout(lanes, rows, neighbours)
+    rounds = -(-len(each) // lanes)
     Shifts, count = wp.types.vector(len(rows), int), len(each)
     each += [(0, 0)] * (rounds * lanes - count)  # padding for missing neighbours, never read
 
@@ -122,7 +123,7 @@ def stencil_of_lanes(
 
 @functools.cache
 def gather_of_lanes(
-    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, lanes: int
+    dim: int, scalar: type, laws: Laws, compensated: bool, storage: str, lanes: int
 ) -> ForceAlgorithm:
     """Compose the gathering algorithm for small bodies, with `lanes` threads per particle: see `gather`.
 
@@ -130,9 +131,9 @@ def gather_of_lanes(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage)
-    packed, damped = storage == "packed", damper is not None
+    packed, damped = storage == "packed", laws.damper is not None
 
     @wp.struct
     class GatheredByLanes:

@@ -9,7 +9,8 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from .dampers import LINEAR, Law, damper_force
+from .dampers import LINEAR, damper_force
+from .spring_laws import Laws, spring_stress
 
 RSQRT = """
 #if defined(__CUDA_ARCH__)
@@ -56,13 +57,16 @@ def product(scalar: type):
 
 
 @functools.cache
-def spring_damper(dim: int, scalar: type, damper: Law | None):
+def spring_damper(dim: int, scalar: type, laws: Laws):
     """Compose the force density q of a spring: its force on its first particle is −q Δx (report eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
-    gets −F. Another damping law replaces b Δv·Δx̂; without a damper this part is not compiled.
+    gets −F. Another damping law replaces b Δv·Δx̂; without a damper this part is not compiled. Another law of
+    springs replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1); where it bears tension only, so does the damper.
     """
-    V = vector(dim, scalar)
+    V, (damper, spring) = vector(dim, scalar), laws
+    stress = None if spring is None else spring_stress(scalar, spring)
+    slack = spring == ("tension",)
     linear, damped = damper == LINEAR, damper is not None
     resistance = damper_force(scalar, damper or LINEAR)
     rsqrt, rounded = inverse_root(scalar), product(scalar)
@@ -71,6 +75,16 @@ def spring_damper(dim: int, scalar: type, damper: Law | None):
     @wp.func
     def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
         inverse_length = rsqrt(wp.dot(dx, dx) + scalar(tiny))
+        if wp.static(spring is not None):
+            length = wp.dot(dx, dx) * inverse_length
+            pull = rounded(stiffness, rest_length) * stress(length / rest_length - scalar(1.0))
+            if wp.static(damped):
+                resisting = resistance(wp.dot(dv, dx) * inverse_length, damping)
+                if wp.static(slack):
+                    if length < rest_length:
+                        resisting = scalar(0.0)
+                pull += resisting
+            return pull * inverse_length
         tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density
         if wp.static(linear):
             tension += damping * (wp.dot(dv, dx) * inverse_length)

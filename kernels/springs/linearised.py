@@ -1,10 +1,12 @@
 """The linearised force law: products with K and B, and their diagonal blocks."""
 
 import functools
+from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
+from .spring_laws import spring_stress, steepest_slope
 
 
 @functools.cache
@@ -69,11 +71,14 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 
 @functools.cache
-def add_blocks(dim: int, scalar: type):
+def add_blocks(dim: int, scalar: type, law: Any = None):
     """Compose the kernel, over worlds and springs, that adds each spring to the blocks of its two particles.
 
-    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i.
+    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i. A law of
+    springs has its steepest slope in place of the first 1, and max(0, l0 s/l) across.
     """
+    steepest = None if law is None else steepest_slope(law)
+    stress = None if law is None else spring_stress(wp.float64, law)
     V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
 
     @kernel
@@ -101,12 +106,17 @@ def add_blocks(dim: int, scalar: type):
         axis = dx / length
         l0 = wp.float64(rest_length[w % rest_length.shape[0], c])
         across = wp.max(wp.float64(0.0), wp.float64(1.0) - l0 / wp.float64(length))
+        slope = wp.float64(1.0)
+        if wp.static(law is not None):
+            strain = wp.float64(length) / l0 - wp.float64(1.0)
+            slope = steepest(strain)
+            across = wp.max(wp.float64(0.0), stress(strain) * l0 / wp.float64(length))
         along = Block()
         spring = Block()
         for p in range(wp.static(dim)):
             for q in range(wp.static(dim)):
                 along[p, q] = wp.float64(axis[p]) * wp.float64(axis[q])
-                spring[p, q] = (wp.float64(1.0) - across) * along[p, q]
+                spring[p, q] = (slope - across) * along[p, q]
             spring[p, p] += across
         spring = wp.float64(stiffness[w % stiffness.shape[0], c]) * spring
         along = wp.float64(damping[w % damping.shape[0], c]) * along

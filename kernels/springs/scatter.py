@@ -7,15 +7,15 @@ import warp as wp
 from ..compensation import state_types
 from ..records import records
 from .constants import constants
-from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference, ends_of
 from .fracture import Breaking
 from .law import spring_damper
+from .spring_laws import Laws
 
 
 @functools.cache
 def scatter(
-    dim: int, scalar: type, damper: Law | None, compensated: bool, storage: str, breaking: Breaking | None = None
+    dim: int, scalar: type, laws: Laws, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
     """Compose the scattering algorithm: each spring adds its force to one end and subtracts it from the other.
 
@@ -25,9 +25,9 @@ def scatter(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage)
-    damped, tears = damper is not None, breaking is not None
+    damped, tears = laws.damper is not None, breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
 
     @wp.struct

@@ -9,10 +9,10 @@ import warp as wp
 from ..basis import vector
 from ..compensation import state_types
 from ..records import records
-from .dampers import Law
 from .force_algorithm import ForceAlgorithm, difference
 from .fracture import Breaking
 from .law import spring_damper
+from .spring_laws import Laws
 
 
 class Neighbour(NamedTuple):
@@ -57,10 +57,10 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
     without them. Since this is rare, it is kept out of the loops that are unrolled for each neighbour. `kinds` are
     the first five arguments of `stencil`.
     """
-    dim, scalar, damper, compensated, steps = kinds
+    dim, scalar, laws, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
-    force_density, damped, breaks = spring_damper(dim, scalar, damper), damper is not None, breaking.breaks
+    force_density, damped, breaks = spring_damper(dim, scalar, laws), laws.damper is not None, breaking.breaks
     Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
     # In the order in which `stencil` sums forces: index of the bit, row, and position in the row.
     each = [(n.bit.bit_length() - 1, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
@@ -137,7 +137,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
 def stencil(
     dim: int,
     scalar: type,
-    damper: Law | None,
+    laws: Laws,
     compensated: bool,
     steps: tuple,
     uniform: bool,
@@ -152,8 +152,8 @@ def stencil(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, damper)
-    damped, tears = damper is not None, breaking is not None
+    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
+    damped, tears = laws.damper is not None, breaking is not None
     Breaks, is_suspect, _ = breaking or (None, None, None)
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
@@ -188,7 +188,7 @@ def stencil(
             breaking: Breaks
 
     Forces = Lattice if uniform else Lattices
-    kinds = (dim, scalar, damper, compensated, steps)
+    kinds = (dim, scalar, laws, compensated, steps)
     remaining_force = after_breaking(kinds, uniform, Forces, breaking) if tears else None
 
     @wp.func
@@ -274,12 +274,12 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     since memory reads limit the speed of a stencil. Return None if the lattice has no layers, or has second
     neighbours, which are further away. `kinds` are the first five arguments of `stencil`.
     """
-    dim, scalar, damper, compensated, steps = kinds
+    dim, scalar, laws, compensated, steps = kinds
     if any(abs(s) > 1 for step in steps for s in step):
         return None
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-    force_density, damped = spring_damper(dim, scalar, damper), damper is not None
+    force_density, damped = spring_damper(dim, scalar, laws), laws.damper is not None
     rows, neighbours = stencil_rows(steps)
     axis = 1 if any(z for _, z in rows) else 0  # layers follow each other along z; in a sheet along y
     inner = [row for row in rows if row[axis] == 0]

@@ -41,6 +41,16 @@ from .space import (
     rotation as rotation,
     rotations as rotations,
 )
+from .springs import (
+    LINEAR_SPRING as LINEAR_SPRING,
+    ExponentialSpring as ExponentialSpring,
+    LimitedSpring as LimitedSpring,
+    OwnSpring as OwnSpring,
+    PolynomialSpring as PolynomialSpring,
+    Spring as Spring,
+    TensionOnlySpring as TensionOnlySpring,
+    UnknownSpring as UnknownSpring,
+)
 from .surface import Surface as Surface
 from .system import System as System, counted as counted, headline as headline, particles_meant as particles_meant
 from .torn_surfaces import Bare as Bare, Edges as Edges, broken_before as broken_before, laid_bare as laid_bare

@@ -10,6 +10,7 @@ from .. import checks
 from .cells import Cells
 from .dampers import Damper
 from .selection import check_no_mask
+from .springs import LINEAR_SPRING, Spring
 from .surface import Surface
 from .uniform import is_uniform, stored, uniform
 
@@ -76,6 +77,9 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         check_bears_start(fields)
 
     checks.instance("damper", fields["damper"], Damper, "CoulombDamper()")
+    checks.instance("spring", fields["spring"], Spring, "TensionOnlySpring()")
+    if fields["spring"] != LINEAR_SPRING and np.isfinite(stored(fields["break_force"])).any():
+        raise ValueError(f"break_force is given, and spring is {fields['spring']!r}; only linear springs have it")
     if "surface" in new and fields["surface"] is not None:
         checks.instance("surface", fields["surface"], Surface, "Surface(particle=..., uv=..., triangles=...)")
         checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))

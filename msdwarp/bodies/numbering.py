@@ -81,6 +81,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
     second = np.zeros(len(ends), dtype=bool) if near is None else ~near
     of_connections = np.lexsort((ends[:, 1], ends[:, 0], second))
     result: dict[str, Any] = {"connections": connections[of_connections], "damper": fields["damper"]}
+    result["spring"] = fields["spring"]
     if near is not None:  # springs to second neighbours have other lengths, and are far softer
         result["directions"] = ({_SECOND: slice(int(near.sum()), len(ends))},)
     for names, where in ((PARTICLE_FIELDS, chosen), (CONNECTION_FIELDS, of_connections)):
@@ -108,6 +109,8 @@ def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, 
         raise ValueError(f"cannot add a system of {dims[1]} coordinates to one of {dims[0]}")
     if one["damper"] != other["damper"] and one["damping"].any() and other["damping"].any():
         raise ValueError(f"cannot add a system damped by {other['damper']} to one damped by {one['damper']}")
+    if one["spring"] != other["spring"] and len(one["connections"]) and len(other["connections"]):
+        raise ValueError(f"cannot add a system of {other['spring']!r} to one of {one['spring']!r}")
     result = {name: joined(one[name], other[name]) for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS)}
     if all(each["original_length"] is each["rest_length"] for each in (one, other)):
         result["original_length"] = result["rest_length"]
@@ -120,6 +123,7 @@ def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, 
     return result | {
         "connections": np.concatenate([one["connections"], other["connections"] + np.int32(n)]),
         "damper": (one if one["damping"].any() else other)["damper"],
+        "spring": (one if len(one["connections"]) else other)["spring"],
         "surface": one["surface"] if other["surface"] is None else other["surface"].behind(one["surface"], n),
         "cells": one["cells"] if other["cells"] is None else other["cells"].behind(one["cells"], n),
         "directions": one["directions"] + shifted,

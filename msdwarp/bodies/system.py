@@ -14,6 +14,7 @@ from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
 from .numbering import between_neighbours, concatenated, renumbered
 from .selection import mask_of, selected
 from .space import rotation_matrix
+from .springs import LINEAR_SPRING, Spring
 from .surface import Surface
 from .uniform import stored, uniform
 
@@ -47,6 +48,8 @@ class System:
         Damper constants b [N s/m], shape [connection_count].
     damper
         The law of all dampers, force against rate of lengthening; see `msdwarp.bodies.dampers`.
+    spring
+        The law of all springs, force against strain; see `msdwarp.bodies.springs`.
     yield_strain
         Strain beyond which a spring deforms permanently, shape [connection_count]; inf: never. See
         `msdwarp.kernels.springs.plasticity`.
@@ -90,6 +93,7 @@ class System:
     stiffness: NDArray[np.float64]
     damping: NDArray[np.float64]
     damper: Damper
+    spring: Spring
     yield_strain: NDArray[np.float64]
     relaxation_time: NDArray[np.float64]
     largest_plastic_strain: NDArray[np.float64]
@@ -113,6 +117,7 @@ class System:
         stiffness: ArrayLike = DEFAULTS["stiffness"],
         damping: ArrayLike = DEFAULTS["damping"],
         damper: Damper = LINEAR,
+        spring: Spring = LINEAR_SPRING,
         yield_strain: ArrayLike = DEFAULTS["yield_strain"],
         relaxation_time: ArrayLike = DEFAULTS["relaxation_time"],
         largest_plastic_strain: ArrayLike = DEFAULTS["largest_plastic_strain"],
@@ -144,7 +149,7 @@ class System:
         position, count = fields["position"], len(fields["connections"])
         defaults: dict[str, Any] = {name: uniform(value, count) for name, value in DEFAULTS.items()}
         defaults |= {"velocity": np.broadcast_to(0.0, position.shape), "mass": uniform(1.0, len(position))}
-        defaults |= {"original_length": fields["rest_length"], "damper": LINEAR}
+        defaults |= {"original_length": fields["rest_length"], "damper": LINEAR, "spring": LINEAR_SPRING}
         defaults |= {"surface": None, "cells": None, "directions": ({},), "groups": {}}
         for name, value in (defaults | fields).items():
             if isinstance(value, np.ndarray):
@@ -163,6 +168,7 @@ class System:
         if self.connection_count:
             law = " N s/m" if self.damper == LINEAR else f" by {self.damper!r}"
             springs = f"stiffness {span(self.stiffness)} N/m, damping {span(self.damping)}{law}"
+            springs += f", {self.spring!r}" if self.spring != LINEAR_SPRING else ""
             springs += f", yields beyond a strain of {span(self.yield_strain)}" if self.yields else ""
             tears = f", {counted(broken, 'connection')} broken" if broken else ", tears"
             lines.append(springs + (tears if self.tears else ""))

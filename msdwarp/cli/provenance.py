@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import CONNECTION_FIELDS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
+from ..bodies import CONNECTION_FIELDS, LINEAR_SPRING, PARTICLE_FIELDS, TEARING_FIELDS, OwnSpring, System, stored
 from ..world import (
     Actuator,
     Collider,
@@ -159,6 +159,10 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         yield from (np.ascontiguousarray(getattr(cells, field.name)).tobytes() for field in fields(cells))
     constant = np.asarray(with_potential(scene.gravity), dtype=float).tolist()
     yield repr((scene.system.damper, constant)).encode()
+    if isinstance(spring := scene.system.spring, OwnSpring):
+        yield str(spring.function.adj.source).encode()
+    elif spring != LINEAR_SPRING:
+        yield repr(spring).encode()
     if callable(scene.gravity):
         yield gravity_at(scene.gravity, times, dim).tobytes()
     for collider in scene.colliders:

@@ -8,10 +8,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import TEARING_FIELDS, Cells, CoulombDamper, Damper, QuadraticDamper, Surface, System, is_uniform
+from ..bodies import (
+    TEARING_FIELDS,
+    Cells,
+    CoulombDamper,
+    Damper,
+    ExponentialSpring,
+    LimitedSpring,
+    OwnSpring,
+    PolynomialSpring,
+    QuadraticDamper,
+    Spring,
+    Surface,
+    System,
+    TensionOnlySpring,
+    UnknownSpring,
+    is_uniform,
+)
 from .names import OWN, ROOT, load, store, store_text
 
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
+SPRINGS = {
+    law.__name__: law for law in (Spring, TensionOnlySpring, LimitedSpring, ExponentialSpring, PolynomialSpring)
+}
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
@@ -37,7 +56,8 @@ def write_system(group: Any, system: System, compress: bool) -> None:
     group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
     damper = (type(system.damper).__name__, asdict(system.damper))
     bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]
-    described = {"damper": damper, "directions": bodies, "groups": list(system.groups)}
+    spring = (type(system.spring).__name__, {} if isinstance(system.spring, OwnSpring) else asdict(system.spring))
+    described = {"damper": damper, "spring": spring, "directions": bodies, "groups": list(system.groups)}
     store_text(group, "description", json.dumps(described))
     for name, values in arrays_of(system).items():
         store(group, f"system/{name}", np.asarray(values), compress)
@@ -48,6 +68,8 @@ def read_system(file: Any) -> System:
     group = file[OWN]
     described, part = json.loads(load(group["description"])), group["system"]
     law, constants = described["damper"]
+    spring, numbers = described.get("spring", ("Spring", {}))  # absent in earlier versions
+    spring = UnknownSpring() if spring not in SPRINGS else SPRINGS[spring](**numbers)
     arrays = dict(_read(part))
     # The stored system may be from a later frame, with springs about to break, which `System` would refuse.
     broken_at = arrays.pop("broken_at", np.inf)
@@ -58,6 +80,7 @@ def read_system(file: Any) -> System:
         broken_at=0.0,
         connections=load(file[ROOT]["Lines/Connectivity"]).reshape(-1, 2),
         damper=DAMPERS[law](**constants),
+        spring=spring,
         surface=None if surface is None else Surface(**surface),
         cells=None if cells is None else Cells(**cells),
         directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),

@@ -6,3 +6,4 @@ from .meshes import from_mesh as from_mesh
 from .outlines import cloth as cloth
 from .shells import icosphere as icosphere, shell as shell
 from .solids import ball as ball, cone as cone, cylinder as cylinder
+from .viscoelastic import viscoelastic as viscoelastic

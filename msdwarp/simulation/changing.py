@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import LINEAR_SPRING, System
 from ..engine import resists
 from ..integrators import Integrator, UnstableStep
 from ..runtime import in_turn
@@ -281,6 +281,15 @@ class Changing(PresentWorld):
                 controller.add_energy(self.stepping, added)
             self._surroundings = self._surroundings | {"loads": tuple(after)}
         self._active_loads = given
+
+
+def check_supports(method: Integrator, system: System) -> None:
+    """Raise ValueError if the method solves for the forces of linear springs, and these have another law."""
+    if method.solves and system.spring != LINEAR_SPRING:
+        raise ValueError(
+            f"integrator is {method}, and spring is {system.spring!r}; with such springs it must be an explicit "
+            "method, such as Leapfrog()"
+        )
 
 
 def check_supports_contact(method: Integrator, loads: Sequence[Load]) -> None:

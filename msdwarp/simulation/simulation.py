@@ -37,7 +37,7 @@ from ..world import (
 )
 from . import checkpoint
 from .arguments import frame_count, in_order
-from .changing import Changing, check_supports_contact
+from .changing import Changing, check_supports, check_supports_contact
 from .divergence_error import SimulationDiverged, describe
 from .readings import Readings
 from .settling import Settled
@@ -155,6 +155,7 @@ class Simulation(Changing):
         self._given = with_contact(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), contact)
         self._loads, self._gravity = bound(self._given, system), gravity
         check_supports_contact(self._method, self._given)
+        check_supports(self._method, system)
         self._schedule = in_order(schedule, system, self._loads)
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,

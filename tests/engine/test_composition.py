@@ -30,7 +30,7 @@ from msdwarp.kernels.integrators.euler import extrapolated_leapfrog, kick, sympl
 from msdwarp.kernels.integrators.persistent import persistent
 from msdwarp.kernels.integrators.runge_kutta import chebyshev, rk4
 from msdwarp.kernels.integrators.stages import each_column, each_connection, each_particle, particle_acceleration
-from msdwarp.kernels.springs.dampers import LINEAR
+from msdwarp.kernels.springs import Laws
 from msdwarp.kernels.springs.gather import gather
 from msdwarp.kernels.springs.scatter import scatter
 from msdwarp.kernels.springs.stencil import stencil
@@ -161,7 +161,7 @@ def test_different_effects_are_different_kernels():
 
 
 def test_pieces_are_composed_once():
-    arguments = (3, wp.float32, LINEAR, False)
+    arguments = (3, wp.float32, Laws(), False)
     assert scatter(*arguments, "one") is scatter(*arguments, "one")
     assert gather(*arguments, "kinds") is gather(*arguments, "kinds")
     steps = ((1, 0, 0),)

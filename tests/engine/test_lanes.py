@@ -27,10 +27,10 @@ def one_lane(monkeypatch) -> None:
     """Have what lanes take be taken by one, as a CPU can."""
 
     def begin(self, model, fracture, lanes):
-        lattice, damper = model.lattice, model.damper
-        damper = damper if lattice.constants["damping"].any() else None
+        lattice, laws = model.lattice, model.laws
+        laws = laws if lattice.constants["damping"].any() else laws._replace(damper=None)
         self.force_algorithm = forces.stencil_of_lanes(
-            model.dim, model.scalar, damper, model.compensated, lattice.steps, 1
+            model.dim, model.scalar, laws, model.compensated, lattice.steps, 1
         )
         self._share(model, lattice)
 

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
-from ...kernels.springs import leave_out_broken
+from ...kernels.springs import Laws, leave_out_broken
 from ...runtime import in_turn
 from ..model.model import CONSTANTS
 from ..model.state import State
@@ -93,7 +93,8 @@ class Sums:
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.lengths_change or not everything
         between = None if plain else model.system.between_neighbours
-        self._what = model.system.damper.law, assembly.fracture is not None, between is not None
+        laws = Laws(model.system.damper.law, model.laws.spring)
+        self._what = laws, assembly.fracture is not None, between is not None
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 

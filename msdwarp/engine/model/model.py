@@ -12,7 +12,7 @@ from ... import checks
 from ...bodies import System, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
 from ...kernels.records import record_length
-from ...kernels.springs import CONSTANTS as CONSTANTS
+from ...kernels.springs import CONSTANTS as CONSTANTS, Laws
 from ...runtime import find_device, in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, scalar_array, view_of
@@ -92,6 +92,7 @@ class Model:
         self.compensated = precision == "float32-compensated"
         # Features that a scene lacks are not compiled.
         self.damper = system.damper.law if system.damping.any() else None
+        self.laws = Laws(self.damper, system.spring.law)
         self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
         """Mask of the particles that prescribed motions move, shape [particle_count]."""
         # No force moves driven particles: like pinned ones they have infinite mass.

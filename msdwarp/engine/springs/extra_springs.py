@@ -21,8 +21,8 @@ class ExtraSprings(Effect):
     def __init__(self, model: Model) -> None:
         assert model.lattice is not None
         system, ties = model.system, model.lattice.ties
-        damper = model.damper if system.damping[ties].any() else None
-        self.piece = tie_force(model.dim, model.scalar, model.compensated, damper)
+        laws = model.laws if system.damping[ties].any() else model.laws._replace(damper=None)
+        self.piece = tie_force(model.dim, model.scalar, model.compensated, laws)
         # The ends, sorted by particle, then by spring.
         ends = system.connections[ties]
         particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)

@@ -53,7 +53,7 @@ class Scatter:
 
     def __init__(self, model: Model, fracture: Fracture | None = None) -> None:
         storage, fields = stored_constants(model)
-        kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
+        kinds = (model.dim, model.scalar, model.laws, model.compensated, storage)
         self.force_algorithm = scatter(*kinds, fracture and fracture.breaking)
         self.data = self.force_algorithm.Forces()
         self.data.f, self.data.connections = model.vectors(), model.connections
@@ -81,7 +81,7 @@ class Gather:
         storage, fields = stored_constants(model)
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
         storage = "packed" if packed else "listed" if model.lengths_change else storage
-        kinds = (model.dim, model.scalar, model.damper, model.compensated, storage)
+        kinds = (model.dim, model.scalar, model.laws, model.compensated, storage)
         if lanes > 1:
             self.force_algorithm = gather_of_lanes(*kinds, lanes)
         else:
@@ -210,13 +210,15 @@ class Stencil:
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
-        damper = model.damper if lattice.constants["damping"].any() else None  # None: only ties are damped
+        laws = model.laws
+        if not lattice.constants["damping"].any():  # only ties are damped
+            laws = laws._replace(damper=None)
         if lanes > 1:
-            kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lanes)
+            kinds = (model.dim, model.scalar, laws, model.compensated, lattice.steps, lanes)
             self.force_algorithm = stencil_of_lanes(*kinds)
             self._share(model, lattice)
             return
-        kinds = (model.dim, model.scalar, damper, model.compensated, lattice.steps, lattice.uniform)
+        kinds = (model.dim, model.scalar, laws, model.compensated, lattice.steps, lattice.uniform)
         self.force_algorithm = stencil(*kinds, fracture and fracture.breaking)
         data = self.data = self.force_algorithm.Forces()
         upload_fields(data, device, mask=lattice.mask)

@@ -60,7 +60,7 @@ def write_diagonal_blocks(model: Model, x: wp.array, springs: wp.array, dampers:
     dampers.zero_()
     if model.connection_count:
         wp.launch(
-            kernels.add_blocks(model.dim, model.scalar),
+            kernels.add_blocks(model.dim, model.scalar, model.laws.spring),
             dim=(springs.size // model.particle_count, model.connection_count),
             inputs=[*map(model.table, CONSTANTS), model.connections, x, model.stride],
             outputs=[one.reshape((-1, model.particle_count)) for one in (springs, dampers)],

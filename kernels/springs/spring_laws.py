@@ -1,0 +1,105 @@
+"""Laws of springs: force over k l0 against strain (see `msdwarp.bodies.springs`), its integral and its slope."""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from .dampers import LINEAR, Law
+
+AHEAD, INTERVALS = 0.1, 8
+"""Strain on both sides in which the steepest slope is looked for, and how many differences are taken there."""
+PANELS = 4
+"""Parts of the interval of strain over which Gauss's rule with five points integrates."""
+POINTS = (0.0, 0.5384693101056831, 0.9061798459386640)
+WEIGHTS = (0.5688888888888889, 0.4786286704993665, 0.2369268850561891)
+
+
+class Laws(NamedTuple):
+    """The laws of all connections."""
+
+    damper: Law | None = LINEAR
+    """The law of dampers; None without dampers."""
+    spring: Any = None
+    """The law of springs: its name and numbers, or a `wp.func`; None for one that is linear."""
+
+
+@functools.cache
+def spring_stress(scalar: type, law: Any):
+    """Compose s(ε), the force of a spring over k l0, positive in tension."""
+    if not isinstance(law, tuple):
+        return law
+    name, *numbers = law
+    first, second = (*numbers, 0.0, 0.0)[:2]
+    count = len(numbers)
+    c = (*numbers, *(0.0,) * (5 - count)) if name == "polynomial" else (0.0,) * 5
+
+    @wp.func
+    def stress(strain: scalar) -> scalar:
+        result = strain
+        if wp.static(name == "tension"):
+            result = wp.max(strain, scalar(0.0))
+        if wp.static(name == "limited"):
+            beyond = wp.max(strain - scalar(wp.static(first)), scalar(0.0))
+            result = strain + scalar(wp.static(second - 1.0)) * beyond
+        if wp.static(name == "exponential"):
+            result = (wp.exp(scalar(wp.static(first)) * strain) - scalar(1.0)) / scalar(wp.static(first))
+        if wp.static(name == "polynomial"):
+            result = scalar(0.0)
+            for k in range(wp.static(count)):
+                result = (result + scalar(wp.static(c[count - 1 - k]))) * strain
+        return result
+
+    return stress
+
+
+@functools.cache
+def spring_energy(law: Any):
+    """Compose ∫ s dε from 0 to ε, the energy of a spring over k l0², in float64."""
+    stress = spring_stress(wp.float64, law)
+    name, *numbers = law if isinstance(law, tuple) else ("own",)
+    first, second = (*numbers, 0.0, 0.0)[:2]
+
+    @wp.func
+    def energy(strain: wp.float64) -> wp.float64:
+        half = wp.float64(0.5)
+        total = wp.float64(0.0)
+        if wp.static(name == "tension"):
+            total = half * wp.max(strain, wp.float64(0.0)) * strain
+        elif wp.static(name == "limited"):
+            beyond = wp.max(strain - wp.float64(wp.static(first)), wp.float64(0.0))
+            total = half * (strain * strain + wp.float64(wp.static(second - 1.0)) * beyond * beyond)
+        else:
+            width = half * strain / wp.float64(wp.static(PANELS))
+            for p in range(wp.static(PANELS)):
+                middle = wp.float64(2 * p + 1) * width
+                for k in range(3):
+                    away = wp.float64(wp.static(POINTS[k])) * width
+                    weight = wp.float64(wp.static(WEIGHTS[k])) * width
+                    total += weight * stress(middle + away)
+                    if wp.static(k > 0):
+                        total += weight * stress(middle - away)
+        return total
+
+    return energy
+
+
+@functools.cache
+def steepest_slope(law: Any):
+    """Compose the largest slope of s within AHEAD of a strain, at least 0, from differences in float64."""
+    stress = spring_stress(wp.float64, law)
+    apart = 2 * AHEAD / INTERVALS
+
+    @wp.func
+    def steepest(strain: wp.float64) -> wp.float64:
+        result = wp.float64(0.0)
+        here = wp.max(strain - wp.float64(wp.static(AHEAD)), wp.float64(-0.99))
+        before = stress(here)
+        for _k in range(wp.static(INTERVALS)):
+            here += wp.float64(wp.static(apart))
+            after = stress(here)
+            result = wp.max(result, (after - before) / wp.float64(wp.static(apart)))
+            before = after
+        return result
+
+    return steepest

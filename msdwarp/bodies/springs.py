@@ -1,0 +1,154 @@
+"""Springs: laws of the force against the strain of a connection, as frozen dataclasses.
+
+`System.stiffness` is the constant k of each connection. The force in it is F = k l0 s(ε), positive in tension:
+ε = l/l0 − 1 is its strain, and s a number that the law gives. With s(ε) = ε it is the report's spring, k (l − l0).
+The stable step follows the steepest slope of s near the present strain.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from .. import checks
+
+SpringLaw = tuple[str, *tuple[float, ...]]
+"""Name of a law, and its numbers."""
+
+
+@dataclass(frozen=True)
+class Spring:
+    """s = ε, the report's spring (eq. 3)."""
+
+    @property
+    def law(self) -> Any:
+        """What kernels are composed from: a name and numbers, a `wp.func`, or None for the report's spring."""
+        return None
+
+
+@dataclass(frozen=True)
+class TensionOnlySpring(Spring):
+    """s = max(ε, 0): a rope, cable or net, which is slack if it is shorter than its rest length.
+
+    The damper beside it acts while it is taut only.
+    """
+
+    @property
+    def law(self) -> SpringLaw:
+        """Name of the law."""
+        return ("tension",)
+
+
+@dataclass(frozen=True)
+class LimitedSpring(Spring):
+    """s = ε up to a strain, and `factor` times as steep beyond it: cloth, whose threads straighten.
+
+    Parameters
+    ----------
+    strain
+        Tensile strain up to which the spring is soft.
+    factor
+        Slope beyond it, over that below; the stable step is shorter by its square root near the limit.
+    """
+
+    strain: float = 0.1
+    factor: float = 20.0
+
+    def __post_init__(self) -> None:
+        checks.positive("strain", self.strain)
+        checks.positive("factor", self.factor)
+
+    @property
+    def law(self) -> SpringLaw:
+        """Name and numbers of the law."""
+        return "limited", self.strain, self.factor
+
+
+@dataclass(frozen=True)
+class ExponentialSpring(Spring):
+    """s = (exp(a ε) − 1)/a: soft tissue, which stiffens as it is stretched (Fung, Biomechanics, 1993, 7.5).
+
+    Parameters
+    ----------
+    exponent
+        a; the slope grows e-fold for each 1/a of strain.
+    """
+
+    exponent: float = 10.0
+
+    def __post_init__(self) -> None:
+        checks.between("exponent", self.exponent, 1e-3, 100.0)
+
+    @property
+    def law(self) -> SpringLaw:
+        """Name and number of the law."""
+        return "exponential", self.exponent
+
+
+@dataclass(frozen=True)
+class PolynomialSpring(Spring):
+    """s = c₁ ε + c₂ ε² + …, at most five terms.
+
+    Parameters
+    ----------
+    coefficients
+        c₁, c₂, …
+    """
+
+    coefficients: tuple[float, ...] = (1.0,)
+
+    def __post_init__(self) -> None:
+        given = checks.finite("coefficients", self.coefficients)
+        if given.ndim != 1 or not 1 <= len(given) <= 5:
+            raise ValueError(f"coefficients is {self.coefficients!r}; it must be one to five numbers")
+        object.__setattr__(self, "coefficients", tuple(map(float, given)))
+
+    @property
+    def law(self) -> SpringLaw:
+        """Name and numbers of the law."""
+        return "polynomial", *self.coefficients
+
+
+@dataclass(frozen=True)
+class OwnSpring(Spring):
+    """s by a function of your own.
+
+    Parameters
+    ----------
+    function
+        A `wp.func` of the strain that returns s. It is called with float32 and with float64 numbers, so its
+        argument must be annotated `Any`, and constants in it converted: `type(strain)(0.1)`.
+    """
+
+    function: Any = None
+
+    def __post_init__(self) -> None:
+        adjoint = getattr(self.function, "adj", None)
+        if adjoint is None or len(adjoint.args) != 1 or adjoint.args[0].type is not Any:
+            raise ValueError(
+                f"function is {checks.repr_short(self.function)}; it must be a wp.func (strain: Any) -> the force "
+                "over k l0"
+            )
+
+    def __repr__(self) -> str:
+        return f"OwnSpring({self.function.key})"
+
+    @property
+    def law(self) -> Any:
+        """The function."""
+        return self.function
+
+
+@dataclass(frozen=True)
+class UnknownSpring(Spring):
+    """A law that a file does not hold, as it is a function of the user's. Such a system cannot be simulated."""
+
+    @property
+    def law(self) -> Any:
+        """Raise ValueError."""
+        raise ValueError(
+            "spring is UnknownSpring(): the system is from a file, which does not hold a law of one's own; "
+            "give it again by replace(spring=...)"
+        )
+
+
+LINEAR_SPRING = Spring()
+"""The report's law."""

@@ -1,0 +1,236 @@
+"""Laws of springs: their forces, energies and stable steps, by each algorithm; and what is refused."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from tangles import PRECISIONS, evaluate, moving, tangle
+
+from msdwarp import (
+    Ensemble,
+    ExponentialSpring,
+    Frame,
+    Leapfrog,
+    LimitedSpring,
+    LinearlyImplicitEuler,
+    OwnSpring,
+    Plane,
+    PolynomialSpring,
+    Scene,
+    Simulation,
+    System,
+    TensionOnlySpring,
+    Trajectory,
+    TrajectoryWriter,
+    box,
+    chain,
+    sheet,
+)
+from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
+
+
+@wp.func
+def cubic(strain: Any):
+    return strain + type(strain)(4.0) * strain * strain * strain
+
+
+LAWS = {
+    "tension": (TensionOnlySpring(), lambda e: np.maximum(e, 0.0), lambda e: np.maximum(e, 0.0) ** 2 / 2),
+    "limited": (
+        LimitedSpring(0.05, 10.0),
+        lambda e: e + 9.0 * np.maximum(e - 0.05, 0.0),
+        lambda e: e * e / 2 + 9.0 * np.maximum(e - 0.05, 0.0) ** 2 / 2,
+    ),
+    "exponential": (
+        ExponentialSpring(5.0),
+        lambda e: np.expm1(5.0 * e) / 5.0,
+        lambda e: np.expm1(5.0 * e) / 25.0 - e / 5.0,
+    ),
+    "polynomial": (
+        PolynomialSpring((1.0, -0.5, 2.0)),
+        lambda e: e - 0.5 * e**2 + 2.0 * e**3,
+        lambda e: e**2 / 2 - e**3 / 6 + e**4 / 2,
+    ),
+    "own": (OwnSpring(cubic), lambda e: e + 4.0 * e**3, lambda e: e**2 / 2 + e**4),
+}
+every_law = pytest.mark.parametrize("name", LAWS)
+
+
+def strained(system: System) -> tuple[np.ndarray, ...]:
+    """Return the ends, axis, length, strain and rate of lengthening of each connection."""
+    i, j = system.connections.T
+    dx, dv = (one[i] - one[j] for one in (system.position, system.velocity))
+    length = np.linalg.norm(dx, axis=1)
+    axis = dx / length[:, None]
+    return i, j, axis, length, length / system.rest_length - 1, (dv * axis).sum(axis=1)
+
+
+def expected_forces(system: System, name: str) -> np.ndarray:
+    i, j, axis, _, strain, rate = strained(system)
+    stress = LAWS[name][1]
+    damping = system.damping * rate * ((strain > 0) | (name != "tension"))
+    pull = (system.stiffness * system.rest_length * stress(strain) + damping)[:, None] * axis
+    total = np.zeros_like(system.position)
+    np.add.at(total, i, -pull)
+    np.add.at(total, j, pull)
+    return total
+
+
+BODIES = {
+    "tangle": tangle(3, 20, ("rest_length", "stiffness", "damping"), damped=True),
+    "box": moving(box((4, 3, 3), 1.2, stiffness=30.0, damping=2.0)),
+    "undamped": moving(sheet((5, 4), 1.2, stiffness=30.0, dim=2)),
+}
+
+
+@every_law
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("body", BODIES)
+def test_forces_follow_the_law(device, body, precision, name):
+    system = BODIES[body].replace(spring=LAWS[name][0])
+    if precision == "float32":
+        rounded = (one.astype(np.float32).astype(float) for one in (system.position, system.velocity))
+        system = system.replace(**dict(zip(("position", "velocity"), rounded, strict=True)))
+    algorithm = "gather" if body == "tangle" and "stencil" in device else "auto"  # it is no lattice
+    found, expected = evaluate(system, device, precision, algorithm), expected_forces(system, name)
+    # Sums of a few rounded terms; a strain has the rounding of lengths, which steep laws magnify.
+    *_, strain, _ = strained(system)
+    steep = np.abs(LAWS[name][1](strain)).max() + 20 * (1 + np.abs(strain).max())
+    size = (system.stiffness * system.rest_length).max() * steep + np.abs(expected).max()
+    assert np.abs(found - expected).max() < 20 * PRECISIONS[precision] * size
+
+
+@every_law
+def test_energy_is_the_integral_of_the_force(plain_device, name):
+    system = BODIES["box"].replace(spring=LAWS[name][0])
+    simulation = Simulation(system, gravity=0.0, device=plain_device, precision="float64")
+    *_, strain, rate = strained(system)
+    stored = (system.stiffness * system.rest_length**2 * LAWS[name][2](strain)).sum()
+    found = simulation.measure()
+    assert found.elastic_energy == pytest.approx(stored, rel=1e-9)  # of Gauss's rule, for the exponential
+    acts = (strain > 0) | (name != "tension")
+    assert found.dissipated_power == pytest.approx((system.damping * rate**2 * acts).sum(), rel=1e-12)
+
+
+@every_law
+def test_leapfrog_keeps_the_energy(plain_device, name):
+    start = box((3, 3, 3), 1.0, stiffness=100.0).replace(spring=LAWS[name][0])
+    system = start.replace(position=start.position * (1.15, 1.1, 1.1), rest_length=start.rest_length)
+    worst = []
+    for substeps in (16, 64):
+        simulation = Simulation(
+            system, integrator=Leapfrog(), substeps=substeps, gravity=0.0, device=plain_device, precision="float64"
+        )
+        first = simulation.measure().energy
+        energies = [simulation.step() or simulation.measure().energy for _ in range(20)]
+        worst.append(np.abs(np.array(energies) / first - 1).max())
+    assert worst[0] < 0.02
+    assert worst[1] < worst[0] / 8  # of second order: 16 times; corners in a law take some of it away
+
+
+def stiffness_rate(system: System, name: str) -> float:
+    """Return the largest eigenvalue of M⁻¹K, by central differences of forces."""
+    x, step = system.position, 1e-6
+    matrix = np.zeros((x.size, x.size))
+    for k in range(x.size):
+        both = []
+        for sign in (1, -1):
+            moved = x.copy()
+            moved.ravel()[k] += sign * step
+            both.append(expected_forces(system.replace(position=moved, rest_length=system.rest_length), name))
+        matrix[:, k] = (both[1] - both[0]).ravel() / (2 * step)
+    root = (1 / np.sqrt(system.mass)).repeat(system.dim)
+    return float(np.linalg.eigvalsh(root[:, None] * (matrix + matrix.T) / 2 * root)[-1])
+
+
+@every_law
+@pytest.mark.parametrize("stretch", [0.9, 1.0, 1.04, 1.2])
+def test_the_bound_of_the_step_holds(name, stretch):
+    start = box((3, 3, 3), 1.0, stiffness=100.0).replace(spring=LAWS[name][0])
+    system = start.replace(position=start.position * stretch, rest_length=start.rest_length)
+    assert stiffness_rate(system, name) <= rate_bounds(system).stiffness * (1 + 1e-6)
+
+
+def test_a_slack_rope_pulls_and_brakes_nothing(plain_device):
+    rope = chain(2, 0.8, stiffness=100.0, damping=5.0, mass=1.0).replace(
+        rest_length=1.0, spring=TensionOnlySpring(), velocity=[[-0.1, 0, 0], [0.1, 0, 0]]
+    )
+    simulation = Simulation(rope, gravity=0.0, device=plain_device, precision="float64")
+    simulation.step(30)
+    assert simulation.frame().velocity[1, 0] == pytest.approx(0.1, rel=1e-12)
+    simulation.step(60)
+    assert simulation.frame().velocity[1, 0] < 0.09  # it has become taut
+
+
+def test_a_limit_holds_cloth(plain_device):
+    cloth = sheet((8, 8), 0.1, stiffness=20.0, damping=0.05, mass=0.01).pin([0, 7])
+    strains = []
+    for spring in (LimitedSpring(0.05, 50.0), PolynomialSpring((1.0,))):
+        simulation = Simulation(cloth.replace(spring=spring), device=plain_device)
+        simulation.settle(1e-4)
+        strains.append(simulation.measure().largest_strain)
+    assert strains[0] < 0.5 * strains[1]
+
+
+def test_worlds_have_the_law(plain_device):
+    system = box((3, 3, 3), 0.1, stiffness=500.0, damping=0.5).replace(spring=LimitedSpring(0.02, 5.0))
+    system = system.translate((0, 0, 0.4))
+    ensemble = Ensemble(system, 2, stiffness=np.array([300.0, 600.0]), colliders=[Plane()], device=plain_device)
+    ensemble.step(30)
+    alone = ensemble.simulation_of(1)
+    alone.step(30)
+    # On a GPU several threads share a particle of a simulation: another order of sums.
+    np.testing.assert_allclose(ensemble.frame().position[1], alone.frame().position, rtol=0, atol=1e-5)
+
+
+def test_files_hold_the_laws(tmp_path):
+    for spring in (one for one, *_ in LAWS.values()):
+        system = box((3, 3, 3), 0.1).replace(spring=spring)
+        path = tmp_path / f"{type(spring).__name__}.vtkhdf"
+        with TrajectoryWriter(path, system, fps=60.0) as writer:
+            writer.write(Frame(0.0, system.position, system.velocity))
+        read = Trajectory(path).system
+        if isinstance(spring, OwnSpring):
+            with pytest.raises(ValueError, match="does not hold a law of one's own"):
+                Simulation(read, device="cpu")
+        else:
+            assert read.spring == spring
+
+
+@wp.func
+def of_float(strain: float):
+    return strain
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: LimitedSpring(-0.1), "strain is -0.1"),
+        (lambda: ExponentialSpring(0.0), "exponent is 0"),
+        (lambda: PolynomialSpring(()), "must be one to five numbers"),
+        (lambda: PolynomialSpring((1.0, float("nan"))), "coefficients[1] is nan"),
+        (lambda: OwnSpring(lambda e: e), "it must be a wp.func"),
+        (lambda: OwnSpring(of_float), "it must be a wp.func (strain: Any)"),
+        (lambda: chain(3).replace(spring="tension"), "spring is 'tension'; it must be a Spring"),
+        (lambda: chain(3).replace(spring=TensionOnlySpring(), break_force=5.0), "only linear springs have it"),
+        (lambda: chain(3).replace(spring=TensionOnlySpring()) + chain(3), "cannot add a system of Spring()"),
+        (
+            lambda: Simulation(
+                chain(3, damping=1.0).replace(spring=TensionOnlySpring()),
+                integrator=LinearlyImplicitEuler(),
+                device="cpu",
+            ),
+            "it must be an explicit method",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said(make, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        make()
+
+
+def test_a_scene_with_a_law_is_described():
+    scene = Scene(system=chain(4).replace(spring=TensionOnlySpring()))
+    assert "TensionOnlySpring()" in repr(scene.system)
