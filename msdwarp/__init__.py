@@ -40,6 +40,7 @@ if _typing.TYPE_CHECKING:
         JELLY as JELLY,
         RUBBER as RUBBER,
         STEEL_WIRE as STEEL_WIRE,
+        Angles as Angles,
         Cells as Cells,
         CoulombDamper as CoulombDamper,
         ExponentialSpring as ExponentialSpring,
@@ -57,7 +58,9 @@ if _typing.TYPE_CHECKING:
     from .checks import (
         EnergyDriftWarning as EnergyDriftWarning,
         FitWarning as FitWarning,
+        SettleWarning as SettleWarning,
         StartWarning as StartWarning,
+        StrainWarning as StrainWarning,
     )
     from .engine import Measures as Measures
     from .files import Trajectory as Trajectory, TrajectoryWriter as TrajectoryWriter
@@ -86,6 +89,7 @@ if _typing.TYPE_CHECKING:
         icosphere as icosphere,
         join as join,
         lattice as lattice,
+        rod as rod,
         sheet as sheet,
         shell as shell,
         viscoelastic as viscoelastic,
@@ -122,10 +126,10 @@ __version__ = "0.1.0"
 # The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
     "bodies": (
-        "COTTON FOAM JELLY RUBBER STEEL_WIRE Cells CoulombDamper ExponentialSpring Frame LimitedSpring Material "
-        "OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring space_filling_order"
+        "COTTON FOAM JELLY RUBBER STEEL_WIRE Angles Cells CoulombDamper ExponentialSpring Frame LimitedSpring "
+        "Material OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring space_filling_order"
     ),
-    "checks": "EnergyDriftWarning FitWarning StartWarning",
+    "checks": "EnergyDriftWarning FitWarning SettleWarning StartWarning StrainWarning",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
     "integrators": (
@@ -134,7 +138,7 @@ _ROOMS = {
     ),
     "live": "View show view",
     "pictures": "Renderer ColourScale",
-    "shapes": "ball box chain cloth cone cylinder from_mesh icosphere join lattice sheet shell viscoelastic",
+    "shapes": "ball box chain cloth cone cylinder from_mesh icosphere join lattice rod sheet shell viscoelastic",
     "simulation": "Ensemble GroupMean Simulation SimulationDiverged",
     "studies": "FitResult TrackedPoints fit sweep",
     "world": (

@@ -40,6 +40,10 @@ class StartWarning(UserWarning):
     """The scene can be simulated, but its starting state probably contains a mistake."""
 
 
+class StrainWarning(UserWarning):
+    """A body is strained so much that its model may not hold."""
+
+
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as a new float64 array; raise ValueError if it is not one of numbers.
 

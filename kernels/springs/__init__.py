@@ -6,6 +6,11 @@ by `force_at`, from a table of neighbours (`gather`) or, in a lattice, from inde
 compensated precision positions are x − compensation.x, since rounding errors matter to short springs.
 """
 
+from .angles import (
+    angle_blocks as angle_blocks,
+    angle_energies as angle_energies,
+    angle_forces as angle_forces,
+)
 from .cell_volumes import (
     cell_blocks as cell_blocks,
     cell_energies as cell_energies,

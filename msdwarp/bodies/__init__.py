@@ -1,5 +1,6 @@
 """Systems of particles joined by springs and dampers, as NumPy arrays, without any device."""
 
+from .angles import Angles as Angles
 from .cells import CORNERS as CORNERS, NONE as NONE, Cells as Cells
 from .connectivity import pieces as pieces
 from .contact_surfaces import (

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from .angles import Angles
 from .cells import Cells
 from .dampers import Damper
 from .selection import check_no_mask
@@ -60,7 +61,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         fields["position"] = positions(fields["position"])
     particle_count = len(fields["position"])
     if known and particle_count != len(known["position"]):
-        new |= {"connections", "surface", "cells", "groups"}  # these hold indices of particles
+        new |= {"connections", "surface", "cells", "angles", "groups"}  # these hold indices of particles
 
     for name in PARTICLE_FIELDS[1:]:
         shape = fields["position"].shape if name == "velocity" else (particle_count,)
@@ -85,6 +86,10 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))
     if "cells" in new and fields["cells"] is not None:
         check_cells(fields["cells"], *fields["position"].shape)
+    if "angles" in new and fields["angles"] is not None:
+        checks.instance("angles", fields["angles"], Angles, "Angles(particles=..., stiffness=...)")
+        checks.within("angles.particles", fields["angles"].particles, checks.index_below(particle_count))
+        checks.one_of("the number of coordinates, with angles,", fields["position"].shape[1], (2, 3))
     if "directions" in new:
         fields["directions"] = checks.sequence("directions", fields["directions"], Mapping, "{'x': slice(0, 4)}")
         for k, body in enumerate(fields["directions"]):

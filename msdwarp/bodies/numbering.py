@@ -92,8 +92,9 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
         result["original_length"] = result["rest_length"]
     if (surface := fields["surface"]) is not None:
         result["surface"] = replace(surface, particle=number[surface.particle])
-    if (cells := fields["cells"]) is not None:
-        result["cells"] = cells.renumbered(number)
+    for name in ("cells", "angles"):
+        if fields[name] is not None:
+            result[name] = fields[name].renumbered(number)
     result["groups"] = {name: np.sort(number[group]) for name, group in fields["groups"].items()}
     return result
 
@@ -125,7 +126,10 @@ def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, 
         "damper": (one if one["damping"].any() else other)["damper"],
         "spring": (one if len(one["connections"]) else other)["spring"],
         "surface": one["surface"] if other["surface"] is None else other["surface"].behind(one["surface"], n),
-        "cells": one["cells"] if other["cells"] is None else other["cells"].behind(one["cells"], n),
+        **{
+            name: one[name] if other[name] is None else other[name].behind(one[name], n)
+            for name in ("cells", "angles")
+        },
         "directions": one["directions"] + shifted,
         "groups": groups,
     }

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from .angles import Angles
 from .cells import Cells
 from .dampers import LINEAR, Damper
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
@@ -72,6 +73,8 @@ class System:
         The triangles that are drawn, if any.
     cells
         Cells that resist a change of their volume, if any.
+    angles
+        Particles in threes that resist bending, if any.
     directions
         For each body in the system, the slice of connections of each lattice direction, by name.
     groups
@@ -103,6 +106,7 @@ class System:
     broken_at: NDArray[np.float64]
     surface: Surface | None
     cells: Cells | None
+    angles: Angles | None
     directions: tuple[Mapping[str, slice], ...]
     groups: Mapping[str, NDArray[np.int32]]
 
@@ -127,6 +131,7 @@ class System:
         broken_at: ArrayLike = DEFAULTS["broken_at"],
         surface: Surface | None = None,
         cells: Cells | None = None,
+        angles: Angles | None = None,
         directions: tuple[Mapping[str, slice], ...] = ({},),
         groups: Mapping[str, ArrayLike] | None = None,
     ) -> None:
@@ -150,7 +155,7 @@ class System:
         defaults: dict[str, Any] = {name: uniform(value, count) for name, value in DEFAULTS.items()}
         defaults |= {"velocity": np.broadcast_to(0.0, position.shape), "mass": uniform(1.0, len(position))}
         defaults |= {"original_length": fields["rest_length"], "damper": LINEAR, "spring": LINEAR_SPRING}
-        defaults |= {"surface": None, "cells": None, "directions": ({},), "groups": {}}
+        defaults |= {"surface": None, "cells": None, "angles": None, "directions": ({},), "groups": {}}
         for name, value in (defaults | fields).items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -174,6 +179,8 @@ class System:
             lines.append(springs + (tears if self.tears else ""))
         if self.cells is not None:
             lines.append(f"{counted(len(self.cells), 'cell')}, modulus {span(self.cells.modulus)}")
+        if self.angles is not None:
+            lines.append(f"{counted(len(self.angles), 'angle')}, stiffness {span(self.angles.stiffness)} N m")
         if self.groups:
             groups = [f"{name} ({len(particles)})" for name, particles in list(self.groups.items())[:_NAMED]]
             more = f" and {len(self.groups) - _NAMED} more" if len(self.groups) > _NAMED else ""

@@ -155,8 +155,9 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             yield np.ascontiguousarray(stored(values) if values.ndim == 1 else values).tobytes()
     if scene.settled:
         yield b"settled"
-    if (cells := scene.system.cells) is not None:
-        yield from (np.ascontiguousarray(getattr(cells, field.name)).tobytes() for field in fields(cells))
+    for part in (scene.system.cells, scene.system.angles):
+        if part is not None:
+            yield from (np.ascontiguousarray(getattr(part, field.name)).tobytes() for field in fields(part))
     constant = np.asarray(with_potential(scene.gravity), dtype=float).tolist()
     yield repr((scene.system.damper, constant)).encode()
     if isinstance(spring := scene.system.spring, OwnSpring):

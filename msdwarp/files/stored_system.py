@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..bodies import (
     TEARING_FIELDS,
+    Angles,
     Cells,
     CoulombDamper,
     Damper,
@@ -28,6 +29,7 @@ from ..bodies import (
 from .names import OWN, ROOT, load, store, store_text
 
 DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
+PARTS = {"cells": Cells, "angles": Angles}
 SPRINGS = {
     law.__name__: law for law in (Spring, TensionOnlySpring, LimitedSpring, ExponentialSpring, PolynomialSpring)
 }
@@ -44,8 +46,9 @@ def arrays_of(system: System) -> dict[str, NDArray]:
             del found[name]
     if system.surface is not None:
         found |= {f"surface/{field.name}": getattr(system.surface, field.name) for field in fields(system.surface)}
-    if system.cells is not None:
-        found |= {f"cells/{field.name}": getattr(system.cells, field.name) for field in fields(system.cells)}
+    for name in ("cells", "angles"):
+        if (part := getattr(system, name)) is not None:
+            found |= {f"{name}/{field.name}": getattr(part, field.name) for field in fields(part)}
     found |= {f"groups/{k}": particles for k, particles in enumerate(system.groups.values())}  # names may have a /
     arrays = {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
     return {name: values[0] if is_uniform(values) else values for name, values in arrays.items()}
@@ -74,7 +77,7 @@ def read_system(file: Any) -> System:
     # The stored system may be from a later frame, with springs about to break, which `System` would refuse.
     broken_at = arrays.pop("broken_at", np.inf)
     surface = dict(_read(part["surface"])) if "surface" in part else None
-    cells = dict(_read(part["cells"])) if "cells" in part else None
+    parts = {name: kind(**dict(_read(part[name]))) for name, kind in PARTS.items() if name in part}
     return System(
         **arrays,
         broken_at=0.0,
@@ -82,7 +85,7 @@ def read_system(file: Any) -> System:
         damper=DAMPERS[law](**constants),
         spring=spring,
         surface=None if surface is None else Surface(**surface),
-        cells=None if cells is None else Cells(**cells),
+        **parts,
         directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
         groups={name: load(part[f"groups/{k}"]) for k, name in enumerate(described["groups"])},
     ).replace(broken_at=broken_at)

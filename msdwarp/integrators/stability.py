@@ -165,5 +165,6 @@ def match_stiffness(system: System, other: System) -> System:
             raise ValueError(f"{name} has no springs that hold a free particle; it must have some")
     stiffer = wanted.stiffness / own.stiffness
     more_damped = wanted.damping / own.damping if own.damping > 0.0 else 1.0
-    cells = None if system.cells is None else system.cells.scaled(stiffer, more_damped)
-    return system.replace(stiffness=stiffer * system.stiffness, damping=more_damped * system.damping, cells=cells)
+    parts = {name: getattr(system, name) for name in ("cells", "angles")}
+    parts = {name: part and part.scaled(stiffer, more_damped) for name, part in parts.items()}
+    return system.replace(stiffness=stiffer * system.stiffness, damping=more_damped * system.damping, **parts)

@@ -69,9 +69,10 @@ def settled(
     """
     tolerance = None if tolerance is None else checks.positive("tolerance", tolerance)
     most = checks.count("substeps", most, 1)
-    cells = None if system.cells is None else system.cells.scaled(1.0, 0.0)
+    parts = {name: getattr(system, name) for name in ("cells", "angles")}
+    parts = {name: part and part.scaled(1.0, 0.0) for name, part in parts.items()}
     still = np.zeros_like(system.velocity)
-    undamped = system.replace(velocity=still, damping=0.0, damper=LINEAR, cells=cells)
+    undamped = system.replace(velocity=still, damping=0.0, damper=LINEAR, **parts)
     assembly = assemble(undamped, **{**surroundings, "precision": "float64", "probes": {}}, settles=True)
     fire = next(one for one in assembly.all if isinstance(one, Fire))
     method = SymplecticEuler()

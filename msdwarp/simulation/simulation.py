@@ -214,7 +214,7 @@ class Simulation(Changing):
         """Go back to time 0, with the initial state and parameters."""
         self.frame_index = 0
         self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-        self._due, self._warned_drift = list(self._schedule), False
+        self._due, self._warned = list(self._schedule), set[type[Warning]]()
         self._surroundings |= {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
         self._active_loads = self._given
         automatic = self._forced is None and math.isfinite(self._energy_limit)
@@ -261,6 +261,9 @@ class Simulation(Changing):
         -----
         EnergyDriftWarning
             Once per run, if the energy has risen by rounding errors (automatic substeps only).
+        StrainWarning
+            Once per run, if a body whose Poisson's ratio is below that of springs is strained so much that it may
+            stay distorted (automatic substeps only).
         """
         count = checks.count("frames", frames, 1)
         try:
@@ -282,12 +285,10 @@ class Simulation(Changing):
         self.frame_index += 1
         if self.readings:
             self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
-        controller = self._step_controller
-        if not self._warned_drift and controller is not None and controller.warnings:
-            self._warned_drift = True
-            warnings.warn(
-                f"up to {self.time:.4g} s {controller.warnings}", checks.EnergyDriftWarning, stacklevel=4
-            )
+        found = {} if self._step_controller is None else self._step_controller.warnings
+        for kind in found.keys() - self._warned:
+            self._warned.add(kind)
+            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=4)
 
     def _advance(self, next_time: float | None) -> None:
         """Advance by a frame; `next_time` [s] is as for `Stepping.advance`."""

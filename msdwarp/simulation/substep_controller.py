@@ -107,8 +107,10 @@ class StepController:
     rechoose: bool = False
     """Whether substeps are chosen again before the next frame: the refinement or the strain has changed."""
 
-    warnings = ""
-    """A warning about energy that rounding errors have added."""
+    def __post_init__(self) -> None:
+        """Begin without warnings."""
+        self.warnings: dict[type[Warning], str] = {}
+        """Warnings by kind."""
 
     def saved(self) -> dict[str, float]:
         """Return the numbers for a checkpoint."""
@@ -255,6 +257,12 @@ class StepController:
         """Accept a frame: record its energies, and decide when to check and to choose substeps again."""
         self._update_extremes(balance)
         self._check_rounding(stepping, balance)
+        cells = stepping.model.system.cells
+        if balance.strain > LARGE_STRAIN and cells is not None and (cells.modulus < 0).any():
+            self.warnings[checks.StrainWarning] = (
+                f"a connection has been strained by {balance.strain:.2g}; below a Poisson's ratio of 1/4 (in a "
+                "sheet 1/3) a body that is strained so much may stay distorted"
+            )
         self.quiet_frames += self.since
         self.since = 0
         quiet = balance.energy <= self.least + 0.5 * self._allowed(balance) and balance.strain <= LARGE_STRAIN
@@ -269,12 +277,12 @@ class StepController:
         return stepping
 
     def _check_rounding(self, stepping: Stepping, balance: EnergyBalance) -> None:
-        """Set `warnings` if a large rise of energy is allowed only because it may be rounding."""
+        """Warn if a large rise of energy is allowed only because it may be rounding."""
         gained = balance.energy - self.floor
         without_rounding = max(self.scale - self.rounding, balance.inner + 0.05 * balance.kinetic)
         if max(MOST_GAINED * without_rounding, ROUNDED * self.rounding) < gained < self.rounding:
             better = "float64" if stepping.model.compensated else "float32-compensated"
-            self.warnings = (
+            self.warnings[checks.EnergyDriftWarning] = (
                 f"the energy has risen by {gained:.3g} J, and rounding to float32 may be why: the springs are so "
                 "stiff, or so far from the origin, that the rounding of positions strains them; "
                 f"use precision={better!r}"

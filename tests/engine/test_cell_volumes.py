@@ -9,7 +9,7 @@ import pytest
 import volumes
 from tangles import PRECISIONS, evaluate
 
-from msdwarp import Cells, Leapfrog, Material, Simulation, System, ball, box, lattice, sheet
+from msdwarp import Cells, Leapfrog, Material, Simulation, StrainWarning, System, ball, box, lattice, sheet
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
 RATIOS = (0.0, 0.1, 0.35, 0.45, 0.49)
@@ -197,6 +197,13 @@ def test_automatic_steps_are_enough_where_a_body_is_squeezed():
     for _ in range(60):
         simulation.step()
         assert simulation.stepping.balance().energy < 1.02 * start  # as the step controller allows
+
+
+def test_large_strains_below_the_ratio_of_springs_are_warned_of():
+    system = stretched(box((4, 3, 3), 0.1, material=of_ratio(0.05)), 1.4, 1.0, 1.0)
+    system = system.replace(rest_length=box((4, 3, 3), 0.1).rest_length)
+    with pytest.warns(StrainWarning, match=r"strained by 0\.\d+; below a Poisson's ratio of 1/4"):
+        Simulation(system, gravity=0.0, device="cpu").step(3)
 
 
 def test_a_new_rest_shape_has_new_volumes(plain_device):

@@ -12,13 +12,13 @@ from msdwarp import (
     Material,
     Plane,
     Scene,
+    SettleWarning,
     Simulation,
     Sphere,
     System,
     at,
     box,
     chain,
-    checks,
     sheet,
 )
 
@@ -137,7 +137,7 @@ def test_a_scene_can_start_settled():
 
 def test_what_does_not_settle_is_told():
     simulation = Simulation(hung_cloth(), device="cpu")
-    with pytest.warns(checks.SettleWarning, match=r"the largest force left is .* N, above the tolerance"):
+    with pytest.warns(SettleWarning, match=r"the largest force left is .* N, above the tolerance"):
         found = simulation.settle(substeps=100)
     assert not found.converged
     for wrong, said in (({"tolerance": 0.0}, "tolerance is 0"), ({"substeps": 0}, "substeps is 0")):

@@ -43,6 +43,7 @@ from ..loads.surface_triangles import embedded_vertices_of
 from ..loads.wind import winds_of
 from ..model.effect import Effect
 from ..model.model import CONSTANTS, Model, Rows
+from ..springs.angles import AngleSprings
 from ..springs.cell_volumes import CellVolumes
 from ..springs.extra_springs import ExtraSprings
 from ..springs.fracture import Fracture
@@ -104,6 +105,7 @@ EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]]
     lambda model, around: drives_of(model, around.loads),
     lambda model, around: ExtraSprings(model) if model.lattice is not None and len(model.lattice.ties) else None,
     lambda model, around: None if model.system.cells is None else CellVolumes(model),
+    lambda model, around: None if model.system.angles is None else AngleSprings(model),
     lambda model, around: forces_of_loads(model, around.loads),
     lambda model, around: _on_surfaces(model, around.loads),
     lambda model, around: attachments_of(model, around.loads),

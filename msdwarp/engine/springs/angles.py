@@ -1,0 +1,53 @@
+"""AngleSprings: the angles of a system that resist bending, on a device."""
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.springs import angle_blocks, angle_energies, angle_forces
+from ..device.csr import rows
+from ..device.device import upload_fields
+from ..model.effect import Effect
+from ..model.model import Model
+
+
+class AngleSprings(Effect):
+    """The forces of angles."""
+
+    conserves = True
+
+    def __init__(self, model: Model) -> None:
+        angles = model.system.angles
+        assert angles is not None
+        self._model, self._count = model, len(angles)
+        for name in ("stiffness", "damping"):
+            model.check_range(getattr(angles, name), f"angles.{name}")
+        damped = bool(angles.damping.any())
+        piece = self.piece = angle_forces(model.dim, model.scalar, model.compensated, damped)
+        self.data = piece.Data()
+        self._kinds = model.dim, model.scalar, piece.Data
+        order, first = rows(angles.particles.ravel(), model.particle_count)
+        self.members = np.diff(first) > 0
+        upload_fields(
+            self.data,
+            model.device,
+            first=first,
+            entry=order,
+            particles=angles.particles,
+            stiffness=angles.stiffness,
+            damping=angles.damping,
+        )
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+        """Add half of a bound of the angles' stiffness and damping: the bound doubles blocks."""
+        outputs = [stiffness, damping]
+        wp.launch(angle_blocks(*self._kinds), self._count, [self.data, x], outputs, device=self._model.device)
+
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return Σ 2 K tan²(θ/2) [J] and Σ D θ'² [W]."""
+        model, shape = self._model, (self._model.worlds, self._count)
+        sums = [wp.zeros(shape, dtype=wp.float64, device=model.device) for _ in range(2)]
+        inputs = [self.data, model.stride, x, v]
+        wp.launch(angle_energies(*self._kinds), shape, inputs, sums, device=model.device)
+        energies, powers = (one.numpy().sum(axis=1) for one in sums)
+        return energies, powers
