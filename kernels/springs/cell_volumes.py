@@ -67,8 +67,11 @@ def cell_table(scalar: type):
 
 
 @functools.cache
-def cell_volumes(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the term of cells: the sum of the forces on a particle that `cell_forces` has computed."""
+def cell_volumes(dim: int, scalar: type, compensated: bool, everywhere: bool) -> ForceTerm:
+    """Return the term of cells: the sum of the forces on a particle that `cell_forces` has computed.
+
+    If cells are `everywhere`, no particle is asked whether it has any.
+    """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
     @wp.struct
@@ -87,7 +90,7 @@ def cell_volumes(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
         return sum_over_corners
 
-    return ForceTerm("cells", Corners, force=force, selective=True)
+    return ForceTerm("cells", Corners, force=force, selective=not everywhere)
 
 
 @functools.cache

@@ -43,12 +43,11 @@ class CellVolumes(Effect):
         self._forces = cell_forces(
             model.dim, model.scalar, model.compensated, *self._kind, bool(cells.damping.any())
         )
-        self.piece = cell_volumes(model.dim, model.scalar, model.compensated)
-        self.data = self.piece.Data()
         corner, cell = np.nonzero(cells.corners[:, :corner_count].T != NONE)
-        particle = cells.corners[cell, corner]
-        order, first = rows(particle, model.particle_count)
+        order, first = rows(cells.corners[cell, corner], model.particle_count)
         self.members = np.diff(first) > 0
+        self.piece = cell_volumes(model.dim, model.scalar, model.compensated, bool(self.members.all()))
+        self.data = self.piece.Data()
         upload_fields(self.data, model.device, first=first, entry=(corner * self._count + cell)[order])
         self.data.force = wp.zeros(
             model.worlds * corner_count * self._count, dtype=model.vector, device=model.device
