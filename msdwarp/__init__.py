@@ -54,6 +54,8 @@ if _typing.TYPE_CHECKING:
         System as System,
         TensionOnlySpring as TensionOnlySpring,
         space_filling_order as space_filling_order,
+        stress as stress,
+        von_mises as von_mises,
     )
     from .checks import (
         EnergyDriftWarning as EnergyDriftWarning,
@@ -127,7 +129,8 @@ __version__ = "0.1.0"
 _ROOMS = {
     "bodies": (
         "COTTON FOAM JELLY RUBBER STEEL_WIRE Angles Cells CoulombDamper ExponentialSpring Frame LimitedSpring "
-        "Material OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring space_filling_order"
+        "Material OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring space_filling_order "
+        "stress von_mises"
     ),
     "checks": "EnergyDriftWarning FitWarning SettleWarning StartWarning StrainWarning",
     "engine": "Measures",

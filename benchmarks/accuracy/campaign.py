@@ -1,12 +1,14 @@
 """Does the automatic step keep its promise? Random bodies, mistreated at random, for 600 frames each.
 
-    python -m benchmarks.accuracy.campaign [--first N] [--count N] [--workers N] [--device D] [--quick]
+    python -m benchmarks.accuracy.campaign [--first N] [--count N] [--workers N] [--materials] [--device D]
+        [--quick]
 
 Each body of `random_bodies` is simulated twice: with the substeps that the stability limit asks for at the start,
 which is what "auto" once meant, and with "auto" as it is. Growth is the largest energy in the second half of a run
 less the largest in the first second, over the largest kinetic and elastic energy in that second, the weight times
 the size, and what rounding may make of nothing. Where nothing outside does work on the body it is to be nothing. A
-body has heated where it is above 0.1.
+body has heated where it is above 0.1. With --materials bodies have Poisson's ratios, laws of springs, or are rods
+(campaign_materials.csv).
 """
 
 import argparse
@@ -36,9 +38,11 @@ def main() -> None:
     own.add_argument("--first", type=int, default=0, help="number of the first body")
     own.add_argument("--count", type=int, default=3000, help="how many bodies")
     own.add_argument("--workers", type=int, default=1, help="processes that share the work")
+    own.add_argument("--materials", action="store_true", help="bodies of materials, with laws of springs, rods")
     options = arguments(__doc__ or "", own)
+    name = "campaign_materials.csv" if options.materials else "campaign.csv"
     count = 20 if options.quick else options.count
-    seeds = [(seed, options.device) for seed in range(options.first, options.first + count)]
+    seeds = [(seed, options.device, options.materials) for seed in range(options.first, options.first + count)]
     rows = []
     with get_context("spawn").Pool(options.workers) as pool:
         for row in pool.imap(both, seeds):
@@ -46,16 +50,16 @@ def main() -> None:
             if row["outcome"] != "held":
                 print(row, flush=True)
             if len(rows) % 100 == 0 or len(rows) == count:
-                write_csv(options.folder / "campaign.csv", rows, machine(options.device))
+                write_csv(options.folder / name, rows, machine(options.device))
     print(machine(options.device))
     summarise(rows)
 
 
-def both(arguments: tuple[int, str]) -> dict[str, Any]:
+def both(arguments: tuple[int, str, bool]) -> dict[str, Any]:
     """Return what became of a body, with substeps as they were at the start and with automatic ones."""
-    seed, device = arguments
+    seed, device, materials = arguments
     warnings.simplefilter("ignore")  # a displaced or thrown body may start in doubtful places
-    case = make(seed)
+    case = make(seed, materials)
     about = {name: getattr(case, name) for name in ("seed", "shape", "act", "around", "method", "precision")}
     about |= {"particles": case.system.particle_count, "dim": case.system.dim, "damping_ratio": case.damping_ratio}
     about |= {"gravity": case.options["gravity"], "isolated": int(case.isolated)}
@@ -75,7 +79,7 @@ def simulate(case: Case, device: str, substeps: int | str) -> dict[str, Any]:
         for _ in range(FRAMES):
             now = simulation.measure()
             energies.append(now.energy)
-            inner.append(now.kinetic_energy + now.elastic_energy)
+            inner.append(now.kinetic_energy + now.elastic_energy + now.effect_energy)
             simulation.step()
             counts.append(simulation.substeps)
     except SimulationDiverged as error:

@@ -5,6 +5,7 @@ It is spun, stretched, squashed, displaced at random, thrown apart, dropped or p
 lie in the same place at the start.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,17 +16,24 @@ from msdwarp import (
     Box,
     Capsule,
     ExplicitEuler,
+    ExponentialSpring,
     Leapfrog,
+    LimitedSpring,
     LinearlyImplicitEuler,
+    Material,
     Plane,
+    PolynomialSpring,
     Sphere,
     SymplecticEuler,
     System,
+    TensionOnlySpring,
     ball,
     box,
     chain,
+    rod,
     sheet,
 )
+from msdwarp.bodies import LINEAR_SPRING
 
 KICK_DRIFT = {
     "symplectic Euler": SymplecticEuler(),
@@ -59,8 +67,8 @@ class Case(NamedTuple):
         return self.around != "moving"
 
 
-def make(seed: int) -> Case:
-    """Return body number `seed`."""
+def make(seed: int, materials: bool = False) -> Case:
+    """Return body number `seed`; with `materials` it has a Poisson's ratio, a law of springs, or is a rod."""
     rng = np.random.default_rng(seed)
     shape = str(rng.choice(["chain", "sheet", "box", "ball"]))
     spacing, mass = 0.1, float(10 ** rng.uniform(-3, 0))
@@ -69,21 +77,26 @@ def make(seed: int) -> Case:
     numbers = {"mass": mass, "stiffness": stiffness, "damping": 2 * ratio * float(np.sqrt(stiffness * mass))}
     dim = int(rng.choice([2, 3])) if shape in ("chain", "sheet") else 3
     if shape == "chain":
-        system = chain(int(rng.integers(2, 30)), spacing, dim=dim, **numbers)
+        build: Any = partial(chain, int(rng.integers(2, 30)), spacing, dim=dim)
     elif shape == "sheet":
         size = rng.integers(2, 9, 2)
-        system = sheet((int(size[0]), int(size[1])), spacing, dim=dim, **numbers)
+        build = partial(sheet, (int(size[0]), int(size[1])), spacing, dim=dim)
     elif shape == "box":
         a, b, c = (int(n) for n in rng.integers(2, 6, 3))
-        system = box((a, b, c), spacing, **numbers)
+        build = partial(box, (a, b, c), spacing)
     else:
-        system = ball(float(rng.uniform(1.0, 2.7)) * spacing, spacing, **numbers)
+        build = partial(ball, float(rng.uniform(1.0, 2.7)) * spacing, spacing)
+    system = build(**numbers)
+    if materials:
+        system = _of_a_material(build, shape, system, ratio, np.random.default_rng((seed, 1)))
     around, act = str(rng.choice(SURROUNDINGS)), str(rng.choice(ACTS))
     if act == "pressed":
         around = "moving"
     elif act == "dropped" and around == "nothing":
         around = "floor"
     method = str(rng.choice([*METHODS, *KICK_DRIFT] + (list(ONLY_DAMPED) if ratio else [])))
+    if system.spring != LINEAR_SPRING and method == "implicit Euler":
+        method = "leapfrog"
     precision = str(rng.choice(["float32", "float32-compensated", "float64"]))
     speed = float(np.sqrt(stiffness / mass)) * spacing  # at which a wave passes along
     system = _treated(system, act, speed, rng)
@@ -95,6 +108,28 @@ def make(seed: int) -> Case:
     options = {"gravity": gravity, "colliders": _colliders(around, act, system, rng), "precision": precision}
     options["integrator"] = (METHODS | ONLY_DAMPED)[method]
     return Case(seed, shape, act, around, method, precision, ratio, system, options)
+
+
+LAWS = (TensionOnlySpring(), LimitedSpring(0.1, 20.0), ExponentialSpring(5.0), PolynomialSpring((1.0, 0.0, 10.0)))
+
+
+def _of_a_material(build: Any, shape: str, system: System, ratio: float, rng: np.random.Generator) -> System:
+    """Return a body with a law of springs or, about as stiff and heavy as before, of a material."""
+    if rng.uniform() < 0.4:
+        return system.replace(spring=LAWS[int(rng.integers(len(LAWS)))])
+    spacing, stiffness, mass = 0.1, float(system.stiffness[0]), float(system.mass[0])
+    poisson = float(rng.choice([0.0, 0.1, 0.2, 0.4, 0.45, 0.49]))
+    how = {"damping_ratio": min(ratio, 0.3), "poissons_ratio": None if shape == "chain" else poisson}
+    if shape in ("box", "ball"):
+        return build(material=Material(mass / spacing**3, stiffness / spacing, **how))
+    thickness = float(rng.uniform(0.1, 1.0)) * spacing
+    if shape == "sheet":
+        stuff = Material(mass / (thickness * spacing**2), stiffness / thickness, **how)
+        return build(material=stuff, thickness=thickness)
+    area = np.pi * thickness**2 / 4
+    stuff = Material(mass / (area * spacing), stiffness * spacing / area, **how)
+    count = max(system.particle_count, 3)
+    return rod(count, spacing, radius=thickness / 2, material=stuff, dim=system.dim)
 
 
 def _treated(system: System, act: str, speed: float, rng: np.random.Generator) -> System:

@@ -52,6 +52,7 @@ from .springs import (
     TensionOnlySpring as TensionOnlySpring,
     UnknownSpring as UnknownSpring,
 )
+from .stress import stress as stress, von_mises as von_mises
 from .surface import Surface as Surface
 from .system import System as System, counted as counted, headline as headline, particles_meant as particles_meant
 from .torn_surfaces import Bare as Bare, Edges as Edges, broken_before as broken_before, laid_bare as laid_bare

@@ -85,6 +85,8 @@ class Cells:
             result[flat] = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
         else:
             result[flat] = 0.5 * np.linalg.norm(np.cross(first, second), axis=1)
+        if flat.all():
+            return result
         solid = x[self.corners[~flat]]
         solid = solid - solid.mean(axis=1, keepdims=True)
         total = np.zeros(len(solid))
@@ -94,6 +96,13 @@ class Cells:
             total += np.einsum("ni,ni->n", b, np.cross(c, d))
         result[~flat] = total / 12
         return result
+
+    def slopes(self, position: ArrayLike) -> NDArray[np.float64]:
+        """Return w' of each cell [Pa], [N/m] if flat: minus its pressure without the damper's."""
+        ratio = self.volumes(position) / self.rest_volume
+        d = ratio - 1
+        negative = np.where(d < 0, d / (1 + d * d), 2 * d / (1 + ratio * ratio))
+        return self.modulus * np.where(self.modulus < 0, negative, d)
 
     def at_rest(self, position: ArrayLike, particles: NDArray[np.bool_] | None = None) -> Self:
         """Return these cells with the volumes at `position` [m] as rest volumes.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.progress import Progress
 
+from ..bodies import stress, von_mises
 from ..files import FrameArray, Trajectory
 from ..pictures import ColourScale, Renderer, outermost, timelapse, write_film
 from ..studies import particle_energies, system_in
@@ -151,6 +152,10 @@ _QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDAr
     "energy": (
         "energy of a particle and half its connections [J]",
         lambda scene, trajectory, k: particle_energies(system_in(trajectory, k, scene.schedule)),
+    ),
+    "stress": (
+        "von Mises stress [Pa]",
+        lambda scene, trajectory, k: von_mises(stress(system_in(trajectory, k, scene.schedule))),
     ),
     "contact": (
         "contact force on a particle [N]",

@@ -42,9 +42,10 @@ class Pictures:
     """Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time."""
     resolution: str = "1280x720"
     """Width and height of the pictures in pixels."""
-    colour: Literal["texture", "strain", "velocity", "energy", "contact"] | None = None
+    colour: Literal["texture", "strain", "velocity", "energy", "stress", "contact"] | None = None
     """What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
-    the velocity, energy or contact force of particles. Default: set by the scene."""
+    the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
+    set by the scene."""
     full_strain: float | None = None
     """Strain at the ends of the colour scale. Default: set by the scene, or fitted to the run."""
     arrows: Flag = False

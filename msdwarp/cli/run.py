@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from ..bodies import stress
 from ..disk import TRAJECTORY
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
@@ -43,6 +44,8 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     duration = scene.duration if options.duration is None else options.duration
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
+    if options.pictures.colour == "stress":
+        stress(scene.system)  # raises ValueError if it has none
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     if options.pictures.any or options.trajectory != "none":

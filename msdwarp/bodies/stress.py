@@ -1,0 +1,99 @@
+"""Stress of bodies with cells, from positions alone."""
+
+import itertools
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from .cells import NONE
+from .springs import LINEAR_SPRING
+from .system import System
+
+
+def stress(system: System, position: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the Cauchy stress at each particle [Pa], shape [particle_count, d, d]; in sheets [N/m].
+
+    A cell's stress is the virial of its elastic forces over its volume, (Σ T l n nᵀ)/V + w', for tensions T along
+    n of connections between its corners, which cells share equally (Hardy, J. Chem. Phys. 76 (1982) 622). A
+    particle has the mean of its cells, by volume, and 0 without cells. Where strain is homogeneous it is exact.
+    Dampers, and connections that lie in no cell, are left out.
+
+    Parameters
+    ----------
+    system
+        A system with `cells`, such as a body of a `Material` with a Poisson's ratio.
+    position
+        Positions [m], shape [particle_count, d]; by default those of the system.
+
+    Raises
+    ------
+    ValueError
+        If the system has no cells, or its springs are not linear.
+    """
+    checks.instance("system", system, System, "box((5, 5, 5), 0.1, material=rubber)")
+    cells = system.cells
+    if cells is None or system.spring != LINEAR_SPRING:
+        missing = "no cells" if cells is None else f"spring={system.spring!r}"
+        raise ValueError(
+            f"system has {missing}; for stress it must have linear springs, and cells: those of a Material with "
+            "poissons_ratio"
+        )
+    x = system.position if position is None else checks.broadcast("position", position, system.position.shape)
+    volume = np.abs(cells.volumes(x))
+    virial = _virials(system, x) + (cells.slopes(x) * volume)[:, None, None] * _planes(system, x)
+    total, shares = np.zeros((len(x), *virial.shape[1:])), np.zeros(len(x))
+    for k in range(cells.corners.shape[1]):
+        here = cells.corners[:, k] != NONE
+        np.add.at(total, cells.corners[here, k], virial[here])
+        np.add.at(shares, cells.corners[here, k], volume[here])
+    return total / np.where(shares > 0, shares, np.inf)[:, None, None]
+
+
+def _virials(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Σ T l n nᵀ of the connections between the corners of each cell [J], shape [cell_count, d, d]."""
+    cells = system.cells
+    assert cells is not None
+    count, ends = len(x), np.sort(system.connections.astype(np.int64), axis=1)
+    apart = x[ends[:, 1]] - x[ends[:, 0]]
+    length = np.linalg.norm(apart, axis=1)
+    pull = np.where(system.broken, 0.0, system.stiffness * (length - system.rest_length))
+    each = (pull / np.where(length > 0, length, 1))[:, None, None] * apart[:, :, None] * apart[:, None, :]
+    different, number = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
+    joined = np.zeros((len(different), *each.shape[1:]))
+    np.add.at(joined, number.ravel(), each)
+    # The pairs of corners of each cell, each once.
+    two = np.array(list(itertools.combinations(range(cells.corners.shape[1]), 2)))
+    pairs = np.sort(cells.corners[:, two].astype(np.int64), axis=2)
+    names = pairs[..., 0] * count + pairs[..., 1]
+    cell = np.broadcast_to(np.arange(len(cells))[:, None], names.shape)
+    apart_here = (pairs[..., 0] != NONE) & (pairs[..., 0] != pairs[..., 1])
+    once = np.unique(np.stack([cell[apart_here], names[apart_here]]), axis=1)
+    at = np.minimum(np.searchsorted(different, once[1]), len(different) - 1)
+    known = different[at] == once[1]
+    cell, at = once[0, known], at[known]
+    result = np.zeros((len(cells), *each.shape[1:]))
+    np.add.at(result, cell, joined[at] / np.bincount(at, minlength=len(different))[at][:, None, None])
+    return result
+
+
+def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return von Mises' equivalent √(3/2 s:s) of stresses, shape [..., d, d]; s is their deviator in space."""
+    dim = stress.shape[-1]
+    pressure = np.trace(stress, axis1=-2, axis2=-1) / 3
+    squares = (stress**2).sum(axis=(-2, -1)) - 3 * pressure**2  # of the deviator, also for plane stress
+    return np.sqrt(np.maximum(1.5 * squares, 0.0)) if dim > 1 else np.abs(stress[..., 0, 0])
+
+
+def _planes(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the projection on the plane of each flat cell, and the identity of a solid one."""
+    cells = system.cells
+    assert cells is not None
+    result = np.tile(np.eye(x.shape[1]), (len(cells), 1, 1))
+    if x.shape[1] == 3 and cells.flat.any():
+        quad = x[cells.corners[cells.flat, :4]]
+        normal = np.cross(quad[:, 2] - quad[:, 0], quad[:, 3] - quad[:, 1])
+        size = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = normal / np.where(size > 0, size, 1)
+        result[cells.flat] -= normal[:, :, None] * normal[:, None, :]
+    return result
