@@ -41,6 +41,8 @@ OFTEN = 8
 """At intervals shorter than this each frame on a GPU sums its energy balance."""
 LARGE_STRAIN = 0.3
 """Above this strain the stability limit of small motions is unreliable, and every frame is checked."""
+FRAGILE_STRAIN = 0.4
+"""Above this strain of some connection a body with a negative modulus of volume may stay distorted."""
 PATIENCE = 60
 """Quiet frames before fewer substeps are tried."""
 MOST_PATIENCE = 4096
@@ -258,7 +260,7 @@ class StepController:
         self._update_extremes(balance)
         self._check_rounding(stepping, balance)
         cells = stepping.model.system.cells
-        if balance.strain > LARGE_STRAIN and cells is not None and (cells.modulus < 0).any():
+        if balance.strain > FRAGILE_STRAIN and cells is not None and (cells.modulus < 0).any():
             self.warnings[checks.StrainWarning] = (
                 f"a connection has been strained by {balance.strain:.2g}; below a Poisson's ratio of 1/4 (in a "
                 "sheet 1/3) a body that is strained so much may stay distorted"
