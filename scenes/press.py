@@ -10,7 +10,7 @@ SIDE, BASE, GAP, PLATE = 0.5, 0.1, 0.02, (1.8, 0.9, 0.1)
 
 
 def press(time: float) -> tuple[float, float, float]:
-    """Return how far the upper plate has moved: down by a quarter of the blocks, and up again after two seconds."""
+    """Return how far the upper plate has moved: down by a quarter of the blocks, and up after two seconds."""
     down = min(np.clip(time / 1.2, 0, 1), np.clip((3.0 - time) / 0.8, 0, 1))
     return 0.0, 0.0, -(GAP + 0.27 * SIDE) * (3 - 2 * down) * down**2
 
