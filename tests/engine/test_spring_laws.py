@@ -86,8 +86,9 @@ BODIES = {
 
 
 @every_law
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize(
+    ("body", "precision"), [("tangle", "float64"), ("box", "float64"), ("box", "float32"), ("undamped", "float32")]
+)
 def test_forces_follow_the_law(device, body, precision, name):
     system = BODIES[body].replace(spring=LAWS[name][0])
     if precision == "float32":

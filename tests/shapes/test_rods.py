@@ -35,8 +35,9 @@ def energy(angles: Angles, x: np.ndarray) -> np.ndarray:
     return (2 * angles.stiffness * (1 - cosine) / (1 + cosine)).sum()
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(
+    ("dim", "precision"), [(2, "float64"), (3, "float64"), (3, "float32"), (2, "float32-compensated")]
+)
 def test_forces_are_the_slope_of_the_energy(device, dim, precision):
     system = tangled(dim)
     x = system.position
