@@ -206,3 +206,18 @@ def rate_matrix(system: System, constant: np.ndarray, *, across: bool = True) ->
     root = 1 / np.sqrt(np.repeat(system.mass[free], dim))
     size = dim * int(free.sum())
     return matrix[free][:, :, free].reshape(size, size) * np.outer(root, root)
+
+
+def stiffness_rate(system: System, force, step: float = 1e-6) -> float:
+    """Return the largest eigenvalue of M⁻¹K, K by central differences of `force`, a function of positions."""
+    x = system.position
+    matrix = np.zeros((x.size, x.size))
+    for k in range(x.size):
+        both = []
+        for sign in (1, -1):
+            moved = x.copy()
+            moved.ravel()[k] += sign * step
+            both.append(force(moved))
+        matrix[:, k] = (both[1] - both[0]).ravel() / (2 * step)
+    root = np.where(system.pinned, 0.0, 1 / np.sqrt(system.mass)).repeat(system.dim)
+    return float(np.linalg.eigvalsh(root[:, None] * (matrix + matrix.T) / 2 * root)[-1])

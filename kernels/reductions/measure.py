@@ -125,7 +125,7 @@ def sum_up(
     V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
     resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
     energy = None if spring_law is None else spring_energy(spring_law)
-    slack = spring_law == ("tension",)
+    slack = laws.slacken
     column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
     add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 

@@ -34,5 +34,5 @@ from .lanes import (
 from .linearised import add_blocks as add_blocks
 from .plasticity import yielding as yielding
 from .scatter import scatter as scatter
-from .spring_laws import Laws as Laws, spring_energy as spring_energy, steepest_slope as steepest_slope
+from .spring_laws import Laws as Laws, spring_energy as spring_energy
 from .stencil import COLUMN as COLUMN, stencil as stencil, stencil_rows as stencil_rows

@@ -14,6 +14,7 @@ from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .force_algorithm import difference
+from .law import TINY
 
 FOLDED = 1e-4
 """Least 1 + cos θ: a line that is folded back keeps this angle's force."""
@@ -28,7 +29,7 @@ def bending_force(dim: int, scalar: type):
     ve and vf are the rates of e and f.
     """
     V = vector(dim, scalar)
-    tiny = 1.2e-38 if scalar is wp.float32 else 1e-300
+    tiny = TINY[scalar]
 
     @wp.func
     def bend(e: V, f: V, ve: V, vf: V, stiffness: scalar, damping: scalar):

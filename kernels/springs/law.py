@@ -66,7 +66,7 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
     """
     V, (damper, spring) = vector(dim, scalar), laws
     stress = None if spring is None else spring_stress(scalar, spring)
-    slack = spring == ("tension",)
+    slack = laws.slacken
     linear, damped = damper == LINEAR, damper is not None
     resistance = damper_force(scalar, damper or LINEAR)
     rsqrt, rounded = inverse_root(scalar), product(scalar)

@@ -23,6 +23,11 @@ class Laws(NamedTuple):
     spring: Any = None
     """The law of springs: its name and numbers, or a `wp.func`; None for one that is linear."""
 
+    @property
+    def slacken(self) -> bool:
+        """Whether springs, with their dampers, exert no force while they are shorter than at rest."""
+        return self.spring == ("tension",)
+
 
 @functools.cache
 def spring_stress(scalar: type, law: Any):

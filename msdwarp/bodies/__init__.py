@@ -23,6 +23,7 @@ from .fields import (
     PARTICLE_FIELDS as PARTICLE_FIELDS,
     TEARING_FIELDS as TEARING_FIELDS,
     break_stretch as break_stretch,
+    scaled_parts as scaled_parts,
 )
 from .frame import Frame as Frame, Series as Series
 from .materials import (
@@ -54,7 +55,12 @@ from .springs import (
 )
 from .stress import stress as stress, von_mises as von_mises
 from .surface import Surface as Surface
-from .system import System as System, counted as counted, headline as headline, particles_meant as particles_meant
+from .system import (
+    System as System,
+    counted as counted,
+    headline as headline,
+    particles_meant as particles_meant,
+)
 from .torn_surfaces import Bare as Bare, Edges as Edges, broken_before as broken_before, laid_bare as laid_bare
 from .uniform import (
     is_uniform as is_uniform,

@@ -111,6 +111,11 @@ def check_cells(cells: Cells, particle_count: int, dim: int) -> None:
         raise ValueError(f"cells are given; in {dim} dimensions they must be {'flat' if dim == 2 else 'None'}")
 
 
+def scaled_parts(fields: Mapping[str, Any], stiffness: float, damping: float) -> dict[str, Any]:
+    """Return the cells and angles among a system's fields, with stiffness and damping multiplied by factors."""
+    return {name: fields[name] and fields[name].scaled(stiffness, damping) for name in ("cells", "angles")}
+
+
 def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArray[np.float64]]:
     """Return the arrays with an entry for each connection; `new` ones are checked."""
     values = {name: fields[name] for name in CONNECTION_FIELDS}

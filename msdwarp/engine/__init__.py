@@ -43,7 +43,6 @@ from .springs.linearised import add_linearised as add_linearised, write_diagonal
 from .stepping.assemble import Assembly as Assembly, assemble as assemble, assemble_worlds as assemble_worlds
 from .stepping.cpu_partition import THREADS as THREADS, threads_for as threads_for
 from .stepping.dynamics import Dynamics as Dynamics
-from .stepping.fire import Fire as Fire
 from .stepping.stages import Solve as Solve, Stage as Stage
 from .stepping.start_checks import starting_state as starting_state, warn_of_start as warn_of_start
 from .stepping.substeps import Blocks as Blocks, Stepper as Stepper, check_blocks as check_blocks

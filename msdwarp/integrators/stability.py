@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass, replace
 
 from .. import checks
-from ..bodies import System
+from ..bodies import System, scaled_parts
 from ..engine import Rates, rate_bounds
 from .base import Integrator
 
@@ -165,6 +165,5 @@ def match_stiffness(system: System, other: System) -> System:
             raise ValueError(f"{name} has no springs that hold a free particle; it must have some")
     stiffer = wanted.stiffness / own.stiffness
     more_damped = wanted.damping / own.damping if own.damping > 0.0 else 1.0
-    parts = {name: getattr(system, name) for name in ("cells", "angles")}
-    parts = {name: part and part.scaled(stiffer, more_damped) for name, part in parts.items()}
+    parts = scaled_parts(vars(system), stiffer, more_damped)
     return system.replace(stiffness=stiffer * system.stiffness, damping=more_damped * system.damping, **parts)

@@ -120,18 +120,23 @@ def _constants_of(
         "mass": material.cell_mass(axes, spacing, section) * cell_shares(whole, (0,) * axes),
         "stiffness": stiffness,
         "damping": time * stiffness,
-        "cells": _cells_of(material, section, mask, spacing, time),
+        "cells": _cells_of(material, section, mask, whole, spacing, time),
     }
 
 
 def _cells_of(
-    material: Material, section: float, mask: NDArray[np.bool_], spacing: float, time: float
+    material: Material,
+    section: float,
+    mask: NDArray[np.bool_],
+    whole: NDArray[np.bool_],
+    spacing: float,
+    time: float,
 ) -> Cells | None:
     """Return the cells of a lattice of a material, damped for a time β; None if springs are enough."""
     modulus = material.cell_modulus(mask.ndim, section)
     if modulus == 0.0:
         return None
-    corners = cell_corners(mask, whole_cells(mask))
+    corners = cell_corners(mask, whole)
     volume = uniform(spacing**mask.ndim, len(corners))
     return Cells(corners=corners, rest_volume=volume, modulus=modulus, damping=time * modulus)
 

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import checks
-from ..bodies import LINEAR, System
-from ..engine import Dynamics, Fire, assemble, rate_bounds, starting_state, threads_for, weight
+from ..bodies import LINEAR, System, scaled_parts
+from ..engine import Dynamics, assemble, rate_bounds, starting_state, threads_for, weight
 from ..integrators import SymplecticEuler, choose_stable
 from ..runtime import in_turn
 from .divergence_error import SimulationDiverged
@@ -69,12 +69,12 @@ def settled(
     """
     tolerance = None if tolerance is None else checks.positive("tolerance", tolerance)
     most = checks.count("substeps", most, 1)
-    parts = {name: getattr(system, name) for name in ("cells", "angles")}
-    parts = {name: part and part.scaled(1.0, 0.0) for name, part in parts.items()}
+    parts = scaled_parts(vars(system), 1.0, 0.0)
     still = np.zeros_like(system.velocity)
     undamped = system.replace(velocity=still, damping=0.0, damper=LINEAR, **parts)
     assembly = assemble(undamped, **{**surroundings, "precision": "float64", "probes": {}}, settles=True)
-    fire = next(one for one in assembly.all if isinstance(one, Fire))
+    fire = assembly.fire
+    assert fire is not None
     method = SymplecticEuler()
     state = starting_state(undamped, assembly, method.method_state, time, 1.0)
     rates = rate_bounds(undamped, assembly, state)

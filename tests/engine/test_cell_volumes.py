@@ -130,19 +130,11 @@ def test_energy_and_power_are_those_of_the_cells(plain_device, name, ratio):
 
 
 def stiffness_rate(system: System) -> float:
-    """Return the largest eigenvalue of M⁻¹K, K by central differences of forces."""
-    x, step = system.position, 1e-5
-    still, free = np.zeros_like(x), ~system.pinned
-    count = x.size
-    matrix = np.zeros((count, count))
-    for k in range(count):
-        moved = [x.copy(), x.copy()]
-        for one, sign in zip(moved, (1, -1), strict=True):
-            one.ravel()[k] += sign * step
-        low, high = (volumes.forces(system, one, still) + problems.forces(system, one, still) for one in moved)
-        matrix[:, k] = (high - low).ravel() / (2 * step)
-    root = np.where(free, 1 / np.sqrt(system.mass), 0.0).repeat(system.dim)
-    return float(np.linalg.eigvalsh(root[:, None] * (matrix + matrix.T) / 2 * root)[-1])
+    """Return the largest eigenvalue of M⁻¹K of springs and cells."""
+    still = np.zeros_like(system.position)
+    return problems.stiffness_rate(
+        system, lambda x: volumes.forces(system, x, still) + problems.forces(system, x, still), 1e-5
+    )
 
 
 def stretched(system: System, *by: float) -> System:

@@ -4,6 +4,7 @@ import re
 from typing import Any
 
 import numpy as np
+import problems
 import pytest
 import warp as wp
 from tangles import PRECISIONS, evaluate, moving, tangle
@@ -132,18 +133,11 @@ def test_leapfrog_keeps_the_energy(plain_device, name):
 
 
 def stiffness_rate(system: System, name: str) -> float:
-    """Return the largest eigenvalue of M⁻¹K, by central differences of forces."""
-    x, step = system.position, 1e-6
-    matrix = np.zeros((x.size, x.size))
-    for k in range(x.size):
-        both = []
-        for sign in (1, -1):
-            moved = x.copy()
-            moved.ravel()[k] += sign * step
-            both.append(expected_forces(system.replace(position=moved, rest_length=system.rest_length), name))
-        matrix[:, k] = (both[1] - both[0]).ravel() / (2 * step)
-    root = (1 / np.sqrt(system.mass)).repeat(system.dim)
-    return float(np.linalg.eigvalsh(root[:, None] * (matrix + matrix.T) / 2 * root)[-1])
+    """Return the largest eigenvalue of M⁻¹K of springs that follow a law."""
+    rest = system.rest_length
+    return problems.stiffness_rate(
+        system, lambda x: expected_forces(system.replace(position=x, rest_length=rest), name)
+    )
 
 
 @every_law

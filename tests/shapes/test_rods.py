@@ -4,6 +4,7 @@ import math
 import re
 
 import numpy as np
+import problems
 import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
@@ -118,30 +119,24 @@ def test_a_free_rod_rings_at_its_frequency(plain_device):
     for _ in range(80):
         simulation.step()
         heights.append(simulation.frame().position[0, 2])
-    np.testing.assert_allclose(
-        heights, heights[-1] * np.cos(2 * np.pi * np.arange(1, 81) / 40), atol=0.06 * x[0, 2]
-    )
+    expected = x[0, 2] * np.cos(2 * np.pi * np.arange(1, 81) / 40)
+    # The discrete rod is slower by some (β/N)²/24 of its frequency: 6e-4, 0.8 % of a turn after two of them.
+    np.testing.assert_allclose(heights, expected, atol=0.06 * x[0, 2])
 
 
 @pytest.mark.parametrize("bent", [0.0, 0.3, 1.0])
 def test_the_bound_of_the_step_holds_and_is_near(bent):
-    count, step = 12, 1e-6
+    count = 12
     straight = rod(count, 0.1, radius=0.05, material=WIRE)
     x = np.array(straight.position)
     turns = bent * np.arange(count - 1)
     x[1:, :2] = 0.1 * np.cumsum(np.stack([np.cos(turns), np.sin(turns)], axis=1), axis=0)
     x[0, :2] = 0.0
     system = straight.replace(position=x, rest_length=straight.rest_length)
-    matrix = np.zeros((3 * count, 3 * count))
-    for k in range(3 * count):
-        both = []
-        for sign in (-1, 1):
-            moved = x.copy()
-            moved.ravel()[k] += sign * step
-            both.append(evaluate(system.replace(position=moved, rest_length=system.rest_length), "cpu", "float64"))
-        matrix[:, k] = (both[1] - both[0]).ravel() / (2 * step)
-    root = (1 / np.sqrt(system.mass)).repeat(3)
-    truth = float(np.linalg.eigvalsh(-root[:, None] * (matrix + matrix.T) / 2 * root)[-1])
+    rest = system.rest_length
+    truth = problems.stiffness_rate(
+        system, lambda x: evaluate(system.replace(position=x, rest_length=rest), "cpu", "float64")
+    )
     assert truth <= rate_bounds(system).stiffness * (1 + 1e-6)
     assert rate_bounds(system).stiffness <= 2.5 * truth
 

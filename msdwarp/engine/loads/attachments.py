@@ -12,6 +12,7 @@ from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..device.frame_tables import Tables
+from ..model.effect import summed
 from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
@@ -164,10 +165,6 @@ class AttachmentSprings(FrameTables):
 
         With a rest length, only the speed along the axis counts.
         """
-        model, count = self._model, self._member_count
-        sums = [wp.zeros((model.worlds, count), dtype=wp.float64, device=model.device) for _ in range(2)]
         row = self.data.shift.shape[0] - 1 if self._moving else 0
-        inputs = [self.data, row, x, v, model.stride]
-        wp.launch(self._composed.measure, (model.worlds, count), inputs, sums, device=model.device)
-        energies, powers = (one.numpy().sum(axis=1) for one in sums)
-        return energies, powers
+        inputs = [self.data, row, x, v, self._model.stride]
+        return summed(self._model, self._composed.measure, self._member_count, inputs)

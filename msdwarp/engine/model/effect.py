@@ -11,6 +11,7 @@ from ...kernels.colliders import ColliderTerm
 from ...kernels.effect import ForceTerm
 from ...world import Load
 from ..device.launcher import Launcher
+from .model import Model
 from .state import Instant
 
 
@@ -41,6 +42,20 @@ class Steps(NamedTuple):
         """Return the times of all force evaluations in the frame that begins at `start` [s], and of its end."""
         stages = np.arange(self.substeps)[:, None] + np.asarray(self.stage_times)
         return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
+
+
+def summed(
+    model: Model, kernel: Any, count: int, inputs: Sequence[Any]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Launch a kernel over worlds and `count` parts of an effect; return the sums of both its outputs, by world.
+
+    The outputs are energies [J] and powers [W], float64 of shape [worlds, count].
+    """
+    shape = (model.worlds, count)
+    found = [wp.zeros(shape, dtype=wp.float64, device=model.device) for _ in range(2)]
+    wp.launch(kernel, shape, list(inputs), found, device=model.device)
+    energies, powers = (one.numpy().sum(axis=1) for one in found)
+    return energies, powers
 
 
 class Effect:

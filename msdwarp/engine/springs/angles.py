@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from ...kernels.springs import angle_blocks, angle_energies, angle_forces
 from ..device.csr import rows
 from ..device.device import upload_fields
-from ..model.effect import Effect
+from ..model.effect import Effect, summed
 from ..model.model import Model
 
 
@@ -45,9 +45,5 @@ class AngleSprings(Effect):
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Σ 2 K tan²(θ/2) [J] and Σ D θ'² [W]."""
-        model, shape = self._model, (self._model.worlds, self._count)
-        sums = [wp.zeros(shape, dtype=wp.float64, device=model.device) for _ in range(2)]
-        inputs = [self.data, model.stride, x, v]
-        wp.launch(angle_energies(*self._kinds), shape, inputs, sums, device=model.device)
-        energies, powers = (one.numpy().sum(axis=1) for one in sums)
-        return energies, powers
+        inputs = [self.data, self._model.stride, x, v]
+        return summed(self._model, angle_energies(*self._kinds), self._count, inputs)

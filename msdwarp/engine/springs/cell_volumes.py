@@ -11,7 +11,7 @@ from ...kernels.springs import cell_blocks, cell_energies, cell_forces, cell_tab
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..device.launcher import Launcher
-from ..model.effect import Effect
+from ..model.effect import Effect, summed
 from ..model.model import Model
 
 SPRINGS = 20
@@ -85,9 +85,5 @@ class CellVolumes(Effect):
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Σ V₀ w [J] and Σ c V̇²/V₀ [W]."""
         model = self._model
-        shape = (model.worlds, self._count)
-        sums = [wp.zeros(shape, dtype=wp.float64, device=model.device) for _ in range(2)]
         kernel = cell_energies(model.dim, model.scalar, *self._kind)
-        wp.launch(kernel, shape, [self._table, model.stride, x, v], sums, device=model.device)
-        energies, powers = (one.numpy().sum(axis=1) for one in sums)
-        return energies, powers
+        return summed(model, kernel, self._count, [self._table, model.stride, x, v])

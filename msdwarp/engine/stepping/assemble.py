@@ -122,7 +122,7 @@ class Assembly:
     ----------
     all
         Every effect, in the order in which they act.
-    colliders, fracture, plasticity, drives, body_contact, surface_contact, external_work
+    colliders, fracture, plasticity, drives, body_contact, surface_contact, external_work, fire
         The effect of that kind; None if the scene has none.
     sums_contact_forces
         Whether effects sum the contact forces on particles.
@@ -150,7 +150,8 @@ class Assembly:
         self.all += [planes] if planes is not None else []
         self.external_work = self._work()
         self.all += [self.external_work] if self.external_work is not None else []
-        self.all += [Fire(model)] if around.settles else []  # after all that changes velocities
+        self.fire = Fire(model) if around.settles else None
+        self.all += [self.fire] if self.fire is not None else []  # after all that changes velocities
 
     def _one_of(self, kind: type) -> Any:
         """Return the effect of a kind, or None."""
