@@ -18,6 +18,7 @@ import scipy
 import warp as wp
 
 from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, Simulation, SimulationDiverged, SymplecticEuler, scenes
+from msdwarp.engine.stepping.cpu_partition import PartitionedGraph
 
 RESULTS = Path(__file__).parent / "results"
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
@@ -109,6 +110,15 @@ def run(case, integrator, steps: float, *, device: str, precision: str = "float6
         return None, frames * substeps, simulation.integrator.evaluations
     position = simulation.frame().position.astype(np.float64)
     return position, frames * substeps, simulation.integrator.evaluations
+
+
+def replay(simulation: Simulation) -> None:
+    """Replay the recorded frame; nothing is read back."""
+    graph = simulation.stepping.graph
+    if isinstance(graph, PartitionedGraph):
+        graph.replay()
+    else:
+        wp.capture_launch(graph)
 
 
 def write_csv(path: Path, rows: list[dict], machine_line: str) -> None:

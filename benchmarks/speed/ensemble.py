@@ -20,7 +20,7 @@ import warp as wp
 
 from msdwarp import Ensemble, Plane, Simulation, System, box, sheet
 
-from ..common import arguments, machine, read_csv, table, write_csv
+from ..common import arguments, machine, read_csv, replay, table, write_csv
 
 FPS, SUBSTEPS = 1e4, 48
 ROUND_SECONDS, ROUNDS, QUICK_ROUNDS = 0.2, 9, 3
@@ -102,7 +102,7 @@ def measure_case(name: str, worlds: int, options: argparse.Namespace) -> dict:
     if worlds <= MOST_JOINED and not options.alone:
         one = Simulation(joined(body, worlds), **how)
         one.step(2)
-        contestants.append(Contestant(options.device, lambda: wp.capture_launch(one.stepping.graph)))
+        contestants.append(Contestant(options.device, lambda: replay(one)))
     for k in range(QUICK_ROUNDS if options.quick else ROUNDS):
         for contestant in contestants if k % 2 else contestants[::-1]:  # what comes first is not always the same
             contestant.measure()

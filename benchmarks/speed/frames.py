@@ -12,13 +12,14 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from statistics import median
 
 import warp as wp
 
 from msdwarp import Plane, Simulation, box
 
-from ..common import arguments, machine, read_csv, table, write_csv
+from ..common import arguments, machine, read_csv, replay, table, write_csv
 
 SIZES, QUICK_SIZES = (3, 10, 16, 32, 64, 100), (3, 10)
 FEW, MANY = 2, 48
@@ -44,13 +45,10 @@ def measure_size(n: int, device: str, rounds: int) -> dict:
     body = box((n, n, n), damping=20.0)
     few, many = (Simulation(body, fps=1e4, substeps=s, device=device, **how) for s in (FEW, MANY))
 
-    def replay(simulation: Simulation) -> Callable[[], object]:
-        return lambda: wp.capture_launch(simulation.stepping.graph)
-
     contestants: dict[str, Callable[[], object]] = {}
     for name, simulation in (("few", few), ("many", many)):
         simulation.step(2)  # compiles, and records the frame
-        contestants[name] = replay(simulation)
+        contestants[name] = partial(replay, simulation)
     contestants["step"] = few.step
     contestants["read"] = lambda: (few.step(), few.frame())
     few.frame()  # makes room for frames

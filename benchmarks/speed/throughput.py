@@ -33,7 +33,7 @@ from scipy.spatial import Delaunay
 from msdwarp import RKC2, Plane, Simulation, System, box, sheet
 from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS, choose_force_algorithm
 
-from ..common import METHODS, arguments, machine, read_csv, table, write_csv
+from ..common import METHODS, arguments, machine, read_csv, replay, table, write_csv
 from .roofline import UNITS, measure_ceilings, shares
 from .throughput_plots import draw
 
@@ -236,7 +236,7 @@ class Contestant:
 
     def replay(self) -> None:
         """Replay the recorded frame; nothing is read back."""
-        wp.capture_launch(self.simulation.stepping.graph)
+        replay(self.simulation)
 
     def seconds(self, frame: Callable[[], None]) -> float:
         """Return the time of a frame [s], over several."""
