@@ -44,6 +44,7 @@ from .neighbor_search import (
     BLOCK as BLOCK,
     BLOCKS as BLOCKS,
     FEW_ON_GPU as FEW_ON_GPU,
+    GRAINS_ON_GPU as GRAINS_ON_GPU,
     MANY_ON_GPU as MANY_ON_GPU,
     MOST_BY_MORE as MOST_BY_MORE,
     ON_GPU as ON_GPU,
@@ -58,7 +59,10 @@ from .pair_search import (
     find_pairs as find_pairs,
     find_pairs_of_pieces as find_pairs_of_pieces,
 )
-from .segments_and_spheres import evaluate_segments_and_spheres as evaluate_segments_and_spheres
+from .segments_and_spheres import (
+    evaluate_segments_and_spheres as evaluate_segments_and_spheres,
+    find_rows_of_grains as find_rows_of_grains,
+)
 from .surface_contact import evaluate_surface as evaluate_surface
 from .surface_contact_data import (
     QUADRATURE_POINTS as QUADRATURE_POINTS,

@@ -203,6 +203,10 @@ def NearPairs(scalar: type):
         gap: wp.array(dtype=scalar)  # from the second side to the first along it [m], at most 0 where they cross
         least: wp.array(dtype=scalar)  # the least that may be left on either side of the plane [m]
         reserve: wp.array(dtype=scalar)  # how much more the sides may approach before anything must be done [m]
+        watched: wp.array(dtype=int)  # the pairs that may come too near in this substep, in any order
+        watched_count: wp.array(dtype=int)  # number of them, shape [1]
+        pushing: wp.array(dtype=int)  # the pairs that come too near in a round, in any order
+        pushing_count: wp.array(dtype=int)  # number of them, shape [1]
         # Particles:
         in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
         particle: wp.array(dtype=int)  # the particles in pairs, in any order
@@ -215,6 +219,7 @@ def NearPairs(scalar: type):
         body: wp.array(dtype=int)  # its body
         shift: wp.array(dtype=float)  # length of its path by impulses in this substep [m]
         most_shift: wp.array(dtype=float)  # the longest such path in each body [m]
+        foreseen: wp.array(dtype=float)  # the longest path for which pairs of each body are watched [m]
         most_weight: float  # largest sum of the absolute weights of a vertex
         driven: wp.array(dtype=int)  # indices of the driven particles
         done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
@@ -229,6 +234,8 @@ def NearPairs(scalar: type):
         tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
         may_meet: wp.array(dtype=int)  # whether inner surfaces may meet in this substep, shape [1]
         alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
+        many: wp.array(dtype=int)  # whether there are then too many pairs for a single launch, shape [1]
+        exceeded: wp.array(dtype=int)  # whether a path is longer than foreseen in this substep, shape [1]
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
         cutting: wp.array(dtype=int)  # whether any displacement is shortened in this substep, shape [1]
         unsettled: wp.array(dtype=int)  # of each world: whether the last round but one held particles back

@@ -23,12 +23,12 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..partition import raise_to
+from ..partition import count_up, raise_to
 from ..records import records
 from ..threads import grid_thread, wait
 from .contact_data import FLAGS, HELD_BACK, NearPairs
 from .near_pairs import vertex_of
-from .pair_gaps import ways
+from .pair_gaps import longest_shifts, ways
 from .pair_impulses import pair_impulses
 
 ROUNDS, FIRST_ROUNDS = 16, 4
@@ -41,6 +41,8 @@ LEAST_SHARE = 0.05
 """The least share of the gap on either side of a plane."""
 CATCH_UP = 50.0
 """How far a particle with a drive at rest may go in a substep to catch up, as a multiple of the least gap."""
+FORESEEN = 4.0
+"""The path by impulses that is foreseen, by that of the last substep: other pairs are not looked at."""
 CUTS = 4
 """Rounds in which displacements are shortened. If more would be needed, the last is for all pairs."""
 PHASES = 3 * ROUNDS + 2 * CUTS
@@ -109,7 +111,7 @@ def keep_apart(scalar: type, blocks: int):
     Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
     place_of, way_towards, approach_of = ways(scalar)
     _, may_approach, lacks, count_pushes, push, apply = pair_impulses(scalar)
-    zero, one = scalar(0.0), scalar(1.0)
+    zero, one, longest_shift = scalar(0.0), scalar(1.0), longest_shifts(scalar)
 
     @wp.func
     def is_held(pairs: Pairs, k: int) -> bool:
@@ -220,10 +222,8 @@ def keep_apart(scalar: type, blocks: int):
         k: int,
     ):
         """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
-        bodies = wp.vec2i(pairs.body_of[vertex_of(pairs.vertices[k], 0)], pairs.body_of[pairs.vertices[k][3]])
-        shift = pairs.most_weight * (pairs.most_shift[bodies[0]] + pairs.most_shift[bodies[1]])
         # Whatever impulses have done to these bodies, the pair has not come too near.
-        calm = pairs.reserve[k] > scalar(1.001 * shift) + pairs.least[k]
+        calm = pairs.reserve[k] - pairs.least[k] > scalar(1.001 * longest_shift(pairs, pairs.most_shift, k))
         if calm and phase <= wp.static(3 * ROUNDS):
             return
         if phase >= wp.static(3 * ROUNDS):
@@ -238,6 +238,7 @@ def keep_apart(scalar: type, blocks: int):
             if lack > zero:
                 if phase % 3 == 0:
                     pairs.lacking[0] = phase / 3 + 1
+                    pairs.pushing[count_up(pairs.pushing_count, 0)] = k
                     count_pushes(pairs, k, weights)
                 else:
                     push(pairs, k, weights, nearest, way, lack, per_unit)
@@ -258,6 +259,7 @@ def keep_apart(scalar: type, blocks: int):
         """Run one phase for a particle: apply its impulses, note that it is held back, or hold it back."""
         i = pairs.particle[n]
         if phase < wp.static(3 * ROUNDS):
+            pairs.pushing_count[0] = 0
             apply(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, i)
         elif phase < wp.static(PHASES - 1):
             if pairs.share[i] < 1.0 and pairs.held[i] == 0:
@@ -267,10 +269,20 @@ def keep_apart(scalar: type, blocks: int):
         else:
             pairs.unsettled[i / particles] = 0
             pairs.shift[i] = 0.0
-            pairs.most_shift[pairs.body[i]] = 0.0
             lost = hold_back(pairs, x, x_out, v_out, h, i)
             if lost > 0.0:
                 raise_to(flags, (i / particles) * wp.static(FLAGS) + wp.static(HELD_BACK), lost)
+
+    @wp.func
+    def end(pairs: Pairs, thread: int, threads: int):
+        """Foresee paths of impulses in the next substep, by those in this one."""
+        body = thread
+        while body < pairs.most_shift.shape[0]:
+            longest = wp.static(FORESEEN) * pairs.most_shift[body]
+            pairs.foreseen[body] = wp.max(longest, 0.5 * pairs.foreseen[body])
+            pairs.most_shift[body] = 0.0
+            body += threads
+        pairs.exceeded[0] = 0
 
     def keep(
         pairs: Pairs,
@@ -279,6 +291,7 @@ def keep_apart(scalar: type, blocks: int):
         per_unit: wp.float64,  # units of impulse times substep [1/(kg m)]
         apart: scalar,  # beyond this distance pairs are left alone [m]
         particles: int,  # number of particles in each world
+        most: int,  # with more pairs, a single launch of all phases leaves them to those of a phase each
         first_phase: int,
         last_phase: int,
         threads: int,
@@ -287,11 +300,18 @@ def keep_apart(scalar: type, blocks: int):
         v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),
     ):
-        if first_phase < last_phase and grid_thread() == 0:
+        single = first_phase < last_phase
+        count = wp.min(pairs.count[0], pairs.vertices.shape[0])
+        watched = pairs.watched_count[0]
+        if single and grid_thread() == 0:
             pairs.may_meet[0] = 0
         if pairs.alarm[0] == 0:
+            if single and grid_thread() == 0:
+                pairs.watched_count[0] = 0
             return
-        count = wp.min(pairs.count[0], pairs.vertices.shape[0])
+        if single and (count > most or watched > most / 4):
+            pairs.many[0] = 1
+            return
         phase = first_phase
         while phase <= last_phase:
             cut = phase - wp.static(3 * ROUNDS)
@@ -306,6 +326,16 @@ def keep_apart(scalar: type, blocks: int):
                     while n < pairs.particle_count[0]:
                         end_phase(pairs, x, x_out, v_out, h, per_unit, particles, phase, flags, n)
                         n += threads
+                    if phase == wp.static(PHASES - 1):
+                        end(pairs, grid_thread(), threads)
+                elif cut < 0 and phase % 3 == 1:
+                    while n < pairs.pushing_count[0]:
+                        act(pairs, x, x_out, per_unit, apart, particles, phase, pairs.pushing[n])
+                        n += threads
+                elif cut <= 0 and pairs.exceeded[0] == 0:
+                    while n < watched:
+                        act(pairs, x, x_out, per_unit, apart, particles, phase, pairs.watched[n])
+                        n += threads
                 else:
                     while n < count:
                         act(pairs, x, x_out, per_unit, apart, particles, phase, n)
@@ -315,7 +345,8 @@ def keep_apart(scalar: type, blocks: int):
             elif phase < wp.static(3 * ROUNDS) and last_phase > phase:
                 phase = wp.static(3 * ROUNDS - 1)
             phase += 1
-        if first_phase < last_phase and grid_thread() == 0:
+        if single and grid_thread() == 0:
             pairs.alarm[0] = 0
+            pairs.watched_count[0] = 0
 
     return kernel(keep, launch_bounds=MOST_THREADS, cluster_dim=blocks)

@@ -19,6 +19,8 @@ MOST_BY_MORE = 2**14
 """Points of a world up to which it is the larger number."""
 FEW_ON_GPU = 2
 """The same for grains and ropes only, which need less computation."""
+GRAINS_ON_GPU = 8
+"""The same for grains only: each of its threads looks at other grains near the point."""
 BLOCK = 64
 """Threads per block on a GPU: in larger blocks many threads wait for those with long rows."""
 BLOCKS = 10

@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..partition import first_of_part, next_of_part, raise_to
+from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import PAIRS, BodyContactData, NearPairs
@@ -73,17 +73,31 @@ def ways(scalar: type):
 
 
 @functools.cache
+def longest_shifts(scalar: type):
+    """Compose the function that bounds how far impulses move the vertices of pair k, by its bodies' paths [m]."""
+    Pairs = NearPairs(scalar)
+
+    @wp.func
+    def longest_shift(pairs: Pairs, paths: wp.array(dtype=float), k: int) -> float:
+        first = paths[pairs.body_of[vertex_of(pairs.vertices[k], 0)]]
+        return pairs.most_weight * (first + paths[pairs.body_of[pairs.vertices[k][3]]])
+
+    return longest_shift
+
+
+@functools.cache
 def measure_pairs(scalar: type, watched: bool):
     """Compose the kernel that finds the gap of each near pair, and sets `alarm` if any comes too near.
 
-    That is within the substep. Without an alarm `keep_apart` does nothing. Its threads share the pairs. If they
-    are `watched`, by `find_alarm`, it does nothing unless they may meet.
+    That is within the substep. Without an alarm `keep_apart` does nothing. It lists the pairs which may come too
+    near by impulses, too. Its threads share the pairs. If they are `watched`, by `find_alarm`, it does nothing
+    unless they may meet.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs = NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
     (place_of, _, approach_of), (may_lose, may_approach, *_) = ways(scalar), pair_impulses(scalar)
-    zero, one = scalar(0.0), scalar(1.0)
+    zero, one, longest_shift = scalar(0.0), scalar(1.0), longest_shifts(scalar)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
     @wp.func
@@ -170,7 +184,10 @@ def measure_pairs(scalar: type, watched: bool):
                 allowed = may_lose(gap, pairs.least[k], apart)
                 if approach > allowed:
                     pairs.alarm[0] = 1
-                pairs.reserve[k] = wp.min(allowed, may_approach(gap, pairs.least[k], apart)) - approach
+                reserve = wp.min(allowed, may_approach(gap, pairs.least[k], apart)) - approach
+                pairs.reserve[k] = reserve
+                if reserve - pairs.least[k] <= scalar(1.001 * longest_shift(pairs, pairs.foreseen, k)):
+                    pairs.watched[count_up(pairs.watched_count, 0)] = k
             k = next_of_part(k, threads, parts)
 
     return find

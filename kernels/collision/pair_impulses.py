@@ -141,6 +141,8 @@ def pair_impulses(scalar: type):
             pairs.shift[i] = shift
             if shift > pairs.most_shift[pairs.body[i]]:
                 raise_to(pairs.most_shift, pairs.body[i], shift)
+            if shift > pairs.foreseen[pairs.body[i]]:
+                pairs.exceeded[0] = 1
             store(x_out, i, load(x_out, i) + moved)
             store(v_out, i, load(v_out, i) + moved / h)
 

@@ -71,12 +71,13 @@ def searches(scalar: type, inner: bool, worlds: bool):
 
 
 @functools.cache
-def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: bool = False):
+def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: bool = False, grains: bool = False):
     """Compose the kernel that lists the near pairs: those that may come too near before the next search.
 
     Each side of a pair moves by half of a skin at most until then, and pairs beyond the distance `apart` are left
     alone. So a pair beyond a skin plus `apart` need not be listed; listing it changes no result. `lanes` threads
-    share a facet. With `inner` pairs of the inner surfaces of closed bodies are listed, too.
+    share a facet. With `inner` pairs of the inner surfaces of closed bodies are listed, too. If all bodies are
+    `grains`, the facet of a body has its number.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
@@ -107,7 +108,10 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
         flags: wp.array(dtype=float),
     ):
         """Add the near pairs of a facet with those whose boxes overlap the box from `low` to `high`."""
-        if wp.static(lanes == 1):
+        if wp.static(grains):
+            if lane == 0 and not search.alike:
+                test_all(data, pairs, search, facet, search.other, flags)
+        elif wp.static(lanes == 1):
             near = wp.bvh_query_aabb(tree.binary, low, high, tree.root[search.other])
             k = int(0)
             while wp.bvh_query_next(near, k):

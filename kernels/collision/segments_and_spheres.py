@@ -4,13 +4,17 @@ import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..lanes import chosen_of_lanes, least_of_lanes
-from .contact_data import HISTORY, BodyContactData, Substep
+from ..basis import kernel, vector
+from ..lanes import ballot_of_lanes, chosen_of_lanes, count_before, count_bits, least_of_lanes
+from ..partition import count_up, first_of_part, next_of_part, raise_to
+from ..records import records
+from ..threads import grid_thread
+from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, Substep, first_flag
+from .facet_tree import FacetTree
 from .force_sums import Units, exert_on_segments
 from .history import displacements, memories
 from .law import contact_law, damping_limits
-from .neighbor_search import each_active_point
+from .neighbor_search import bounds_of_blocks, each_active_point
 from .pairs import ALMOST, FAR, NONE, places, points
 
 
@@ -22,12 +26,13 @@ def evaluate_segments_and_spheres(
     worlds: bool = False,
     limited: bool = False,
     counting: bool = False,
+    grains: bool = False,
 ):
     """Compose the kernel that sums the contact forces of points if no facet is a triangle.
 
     Such bodies are many, and have neither an inside nor sides. So each of the `lanes` threads of a point handles
     other bodies near it. `overlapping_at_start` and `limited` are as for `evaluate_contact`; with `counting` the
-    kernel only counts the contacts of each particle, as `count_contacts` does.
+    kernel only counts the contacts of each particle, as `count_contacts` does; with `grains` each body is one.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
@@ -36,6 +41,7 @@ def evaluate_segments_and_spheres(
     held, moved_along = displacements(scalar, worlds)
     in_units, take_from, add_to = exert_on_segments(scalar)
     count, load = damping_limits(scalar, 1)
+    load_vector = records(3, scalar).load
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
 
@@ -61,6 +67,10 @@ def evaluate_segments_and_spheres(
         near = far
         facet = int(wp.static(NONE))
         t = scalar(0.0)
+        if wp.static(grains):
+            facet = data.neighbors.candidates[p, first]
+            best = wp.length_sq(point.x - load_vector(data.surfaces.x, data.surfaces.corner[facet][0]))
+            return facet, best, t
         for e in range(first, data.neighbors.candidate_count[p]):
             if data.neighbors.candidate_pair[p, e] != place:
                 break
@@ -120,7 +130,7 @@ def evaluate_segments_and_spheres(
         for first in range(lane, data.neighbors.candidate_count[p], wp.static(lanes)):
             place = data.neighbors.candidate_pair[p, first]
             begins = bool(True)  # whether a body's facets, which are adjacent, start here
-            if first > 0:
+            if wp.static(not grains) and first > 0:
                 begins = data.neighbors.candidate_pair[p, first - 1] != place
             if begins:
                 pair = data.neighbors.pairs[point.body, place]
@@ -169,3 +179,66 @@ def evaluate_segments_and_spheres(
                 shrink_overlap(data, p, step.h)
 
     return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=not counting)
+
+
+@functools.cache
+def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
+    """Compose the kernel that lists the same as `find_rows`, if each body is a grain: one facet of its number.
+
+    Each of the `lanes` threads of a point looks at other bodies near its own.
+    """
+    Data, load, ballot = BodyContactData(scalar, worlds), records(3, scalar).load, ballot_of_lanes(lanes)
+    first_of, zero, far = first_flag(scalar, worlds), scalar(0.0), scalar(FAR)
+
+    @wp.func
+    def find_one(data: Data, p: int, lane: int, buffer: scalar, flags: wp.array(dtype=float)):
+        mine = data.surfaces.body[p]
+        x = load(data.surfaces.x, data.surfaces.ends[p][0])
+        near = data.neighbors.body_pair_count[mine]
+        room = data.neighbors.candidates.shape[1]
+        count = int(0)
+        for begin in range(0, near, wp.static(lanes)):
+            b = begin + lane
+            other = int(0)
+            away = far
+            if b < near:
+                other = data.neighbors.body_pairs[mine, b]
+                if other != mine:
+                    away = wp.length(x - load(data.surfaces.x, data.surfaces.corner[other][0]))
+                    if away >= data.neighbors.pairs[mine, b].reach + buffer:
+                        away = far
+            those = ballot(away < far)
+            at = count + count_before(those, lane)
+            if away < far and at < room:
+                data.neighbors.candidates[p, at] = other
+                data.neighbors.candidate_distance[p, at] = away
+                data.neighbors.candidate_pair[p, at] = b
+            count += count_bits(those)
+        if lane == 0:
+            data.neighbors.candidate_count[p] = wp.min(count, room)
+            if count == 0:
+                for k in range(wp.static(HISTORY)):
+                    data.history.contact_body[k, p] = -1
+            at = first_of(data, mine) + wp.static(LONGEST_ROW)
+            if count > int(flags[at]):
+                raise_to(flags, at, float(count))
+            if count > 0 or data.history.initial_overlap[p] > zero:
+                data.neighbors.active_points[count_up(data.neighbors.active_count, 0)] = p
+
+    def find(
+        data: Data,
+        tree: FacetTree,  # not used here
+        farthest: scalar,  # not used here
+        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
+        threads: int,
+        part: int,
+        parts: int,
+        flags: wp.array(dtype=float),
+    ):
+        e = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
+        while e < data.neighbors.search_point_count[0]:
+            find_one(data, data.neighbors.search_points[e], lane, buffer[0], flags)
+            e = next_of_part(e, threads / wp.static(lanes), parts)
+
+    return kernel(find, launch_bounds=bounds_of_blocks(scalar))

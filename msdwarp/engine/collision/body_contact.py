@@ -14,6 +14,7 @@ from ...kernels.collision import (
     DEEPEST,
     FEW_ON_GPU,
     FLAGS,
+    GRAINS_ON_GPU,
     HELD_BACK,
     MANY_ON_GPU,
     MOST_BY_MORE,
@@ -85,8 +86,8 @@ class BodyContact(WithHistory):
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
         """Contributions to the blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
-        only_grains = (on_host.corner == on_host.corner[:, :1]).all()  # their bounces would be less exact
-        self.limiting = np.zeros(1, dtype=bool) if only_grains else self._worth_limiting()
+        # Bounces of grains would be less exact.
+        self.limiting = np.zeros(1, dtype=bool) if surfaces.grains else self._worth_limiting()
         """Which of the worlds that differ limit dampers."""
         if self.limits_dampers:
             data.surfaces.touches = wp.zeros(model.worlds * model.stride, dtype=int, device=device)
@@ -132,7 +133,7 @@ class BodyContact(WithHistory):
         if not self._model.device.is_cuda:
             return 1
         if not triangles:
-            return FEW_ON_GPU
+            return GRAINS_ON_GPU if self.surfaces.grains else FEW_ON_GPU
         return ON_GPU if self._points <= MOST_BY_MORE * self._model.worlds else MANY_ON_GPU
 
     @property
@@ -261,7 +262,7 @@ class BodyContact(WithHistory):
             if self.limits_now:
                 kernels = [count_contacts(*composed), *kernels]
         else:
-            kernels = [evaluate_segments_and_spheres(*composed, self.limits_now)]
+            kernels = [evaluate_segments_and_spheres(*composed, self.limits_now, False, surfaces.grains)]
             if self.limits_now:
                 kernels = [evaluate_segments_and_spheres(*composed, True, True), *kernels]
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]

@@ -27,6 +27,8 @@ class ContactSurfaces:
         """The surfaces; and the surfaces with the stiffness and thickness of each row of worlds."""
         bodies, corner = len(surfaces.closed), surfaces.corner
         self.triangles = bool((corner[:, 1] != corner[:, 2]).any())
+        self.grains = bool((corner == corner[:, :1]).all()) and len(corner) == bodies
+        """Whether each body is a grain; then the facet of a body has its number."""
         # A lattice is at least one spacing thick: a point past its middle entered from the other side.
         self.depth = [np.where(one.closed, 0.5 * one.spacing, 0.0) for one in self.by_row]
         """Largest depth from which each body pushes a point out [m], by row."""

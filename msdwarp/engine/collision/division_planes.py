@@ -44,7 +44,7 @@ ROOM = 4
 LEAST_ROOM = 2**13
 """Room for pairs of inner surfaces at first."""
 MOST_IN_CLUSTER = 2**15
-"""With room for more pairs each phase is a launch of its own."""
+"""Where there are more pairs, each phase is a launch of its own: a cluster has too few threads."""
 CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
 QUIET = 60
@@ -81,7 +81,7 @@ class DivisionPlanes(Effect):
         self.tangles = False
         """Whether anything crossed at the start, or was inside another body."""
         inner = have_inner_surfaces(on_host, rules)
-        self.inner = bool(inner.any())
+        self._grains, self.inner = surfaces.grains, bool(inner.any())
         """Whether closed bodies have inner surfaces, between which there are planes, too."""
         thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
         if on_host.closed.all():
@@ -101,9 +101,12 @@ class DivisionPlanes(Effect):
         of_vertex = np.repeat(np.arange(len(counts)), counts)
         data.most_weight = float(np.bincount(of_vertex, np.abs(data.weight.numpy())).max())
         data.tangled = wp.zeros_like(data.body_of)
-        numbers = "count", "particle_count", "tangles", "may_meet", "alarm", "lacking", "cutting"
+        numbers = "count", "particle_count", "pushing_count", "tangles", "lacking", "cutting", "exceeded"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
+        self._signals = wp.zeros(4, dtype=int, device=device)  # cleared together
+        for k, name in enumerate(("may_meet", "alarm", "many", "watched_count")):
+            setattr(data, name, self._signals[k : k + 1])
         data.unsettled = wp.zeros(model.worlds, dtype=int, device=device)
         data.in_pair, data.particle, data.pushes, data.held = (
             wp.zeros(particles, dtype=int, device=device) for _ in "ipph"
@@ -111,7 +114,8 @@ class DivisionPlanes(Effect):
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
         data.share, data.shift = (wp.full(particles, one, dtype=float, device=device) for one in (1.0, 0.0))
         data.body = each.alike(np.resize(on_host.body_of_particle, model.stride), int, len(on_host.closed))
-        data.most_shift = wp.zeros(len(surfaces.data.closed), dtype=float, device=device)
+        bodies = len(surfaces.data.closed)
+        data.most_shift, data.foreseen = (wp.zeros(bodies, dtype=float, device=device) for _ in "mf")
         mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
         data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
         if model.driven.any():
@@ -179,7 +183,7 @@ class DivisionPlanes(Effect):
         self.neighbors, device = neighbors, self._model.device
         self._searching = 0
         """Threads that search for the facets of pieces; 0 where each facet is searched for alone."""
-        if device.is_cuda and len(neighbors.tree.facet) > MANY_FACETS:
+        if device.is_cuda and len(neighbors.tree.facet) > MANY_FACETS and not self._grains:
             self._searching = min(SHARES * WARP * len(neighbors.tree.piece), MOST_SEARCHING)
             self.pairs.queue = wp.zeros(QUEUES * (self._searching // WARP), dtype=wp.vec3i, device=device)
         if self.inner:
@@ -198,11 +202,13 @@ class DivisionPlanes(Effect):
             neighbors.launch(kernel, len(data.inner.chord), [self._contact, data], [])
         if self.tangles and frame_begins:
             self._find_tangles()
-        tree, lanes, kinds = neighbors.tree, neighbors.lanes, (self.inner, model.in_worlds)
+        tree, kinds = neighbors.tree, (self.inner, model.in_worlds)
+        lanes = 1 if self._grains else neighbors.lanes
         if self._searching:
             kernel, threads = find_pairs_of_pieces(model.scalar, self.tangles, *kinds), self._searching
         else:
-            kernel, threads = find_pairs(model.scalar, self.tangles, lanes, *kinds), lanes * len(tree.facet)
+            kernel = find_pairs(model.scalar, self.tangles, lanes, *kinds, self._grains)
+            threads = lanes * len(tree.facet)
         inputs = [self._contact, tree, data, neighbors.buffer, self.apart]
         neighbors.share(kernel, threads, inputs, [neighbors.flags])
 
@@ -245,24 +251,26 @@ class DivisionPlanes(Effect):
 
     def _keep_apart(self, before: Instant, after: Instant) -> None:
         model, device, neighbors = self._model, self._model.device, self.neighbors
-        kernel, threads = self._keep, self._threads if device.is_cuda else 1
-        inputs = [self.pairs, before.x, self.steps.dt, self.per_unit, self.apart, model.stride]
+        most = 2**31 - 1 if self._small else MOST_IN_CLUSTER
+        inputs = [self.pairs, before.x, self.steps.dt, self.per_unit, self.apart, model.stride, most]
         outputs = [after.x, after.v, neighbors.flags]
 
-        def launch(first: int, last: int) -> None:
+        def launch(kernel: Any, threads: int, first: int, last: int) -> None:
             given = [*inputs, first, last, threads]
             wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
 
+        def launch_all() -> None:
+            launch(self._keep, self._blocks * MOST_THREADS if device.is_cuda else 1, 0, PHASES - 1)
+
         def launch_each() -> None:
             for phase in range(PHASES):
-                launch(phase, phase)
-            self.pairs.alarm.zero_()
+                launch(keep_apart(model.scalar, 1), PAIR_THREADS, phase, phase)
 
+        # A single CPU thread handles all pairs.
+        neighbors.launch_parts(lambda part, _: launch_all() if part == 0 else None)
         if not self._small:
-            wp.capture_if(self.pairs.alarm, launch_each)
-            self.pairs.may_meet.zero_()
-        else:  # a single CPU thread handles all pairs
-            neighbors.launch_parts(lambda part, _: launch(0, PHASES - 1) if part == 0 else None)
+            wp.capture_if(self.pairs.many, launch_each)
+            self._signals.zero_()
 
     def judge(self, pairs: int) -> bool:
         """Decide whether pairs are kept apart in coming frames; return whether the last one must be repeated.
@@ -288,13 +296,13 @@ class DivisionPlanes(Effect):
         data, device, scalar = self.pairs, self._model.device, self._model.scalar
         room = int(room)
         data.vertices = wp.zeros(room, dtype=wp.vec4i, device=device)
+        data.watched, data.pushing = (wp.zeros(room, dtype=int, device=device) for _ in "wp")
         data.weights = wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device)
         data.normal = wp.zeros(room, dtype=self._model.vector, device=device)
         data.gap, data.least, data.reserve = (wp.zeros(room, dtype=scalar, device=device) for _ in "glr")
         self._small = not device.is_cuda or room <= MOST_IN_CLUSTER
-        blocks = CLUSTER if self._small and device.is_cuda and device.arch >= 90 else 1
-        self._keep: Any = keep_apart(scalar, blocks)
-        self._threads = blocks * MOST_THREADS if self._small else PAIR_THREADS
+        self._blocks = CLUSTER if device.is_cuda and device.arch >= 90 else 1
+        self._keep: Any = keep_apart(scalar, self._blocks)
         data.count.zero_()
         self._model.generation += 1
 

@@ -31,6 +31,7 @@ from ...kernels.collision import (
     find_candidates,
     find_roots,
     find_rows,
+    find_rows_of_grains,
     place_vertices,
     range_of_speeds,
 )
@@ -146,7 +147,8 @@ class NeighborList:
         # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
         self._warp = WARP if device.is_cuda else 1
-        many = self._points > MOST_BY_WARPS
+        self._grains = surfaces.grains
+        many = self._points > MOST_BY_WARPS or self._grains
         self.lanes = min(self._warp, LANES_OF_MANY) if many else self._warp
         corner = on_host.corner
         in_one = near_together(x_first[corner].mean(axis=1), surfaces.body_of_facet)
@@ -303,7 +305,8 @@ class NeighborList:
         if self.planes is not None:
             self.planes.find(frame_begins)
         self.share(find_candidates(*kinds), self._points, [contact, tree, *around], [])
-        kernel = find_rows(model.scalar, lanes, model.in_worlds)
+        search = find_rows_of_grains if self._grains else find_rows
+        kernel = search(model.scalar, lanes, model.in_worlds)
         inputs, searching = [contact, tree, *around], MOST_SEARCHING
         self.share(kernel, lanes * self._points, inputs, [self.flags], searching, BLOCK)
 
