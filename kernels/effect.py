@@ -46,6 +46,12 @@ class ForceTerm(NamedTuple):
     v is the method's velocity, half a substep old in leapfrog. Read x and v with `records(dim, scalar).load`; in
     compensated precision a position is x − compensation.x. Particles are in the system's order.
     """
+    parts: Callable[[Any], Any] | None = None
+    """(count, evaluate): wp.func (scene) -> number of parts, and wp.func (scene, compensation, x, v, c).
+
+    A single launch of many stages evaluates all parts before the forces of a stage. Elsewhere the effect launches
+    the same in `before_forces`.
+    """
     drive: Callable[[Any], Any] | None = None
     """`Driving`: the functions that place driven particles."""
     selective: bool = False

@@ -184,6 +184,14 @@ def loads(composition: Composition) -> Any:
 
 
 @functools.cache
+def parts(composition: Composition) -> tuple[Any, Any]:
+    """Return (count, evaluate) of the effect that has parts, as in `ForceTerm.parts`; (None, None) without."""
+    found = [piece.parts for piece in composition.pieces if piece.parts is not None]
+    assert len(found) < 2, "only one effect may have parts"
+    return found[0](scene(composition)) if found else (None, None)
+
+
+@functools.cache
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
     """Return a method's `advance`, and `loads`, for kernels in which all lanes of a particle call them.
 

@@ -9,7 +9,7 @@ from ..basis import kernel
 from ..places import arrays_of, on_device
 from ..springs import NO_SUBSTEP
 from ..threads import wait, wait_in_block
-from .composition import Composition, beginning, by_first_lane, tools
+from .composition import Composition, beginning, by_first_lane, parts, tools
 from .enter_world import enter_world, to_world
 
 MOST_THREADS = 512
@@ -35,6 +35,7 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
     evaluate, force_at, lanes, tears = algorithm.evaluate, algorithm.force_at, algorithm.lanes, algorithm.tears
     Step = method(composition).Step
     advance, load = by_first_lane(composition, method)
+    part_count, evaluate_part = parts(composition)
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
     in_worlds, pause = composition.differs is not None, wait if composition.differs is None else wait_in_block
     if in_worlds:
@@ -77,6 +78,12 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
                 c = thread
                 while c < connection_count:
                     evaluate(scene.forces, step.compensation, step.x, step.v, c)
+                    c += threads
+                pause()
+            if wp.static(evaluate_part is not None):
+                c = thread
+                while c < part_count(scene):
+                    evaluate_part(scene, step.compensation, step.x, step.v, c)
                     c += threads
                 pause()
             if wp.static(moving):

@@ -67,15 +67,72 @@ def cell_table(scalar: type):
 
 
 @functools.cache
-def cell_volumes(dim: int, scalar: type, compensated: bool, everywhere: bool) -> ForceTerm:
-    """Return the term of cells: the sum of the forces on a particle that `cell_forces` has computed.
+def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool):
+    """Compose wp.func (cells, compensation, x, v, shift, c, force, first): the forces of cell c on its corners.
+
+    The particles of its world begin at `shift`. The force on corner k is written at first + k · cell_count [N].
+    """
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    CellTable: Any = cell_table(scalar)
+    Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
+    law, load, corners = volume_law(scalar), records(dim, scalar).load, 8 if solid else 4
+
+    @wp.func
+    def exert(
+        cells: CellTable,
+        compensation: Compensation,
+        x: Vectors,
+        v: Vectors,
+        shift: int,
+        c: int,
+        force: wp.array(dtype=V),
+        first: int,
+    ):
+        used = wp.static(corners)
+        is_flat = wp.static(not solid)
+        if wp.static(solid and flat):
+            is_flat = cells.corners[c, 7] < 0
+            if is_flat:
+                used = 4
+        origin = shift + cells.corners[c, 0]
+        points = Rows()
+        for k in range(wp.static(corners)):
+            if k < used:
+                i = shift + cells.corners[c, k]
+                point = load(x, i) - load(x, origin)
+                if wp.static(compensated):
+                    point -= load(compensation.x, i) - load(compensation.x, origin)
+                points[k] = point
+        volume, gradient = geometry(points, is_flat)
+        rest = cells.rest_volume[c]
+        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
+        if wp.static(damped):
+            rate = scalar(0.0)
+            for k in range(wp.static(corners)):
+                if k < used:
+                    rate += wp.dot(load(v, shift + cells.corners[c, k]), gradient[k])
+            pressure += cells.damping[c] * share * rate / rest
+        for k in range(wp.static(corners)):
+            force[first + k * cells.corners.shape[0]] = -pressure * gradient[k]
+
+    return exert
+
+
+@functools.cache
+def cell_volumes(
+    dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool, everywhere: bool
+) -> ForceTerm:
+    """Return the term of cells, whose parts are the forces on corners; particles sum those on them.
 
     If cells are `everywhere`, no particle is asked whether it has any.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    CellTable: Any = cell_table(scalar)
+    exert = cell_force(dim, scalar, compensated, solid, flat, damped)
 
     @wp.struct
     class Corners:
+        cells: CellTable
         first: wp.array(dtype=int)  # row starts of `entry`, shape [particle_count + 1]
         entry: wp.array(dtype=int)  # entries of `force` on each particle, shape [any]
         force: wp.array(dtype=V)  # on corner k of cell c at k · cell_count + c [N], of all worlds
@@ -90,7 +147,18 @@ def cell_volumes(dim: int, scalar: type, compensated: bool, everywhere: bool) ->
 
         return sum_over_corners
 
-    return ForceTerm("cells", Corners, force=force, selective=not everywhere)
+    def parts(SceneData: Any):
+        @wp.func
+        def cell_count(scene: SceneData) -> int:
+            return scene.cells.cells.corners.shape[0]
+
+        @wp.func
+        def exert_on_corners(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
+            exert(scene.cells.cells, compensation, x, v, 0, c, scene.cells.force, c)
+
+        return cell_count, exert_on_corners
+
+    return ForceTerm("cells", Corners, force=force, parts=parts, selective=not everywhere)
 
 
 @functools.cache
@@ -98,8 +166,7 @@ def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bo
     """Compose the kernel, over worlds and cells, of the forces on the corners of cells."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
-    Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
-    law, load, corners = volume_law(scalar), records(dim, scalar).load, 8 if solid else 4
+    exert, corners = cell_force(dim, scalar, compensated, solid, flat, damped), 8 if solid else 4
 
     @kernel
     def find_cell_forces(
@@ -116,34 +183,8 @@ def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bo
     ):
         world, c = wp.tid()
         c += begin
-        count = cells.corners.shape[0]
-        used = wp.static(corners)
-        is_flat = wp.static(not solid)
-        if wp.static(solid and flat):
-            is_flat = cells.corners[c, 7] < 0
-            if is_flat:
-                used = 4
-        origin = world * stride + cells.corners[c, 0]
-        points = Rows()
-        for k in range(wp.static(corners)):
-            if k < used:
-                i = world * stride + cells.corners[c, k]
-                point = load(x, i) - load(x, origin)
-                if wp.static(compensated):
-                    point -= load(compensation.x, i) - load(compensation.x, origin)
-                points[k] = point
-        volume, gradient = geometry(points, is_flat)
-        rest = cells.rest_volume[c]
-        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
-        if wp.static(damped):
-            rate = scalar(0.0)
-            for k in range(wp.static(corners)):
-                if k < used:
-                    rate += wp.dot(load(v, world * stride + cells.corners[c, k]), gradient[k])
-            pressure += cells.damping[c] * share * rate / rest
-        first = world * wp.static(corners) * count + c
-        for k in range(wp.static(corners)):
-            force[first + k * count] = -pressure * gradient[k]
+        first = world * wp.static(corners) * cells.corners.shape[0] + c
+        exert(cells, compensation, x, v, world * stride, c, force, first)
 
     return find_cell_forces
 

@@ -40,14 +40,14 @@ class CellVolumes(Effect):
             model.check_range(getattr(cells, name), f"cells.{name}")
         numbers = {"rest_volume": cells.rest_volume, "modulus": cells.modulus, "damping": cells.damping}
         upload_fields(self._table, model.device, corners=cells.corners, **numbers)
-        self._forces = cell_forces(
-            model.dim, model.scalar, model.compensated, *self._kind, bool(cells.damping.any())
-        )
+        kind = (model.dim, model.scalar, model.compensated, *self._kind, bool(cells.damping.any()))
+        self._forces = cell_forces(*kind)
         corner, cell = np.nonzero(cells.corners[:, :corner_count].T != NONE)
         order, first = rows(cells.corners[cell, corner], model.particle_count)
         self.members = np.diff(first) > 0
-        self.piece = cell_volumes(model.dim, model.scalar, model.compensated, bool(self.members.all()))
+        self.piece = cell_volumes(*kind, bool(self.members.all()))
         self.data = self.piece.Data()
+        self.data.cells = self._table
         upload_fields(self.data, model.device, first=first, entry=(corner * self._count + cell)[order])
         self.data.force = wp.zeros(
             model.worlds * corner_count * self._count, dtype=model.vector, device=model.device

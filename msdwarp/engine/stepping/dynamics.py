@@ -311,8 +311,10 @@ class Dynamics:
 
     def _launch_before_forces(self, step: Any, begins: bool) -> None:
         """Launch what effects need before the forces of a stage."""
+        within = self._evaluated_within() if self._one_thread else []
         for effect in self._preceding:
-            effect.before_forces(step.x, step.v, step.compensation, begins)
+            if effect not in within:
+                effect.before_forces(step.x, step.v, step.compensation, begins)
         if self._in_frame and not self._measuring:
             for effect in self._summing:
                 effect.add_up(self._steps.dt * self._steps.weights[self._stage])
@@ -329,6 +331,17 @@ class Dynamics:
         if effect is None or self._preceding != [effect] or effect.impulse is not None:
             return False
         return all(one is effect.planes for one in self._ending)
+
+    @property
+    def launches_between(self) -> bool:
+        """Whether effects launch something between stages that a single launch of many stages does not do."""
+        return len(self._evaluated_within()) < len(self._preceding)
+
+    def _evaluated_within(self) -> list[Effect]:
+        """Return the effects whose parts a single launch of many stages, or of one CPU thread, evaluates."""
+        if self.partition is not None:
+            return []
+        return [one for one in self._preceding if isinstance(one.piece, ForceTerm) and one.piece.parts is not None]
 
     @property
     def launches_before_forces(self) -> bool:

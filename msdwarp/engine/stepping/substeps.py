@@ -63,7 +63,7 @@ class Stepper:
         assert not isinstance(blocks, int | str)
         both = [one for substep in self._substeps for one in substep]
         stages_only = [one for one in both if isinstance(one, Stage)]
-        launches_between = after_substep is not None or dynamics.launches_before_forces
+        launches_between = after_substep is not None or dynamics.launches_between
         single = len(stages_only) == len(both)
         one_launch = single and not launches_between
         self.blocks: tuple[int, int] | None = blocks if one_launch else None
@@ -80,7 +80,7 @@ class Stepper:
             return
         self._method, self._per_substep = stages_only[0].method, len(stages_only) // 2
         self._kept = [one.step(dynamics.composition) for one in stages_only]
-        if model.in_worlds and chosen:
+        if model.in_worlds and chosen and not dynamics.launches_before_forces:
             self.chip = on_chip(dynamics, state, self._method, self._kept[: self._per_substep])
         if self.chip is not None:
             self.blocks = model.worlds, self.chip.threads
