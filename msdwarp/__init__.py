@@ -35,10 +35,13 @@ from .runtime import verbose as verbose
 
 if _typing.TYPE_CHECKING:
     from .bodies import (
+        CORK as CORK,
         COTTON as COTTON,
         FOAM as FOAM,
         JELLY as JELLY,
+        MUSCLE as MUSCLE,
         RUBBER as RUBBER,
+        SILICONE as SILICONE,
         STEEL_WIRE as STEEL_WIRE,
         Angles as Angles,
         Cells as Cells,
@@ -88,6 +91,7 @@ if _typing.TYPE_CHECKING:
         cone as cone,
         cylinder as cylinder,
         from_mesh as from_mesh,
+        from_volume as from_volume,
         icosphere as icosphere,
         join as join,
         lattice as lattice,
@@ -128,9 +132,9 @@ __version__ = "0.1.0"
 # The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
     "bodies": (
-        "COTTON FOAM JELLY RUBBER STEEL_WIRE Angles Cells CoulombDamper ExponentialSpring Frame LimitedSpring "
-        "Material OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring space_filling_order "
-        "stress von_mises"
+        "CORK COTTON FOAM JELLY MUSCLE RUBBER SILICONE STEEL_WIRE Angles Cells CoulombDamper ExponentialSpring "
+        "Frame LimitedSpring Material OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring "
+        "space_filling_order stress von_mises"
     ),
     "checks": "EnergyDriftWarning FitWarning SettleWarning StartWarning StrainWarning",
     "engine": "Measures",
@@ -141,7 +145,10 @@ _ROOMS = {
     ),
     "live": "View show view",
     "pictures": "Renderer ColourScale",
-    "shapes": "ball box chain cloth cone cylinder from_mesh icosphere join lattice rod sheet shell viscoelastic",
+    "shapes": (
+        "ball box chain cloth cone cylinder from_mesh from_volume icosphere join lattice rod sheet shell "
+        "viscoelastic"
+    ),
     "simulation": "Ensemble GroupMean Simulation SimulationDiverged",
     "studies": "FitResult TrackedPoints fit sweep",
     "world": (

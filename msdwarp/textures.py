@@ -267,6 +267,16 @@ def _direction(random: np.random.Generator) -> NDArray:
 
 
 @_kept
+def tyre_wall(colour: str, wall: str, mark: str, *, size: int = 1024) -> NDArray[np.uint8]:
+    """Return the texture of a tyre, v along its axle: a ring on each wall, and marks beside it."""
+    u, v = _grid(size)
+    side = np.minimum(v, 1 - v)
+    image = _mix((side < 0.003).astype(float), colour, wall)
+    marked = (side > 0.02) & (side < 0.09) & ((6 * u) % 1 < 0.3)
+    return _over(image, _mix(np.ones_like(u), colour, mark), marked.astype(float))
+
+
+@_kept
 def jelly(colour: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
     """Return a box texture: translucent faces, dark in the middle and bright at the edges."""
     u, v = (2 * w - 1 for w in _grid(size))

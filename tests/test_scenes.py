@@ -190,6 +190,22 @@ def test_rubber_bulges_in_the_press_and_cork_does_not():
 
 
 @pytest.mark.slow
+def test_the_tyre_climbs_the_kerb_and_stays_a_tyre():
+    scene = build("tyre", across=14)
+    frames = simulate(scene, scene.duration)
+    shape = np.array([np.ptp(frame.position, axis=0) for frame in frames])
+    assert shape[:, 2].min() < 0.9 * shape[0, 2]  # flat for a moment
+    cells = scene.system.cells
+    ratio = np.array([(cells.volumes(frame.position) / cells.rest_volume) for frame in frames])
+    assert ratio.min() > 0.3  # nothing is inside out
+    np.testing.assert_allclose(ratio.mean(axis=1), 1.0, atol=0.05)  # its rubber keeps its volume
+    last = scene.system.surface.points(frames[-1].position)
+    assert last[:, 0].min() > 0.0  # it is on the pavement, upright
+    assert last[:, 2].min() > 0.08 - 0.01  # contact is soft
+    assert abs(last[:, 1].mean()) < 0.02
+
+
+@pytest.mark.slow
 def test_the_jelly_wobbles_and_sags_when_it_is_warm():
     scene = build("jelly")
     frames = simulate(scene, scene.duration)

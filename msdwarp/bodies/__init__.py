@@ -27,10 +27,13 @@ from .fields import (
 )
 from .frame import Frame as Frame, Series as Series
 from .materials import (
+    CORK as CORK,
     COTTON as COTTON,
     FOAM as FOAM,
     JELLY as JELLY,
+    MUSCLE as MUSCLE,
     RUBBER as RUBBER,
+    SILICONE as SILICONE,
     STEEL_WIRE as STEEL_WIRE,
     Material as Material,
 )

@@ -170,3 +170,20 @@ COTTON = Material(density=324.0, youngs_modulus=0.61e6, damping_ratio=0.04)
 
 STEEL_WIRE = Material(density=7850.0, youngs_modulus=210e9, damping_ratio=1e-4)
 """Steel with much carbon, as in springs and wire ropes."""
+
+CORK = Material(density=170.0, youngs_modulus=15e6, damping_ratio=0.1, poissons_ratio=0.1)
+"""Cork, alike in all directions: of the three axes this is the mean."""
+# Density 170, E 20 MPa along the trunk's radius and 13 MPa across; Poisson's ratio 0.05-0.1 if the radius is one
+# of the two directions, else 0.25-0.5 (Gibson, Easterling and Ashby, The structure and mechanics of cork, Proc.
+# R. Soc. A 377 (1981) 99-117). Loss factor 0.1-0.3 (Ashby's chart of loss coefficients).
+
+SILICONE = Material(density=1070.0, youngs_modulus=118e3, damping_ratio=0.05, poissons_ratio=0.49)
+"""Soft platinum-cured silicone (Ecoflex 00-30). Its volume is all but constant, so the step is short."""
+# Density 1070, and 10 psi at 100 % elongation (Smooth-On, technical bulletin of the Ecoflex series). A neo-Hookean
+# solid has the stress G (λ − 1/λ²) there: 69 kPa at λ = 2 is G = 39 kPa, E = 3 G. The loss factor, 0.1, is that of
+# a soft rubber (Ashby's chart).
+
+MUSCLE = Material(density=1060.0, youngs_modulus=62e3, damping_ratio=0.1, poissons_ratio=0.45)
+"""Relaxed muscle, alike in all directions and for small loads. Its damping and Poisson's ratio are assumed."""
+# Density 1.0597 (Mendez and Keys, Metabolism 9 (1960) 184-188). E = 62.2 ± 10.3 kPa, of gluteal muscle of young
+# men pressed by 5 N; by 30 N it is seven times as stiff (Isogai et al., J. Phys. Ther. Sci. 34 (2022) 777-783).

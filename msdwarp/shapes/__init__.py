@@ -8,3 +8,4 @@ from .rods import rod as rod
 from .shells import icosphere as icosphere, shell as shell
 from .solids import ball as ball, cone as cone, cylinder as cylinder
 from .viscoelastic import viscoelastic as viscoelastic
+from .volumes import from_volume as from_volume

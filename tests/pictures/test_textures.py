@@ -11,6 +11,7 @@ from msdwarp.pictures.drawing import atlas
 ALL = {
     "tiles": lambda: textures.tiles("#e4633f", "#f2b591"),
     "gingham": lambda: textures.gingham("#2f6f9f", "#f4f1e8"),
+    "tyre_wall": lambda: textures.tyre_wall("#26262a", "#ece8de", "#f2b230"),
     "rings": lambda: textures.rings("#c9687a", "#f0c4b8", 7),
     "rings_box": lambda: textures.rings_box("#c9687a", "#f0c4b8", 7),
     "pips": lambda: textures.pips("#f3ece0", "#1d2530"),
