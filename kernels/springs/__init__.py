@@ -31,6 +31,11 @@ from .lanes import (
     stencil_of_lanes as stencil_of_lanes,
     sum_over_lanes as sum_over_lanes,
 )
+from .lattice_cells import (
+    lattice_cells as lattice_cells,
+    lattice_pressures as lattice_pressures,
+    lattice_volumes as lattice_volumes,
+)
 from .linearised import add_blocks as add_blocks
 from .plasticity import yielding as yielding
 from .scatter import scatter as scatter

@@ -9,8 +9,22 @@ import pytest
 import volumes
 from tangles import PRECISIONS, evaluate
 
-from msdwarp import Cells, Leapfrog, Material, Simulation, StrainWarning, System, ball, box, lattice, sheet
+from msdwarp import (
+    Cells,
+    Ensemble,
+    Leapfrog,
+    Material,
+    Simulation,
+    StrainWarning,
+    System,
+    ball,
+    box,
+    chain,
+    lattice,
+    sheet,
+)
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
+from msdwarp.engine.springs import cell_volumes
 
 RATIOS = (0.0, 0.1, 0.35, 0.45, 0.49)
 STUFF = Material(density=1000.0, youngs_modulus=1e5, damping_ratio=0.05)
@@ -75,6 +89,46 @@ def test_forces_are_the_slope_of_the_energy(device, name, precision, ratio):
     difference = np.abs(evaluate(system, device, precision) - expected).max()
     assert difference < 20 * PRECISIONS[precision] * largest + 1e-7 * (ratio < 0.25) * largest
     assert np.abs(volumes.forces(system, system.position, system.velocity)).max() > 0.05 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("precision", "ratio"), [("float64", 0.1), ("float64", 0.45), ("float32-compensated", 0.45)]
+)
+def test_forces_by_faces_are_those_by_corners(monkeypatch, precision, ratio):
+    monkeypatch.setattr(cell_volumes, "FACES_ON_CPU", True)  # as on a GPU
+    one = box((4, 3, 3), 0.1, material=of_ratio(ratio))
+    system = thrown(one + chain(3, 0.1).translate((0, 0, 0.4)) + one.translate((0, 0, 0.8)))  # some have no cells
+    simulation = Simulation(system, device="cpu", precision=precision)
+    assert isinstance(simulation.assembly.all[-1], cell_volumes.CellVolumes)
+    assert "pressure" in simulation.assembly.all[-1].by_world
+    if precision != "float64":
+        rounded = (one.astype(np.float32).astype(float) for one in (system.position, system.velocity))
+        system = system.replace(**dict(zip(("position", "velocity"), rounded, strict=True)))
+    expected = volumes.forces(system, system.position, system.velocity)
+    expected += problems.forces(system, system.position, system.velocity)
+    found = evaluate(system, "cpu", precision)
+    # As above: sums of rounded pressures on faces.
+    cells = system.cells
+    largest = np.abs(cells.modulus).max() * cells.rest_volume.max() / 0.1 * 50 + np.abs(expected).max()
+    assert np.abs(found - expected).max() < 20 * PRECISIONS[precision] * largest + 1e-7 * (ratio < 0.25) * largest
+    if precision == "float64":
+        assert np.abs(found.sum(axis=0)).max() < 1e-13 * np.abs(found).sum()
+
+
+def test_by_faces_every_route_does_the_same(monkeypatch):
+    monkeypatch.setattr(cell_volumes, "FACES_ON_CPU", True)
+    system = thrown(box((5, 4, 4), 0.1, material=of_ratio(0.45)), 0.005)
+    how = {"device": "cpu", "gravity": 0.0, "force_algorithm": "gather"}
+    found = []
+    for options in ({}, {"blocks": None}, {"threads": 2}):
+        simulation = Simulation(system, **how, **options)
+        simulation.step(5)
+        found.append(simulation.frame().position)
+    ensemble = Ensemble(system, 2, **how)
+    ensemble.step(5)
+    for one in (*found[1:], *ensemble.frame().position):
+        np.testing.assert_array_equal(one, found[0])  # the same sums in the same order
+    assert np.abs(found[0] - system.position).max() > 0.01
 
 
 @pytest.mark.parametrize("name", bodies(0.45))

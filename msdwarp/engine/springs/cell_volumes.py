@@ -7,19 +7,34 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import CORNERS, NONE
-from ...kernels.springs import cell_blocks, cell_energies, cell_forces, cell_table, cell_volumes
+from ...kernels.springs import (
+    cell_blocks,
+    cell_energies,
+    cell_forces,
+    cell_table,
+    cell_volumes,
+    lattice_pressures,
+    lattice_volumes,
+)
 from ..device.csr import rows
-from ..device.device import upload_fields
+from ..device.device import scalar_array, upload_fields
 from ..device.launcher import Launcher
 from ..model.effect import Effect, summed
 from ..model.model import Model
 
+NUMBERS = "rest_volume", "modulus", "damping"
+"""Numbers of each cell."""
+FACES_ON_CPU = False
+"""Whether a CPU, too, sums the forces of a lattice's cells by faces: more arithmetic, and less memory."""
 SPRINGS = 20
 """Springs that take a CPU about as long as a cell."""
 
 
 class CellVolumes(Effect):
-    """Computes the forces of cells on their corners before those of springs, and sums them for each particle."""
+    """Computes what cells exert before the forces of springs, and sums it for each particle.
+
+    If the cells are those of a lattice, they have a pressure each; else each has the forces on its corners.
+    """
 
     conserves = True
 
@@ -36,38 +51,64 @@ class CellVolumes(Effect):
         corner_count = CORNERS // 2 if flat.all() else CORNERS
         self._kind = not flat.all(), bool(flat.any())
         self._table: Any = cell_table(model.scalar)()
-        for name in ("rest_volume", "modulus", "damping"):
+        for name in NUMBERS:
             model.check_range(getattr(cells, name), f"cells.{name}")
-        numbers = {"rest_volume": cells.rest_volume, "modulus": cells.modulus, "damping": cells.damping}
-        upload_fields(self._table, model.device, corners=cells.corners, **numbers)
-        kind = (model.dim, model.scalar, model.compensated, *self._kind, bool(cells.damping.any()))
-        self._forces = cell_forces(*kind)
+        upload_fields(self._table, model.device, corners=cells.corners)
+        self._give_numbers(self._table)
+        damped = bool(cells.damping.any())
         corner, cell = np.nonzero(cells.corners[:, :corner_count].T != NONE)
         order, first = rows(cells.corners[cell, corner], model.particle_count)
         self.members = np.diff(first) > 0
-        self.piece = cell_volumes(*kind, bool(self.members.all()))
-        self.data = self.piece.Data()
-        self.data.cells = self._table
-        upload_fields(self.data, model.device, first=first, entry=(corner * self._count + cell)[order])
-        self.data.force = wp.zeros(
-            model.worlds * corner_count * self._count, dtype=model.vector, device=model.device
-        )
-        self.by_world = ("force",)
+        everywhere = bool(self.members.all())
+        on_faces = model.device.is_cuda or FACES_ON_CPU
+        steps = lattice_steps(cells.corners) if on_faces and model.dim == 3 else None
+        self._size: int | None = None
+        """Entries of pressures of a world; None if the cells are no lattice."""
+        if steps is not None:
+            margin = sum(steps)
+            self._size = model.stride + 2 * margin
+            kind = model.scalar, model.compensated, damped
+            self._kernel, self.piece = lattice_pressures(*kind), lattice_volumes(*kind, everywhere)
+            self.data = self.piece.Data()
+            self.data.steps, self.data.margin = wp.vec3i(*steps), margin
+            upload_fields(self.data, model.device, lower=cells.corners[:, 0])
+            self._give_numbers(self.data)
+            self.data.pressure = wp.zeros(model.worlds * self._size, dtype=model.scalar, device=model.device)
+            self.by_world = ("pressure",)
+        else:
+            kind = (model.dim, model.scalar, model.compensated, *self._kind, damped)
+            self._kernel, self.piece = cell_forces(*kind), cell_volumes(*kind, everywhere)
+            self.data = self.piece.Data()
+            self.data.cells = self._table
+            upload_fields(self.data, model.device, first=first, entry=(corner * self._count + cell)[order])
+            count = model.worlds * corner_count * self._count
+            self.data.force = wp.zeros(count, dtype=model.vector, device=model.device)
+            self.by_world = ("force",)
         self.shared_points = SPRINGS * self._count
         self._partition: Launcher | None = None
+
+    def _give_numbers(self, table: Any) -> None:
+        """Upload the numbers of cells: those that are alike in all cells take no room."""
+        for name in NUMBERS:
+            numbers = getattr(self._model.system.cells, name)
+            setattr(table, name, scalar_array(numbers, self._model.scalar, self._model.device))
 
     def use_partition(self, partition: Launcher | None) -> None:
         """Divide the cells among the threads of a launcher."""
         self._partition = partition
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch the kernel of the forces on corners, for positions x and velocities v."""
+        """Launch the kernel of pressures, or of forces on corners, for positions x and velocities v."""
 
         def launch(part: int, parts: int) -> None:
             begin, end = part * self._count // parts, (part + 1) * self._count // parts
-            inputs = [self._table, begin, self._model.stride, compensation, x, v]
-            threads = self._model.worlds, end - begin
-            wp.launch(self._forces, threads, inputs, [self.data.force], device=self._model.device)
+            model, threads = self._model, (self._model.worlds, end - begin)
+            if self._size is None:
+                inputs = [self._table, begin, model.stride, compensation, x, v]
+                wp.launch(self._kernel, threads, inputs, [self.data.force], device=model.device)
+            else:
+                inputs = [self.data, begin, model.stride, self._size, compensation, x, v]
+                wp.launch(self._kernel, threads, inputs, [], device=model.device)
 
         if self._partition is not None and self._partition.is_recording:
             self._partition.launch_parts(launch)
@@ -87,3 +128,16 @@ class CellVolumes(Effect):
         model = self._model
         kernel = cell_energies(model.dim, model.scalar, *self._kind)
         return summed(model, kernel, self._count, [self._table, model.stride, x, v])
+
+
+def lattice_steps(corners: NDArray[np.integer]) -> tuple[int, int, int] | None:
+    """Return the steps from each cell's first corner along three axes, if these are alike for all; else None.
+
+    All are positive, and the other corners are sums of them.
+    """
+    apart = corners - corners[:, :1]
+    if (apart[0, 1:] <= 0).any() or (apart != apart[0]).any():
+        return None
+    a, b, c = (int(apart[0, k]) for k in (1, 3, 4))
+    whole = [0, a, a + b, b, c, a + c, a + b + c, b + c]
+    return (a, b, c) if apart[0].tolist() == whole else None

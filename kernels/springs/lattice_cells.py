@@ -1,0 +1,180 @@
+"""Solid cells of a lattice that resist a change of their volume: one pressure a cell, and forces by its faces.
+
+The law is that of `cell_volumes`. In a lattice whose particles are numbered alike everywhere, a particle finds its
+cells and its neighbours by adding steps to its own number. Each face between two of the eight cells around a
+particle is in the forces −p ∂V/∂x of both, with opposite signs, so that 12 faces are left. One with corners at r₂,
+r₃, r₄ from the particle, counter-clockwise seen from the cell above, exerts
+
+    (p_above − p_below) (r₂ × (r₃ + r₄) + r₃ × r₄)/12
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel
+from ..compensation import state_types
+from ..effect import ForceTerm
+from ..records import records
+from .cell_geometry import cell_geometry
+from .cell_volumes import volume_law
+
+
+@functools.cache
+def lattice_cells(scalar: type):
+    """Compose the struct of the cells of a lattice."""
+
+    @wp.struct
+    class LatticeCells:
+        steps: wp.vec3i  # from a particle to its neighbour along each axis
+        lower: wp.array(dtype=int)  # first corner of each cell, shape [cell_count]
+        rest_volume: wp.array(dtype=scalar)  # V₀ [m³], shape [cell_count]
+        modulus: wp.array(dtype=scalar)  # [Pa], shape [cell_count]
+        damping: wp.array(dtype=scalar)  # [Pa s], shape [cell_count]
+        margin: int  # entries of `pressure` before the first particle, and behind the last
+        pressure: wp.array(
+            dtype=scalar
+        )  # of the cell whose first corner is a particle [Pa], 0 without; of all worlds
+
+    return LatticeCells
+
+
+@functools.cache
+def lattice_pressure(scalar: type, compensated: bool, damped: bool):
+    """Compose wp.func (cells, compensation, x, v, shift, c, first) that stores the pressure of cell c.
+
+    The particles of its world begin at `shift`, their pressures at `first`.
+    """
+    _V, Vectors, Compensation = state_types(3, scalar, compensated)
+    Cells: Any = lattice_cells(scalar)
+    Rows, geometry, _turning = cell_geometry(3, scalar, True, False)
+    law, load = volume_law(scalar), records(3, scalar).load
+
+    @wp.func
+    def corner_of(lower: int, steps: wp.vec3i, k: int) -> int:
+        """Return corner k, in VTK's order."""
+        corner = lower
+        if k == 1 or k == 2 or k == 5 or k == 6:
+            corner += steps[0]
+        if k == 2 or k == 3 or k == 6 or k == 7:
+            corner += steps[1]
+        if k > 3:
+            corner += steps[2]
+        return corner
+
+    @wp.func
+    def find_pressure(
+        cells: Cells, compensation: Compensation, x: Vectors, v: Vectors, shift: int, c: int, first: int
+    ):
+        lower = cells.lower[c]
+        origin = shift + lower
+        points = Rows()
+        for k in range(8):
+            i = corner_of(origin, cells.steps, k)
+            point = load(x, i) - load(x, origin)
+            if wp.static(compensated):
+                point -= load(compensation.x, i) - load(compensation.x, origin)
+            points[k] = point
+        volume, gradient = geometry(points, False)
+        rest = cells.rest_volume[c]
+        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
+        if wp.static(damped):
+            rate = scalar(0.0)
+            for k in range(8):
+                rate += wp.dot(load(v, corner_of(origin, cells.steps, k)), gradient[k])
+            pressure += cells.damping[c] * share * rate / rest
+        cells.pressure[first + cells.margin + lower] = pressure
+
+    return find_pressure
+
+
+@functools.cache
+def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: bool) -> ForceTerm:
+    """Return the term of the cells of a lattice, whose parts are their pressures.
+
+    If cells are `everywhere`, no particle is asked whether it has any.
+    """
+    V, Vectors, Compensation = state_types(3, scalar, compensated)
+    Cells: Any = lattice_cells(scalar)
+    load, find_pressure = records(3, scalar).load, lattice_pressure(scalar, compensated, damped)
+    Six = wp.types.matrix((6, 3), scalar)
+    zero = scalar(0.0)
+
+    @wp.func
+    def separation(compensation: Compensation, x: Vectors, i: int, j: int) -> V:
+        apart = load(x, j) - load(x, i)
+        if wp.static(compensated):
+            apart -= load(compensation.x, j) - load(compensation.x, i)
+        return apart
+
+    def force(SceneData: Any):
+        @wp.func
+        def sum_over_faces(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
+            steps = scene.cells.steps
+            last = scene.inverse_mass.shape[0] - 1
+            at = scene.cells.margin + i
+            near = Six()  # where a neighbour is missing no face uses it
+            for k in range(6):
+                near[k] = separation(compensation, x, i, wp.clamp(i + (1 - 2 * (k % 2)) * steps[k / 2], 0, last))
+            total = V()
+            for axis in range(3):
+                u = steps[axis]
+                w = steps[(axis + 1) % 3]
+                across = steps[(axis + 2) % 3]
+                for k in range(4):
+                    below = at - across
+                    if k % 2 == 1:
+                        below -= u
+                    if k / 2 == 1:
+                        below -= w
+                    jump = scene.cells.pressure[below + across] - scene.cells.pressure[below]
+                    if jump != zero:
+                        a = near[2 * axis + k % 2]
+                        b = near[2 * ((axis + 1) % 3) + k / 2]
+                        j = i + (1 - 2 * (k % 2)) * u + (1 - 2 * (k / 2)) * w
+                        corner = separation(compensation, x, i, j)
+                        if k == 1 or k == 2:  # clockwise
+                            jump = -jump
+                        total += jump * (wp.cross(a, corner + b) + wp.cross(corner, b))
+            return total / scalar(12.0)
+
+        return sum_over_faces
+
+    def parts(SceneData: Any):
+        @wp.func
+        def cell_count(scene: SceneData) -> int:
+            return scene.cells.lower.shape[0]
+
+        @wp.func
+        def find_own_pressure(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
+            find_pressure(scene.cells, compensation, x, v, 0, c, 0)
+
+        return cell_count, find_own_pressure
+
+    return ForceTerm("cells", Cells, force=force, parts=parts, selective=not everywhere)
+
+
+@functools.cache
+def lattice_pressures(scalar: type, compensated: bool, damped: bool):
+    """Compose the kernel, over worlds and cells, of the pressures of the cells of a lattice."""
+    _V, Vectors, Compensation = state_types(3, scalar, compensated)
+    Cells: Any = lattice_cells(scalar)
+    find_pressure = lattice_pressure(scalar, compensated, damped)
+
+    @kernel
+    def find_pressures(
+        # Model, and pressures out:
+        cells: Cells,
+        begin: int,  # first cell of this launch
+        stride: int,  # from one world to the next, in particles
+        size: int,  # the same in entries of `pressure`
+        # State in:
+        compensation: Compensation,
+        x: Vectors,  # [m], of all worlds
+        v: Vectors,  # [m/s]
+    ):
+        world, c = wp.tid()
+        find_pressure(cells, compensation, x, v, world * stride, begin + c, world * size)
+
+    return find_pressures
