@@ -67,6 +67,23 @@ def cell_table(scalar: type):
 
 
 @functools.cache
+def cell_pressure(scalar: type, damped: bool):
+    """Compose wp.func (cells, c, volume, rate) -> pressure of cell c [Pa], whose volume grows by `rate` [m³/s]."""
+    CellTable: Any = cell_table(scalar)
+    law = volume_law(scalar)
+
+    @wp.func
+    def pressure_of(cells: CellTable, c: int, volume: scalar, rate: scalar) -> scalar:
+        rest = cells.rest_volume[c]
+        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
+        if wp.static(damped):
+            pressure += cells.damping[c] * share * rate / rest
+        return pressure
+
+    return pressure_of
+
+
+@functools.cache
 def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool):
     """Compose wp.func (cells, compensation, x, v, shift, c, force, first): the forces of cell c on its corners.
 
@@ -75,7 +92,7 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
     Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
-    law, load, corners = volume_law(scalar), records(dim, scalar).load, 8 if solid else 4
+    pressure_of, load, corners = cell_pressure(scalar, damped), records(dim, scalar).load, 8 if solid else 4
 
     @wp.func
     def exert(
@@ -104,14 +121,12 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
                     point -= load(compensation.x, i) - load(compensation.x, origin)
                 points[k] = point
         volume, gradient = geometry(points, is_flat)
-        rest = cells.rest_volume[c]
-        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
+        rate = scalar(0.0)
         if wp.static(damped):
-            rate = scalar(0.0)
             for k in range(wp.static(corners)):
                 if k < used:
                     rate += wp.dot(load(v, shift + cells.corners[c, k]), gradient[k])
-            pressure += cells.damping[c] * share * rate / rest
+        pressure = pressure_of(cells, c, volume, rate)
         for k in range(wp.static(corners)):
             force[first + k * cells.corners.shape[0]] = -pressure * gradient[k]
 

@@ -18,20 +18,19 @@ from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .cell_geometry import cell_geometry
-from .cell_volumes import volume_law
+from .cell_volumes import cell_pressure, cell_table
 
 
 @functools.cache
 def lattice_cells(scalar: type):
     """Compose the struct of the cells of a lattice."""
+    CellTable: Any = cell_table(scalar)
 
     @wp.struct
     class LatticeCells:
         steps: wp.vec3i  # from a particle to its neighbour along each axis
+        table: CellTable  # the numbers of each cell
         lower: wp.array(dtype=int)  # first corner of each cell, shape [cell_count]
-        rest_volume: wp.array(dtype=scalar)  # V₀ [m³], shape [cell_count]
-        modulus: wp.array(dtype=scalar)  # [Pa], shape [cell_count]
-        damping: wp.array(dtype=scalar)  # [Pa s], shape [cell_count]
         margin: int  # entries of `pressure` before the first particle, and behind the last
         pressure: wp.array(
             dtype=scalar
@@ -49,7 +48,7 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
     _V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
     Rows, geometry, _turning = cell_geometry(3, scalar, True, False)
-    law, load = volume_law(scalar), records(3, scalar).load
+    pressure_of, load = cell_pressure(scalar, damped), records(3, scalar).load
 
     @wp.func
     def corner_of(lower: int, steps: wp.vec3i, k: int) -> int:
@@ -77,14 +76,11 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
                 point -= load(compensation.x, i) - load(compensation.x, origin)
             points[k] = point
         volume, gradient = geometry(points, False)
-        rest = cells.rest_volume[c]
-        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
+        rate = scalar(0.0)
         if wp.static(damped):
-            rate = scalar(0.0)
             for k in range(8):
                 rate += wp.dot(load(v, corner_of(origin, cells.steps, k)), gradient[k])
-            pressure += cells.damping[c] * share * rate / rest
-        cells.pressure[first + cells.margin + lower] = pressure
+        cells.pressure[first + cells.margin + lower] = pressure_of(cells.table, c, volume, rate)
 
     return find_pressure
 

@@ -22,8 +22,6 @@ from ..device.launcher import Launcher
 from ..model.effect import Effect, summed
 from ..model.model import Model
 
-NUMBERS = "rest_volume", "modulus", "damping"
-"""Numbers of each cell."""
 FACES_ON_CPU = False
 """Whether a CPU, too, sums the forces of a lattice's cells by faces: more arithmetic, and less memory."""
 SPRINGS = 20
@@ -51,10 +49,11 @@ class CellVolumes(Effect):
         corner_count = CORNERS // 2 if flat.all() else CORNERS
         self._kind = not flat.all(), bool(flat.any())
         self._table: Any = cell_table(model.scalar)()
-        for name in NUMBERS:
-            model.check_range(getattr(cells, name), f"cells.{name}")
         upload_fields(self._table, model.device, corners=cells.corners)
-        self._give_numbers(self._table)
+        for name in ("rest_volume", "modulus", "damping"):
+            numbers = getattr(cells, name)
+            model.check_range(numbers, f"cells.{name}")
+            setattr(self._table, name, scalar_array(numbers, model.scalar, model.device))
         damped = bool(cells.damping.any())
         corner, cell = np.nonzero(cells.corners[:, :corner_count].T != NONE)
         order, first = rows(cells.corners[cell, corner], model.particle_count)
@@ -70,9 +69,8 @@ class CellVolumes(Effect):
             kind = model.scalar, model.compensated, damped
             self._kernel, self.piece = lattice_pressures(*kind), lattice_volumes(*kind, everywhere)
             self.data = self.piece.Data()
-            self.data.steps, self.data.margin = wp.vec3i(*steps), margin
+            self.data.table, self.data.steps, self.data.margin = self._table, wp.vec3i(*steps), margin
             upload_fields(self.data, model.device, lower=cells.corners[:, 0])
-            self._give_numbers(self.data)
             self.data.pressure = wp.zeros(model.worlds * self._size, dtype=model.scalar, device=model.device)
             self.by_world = ("pressure",)
         else:
@@ -86,12 +84,6 @@ class CellVolumes(Effect):
             self.by_world = ("force",)
         self.shared_points = SPRINGS * self._count
         self._partition: Launcher | None = None
-
-    def _give_numbers(self, table: Any) -> None:
-        """Upload the numbers of cells: those that are alike in all cells take no room."""
-        for name in NUMBERS:
-            numbers = getattr(self._model.system.cells, name)
-            setattr(table, name, scalar_array(numbers, self._model.scalar, self._model.device))
 
     def use_partition(self, partition: Launcher | None) -> None:
         """Divide the cells among the threads of a launcher."""
