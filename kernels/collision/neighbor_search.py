@@ -227,6 +227,29 @@ def entries(scalar: type, lanes: int, worlds: bool):
 
 
 @functools.cache
+def row_end(scalar: type, worlds: bool):
+    """Compose wp.func (data, p, body, count, missed, most, flags) that ends the row of point p.
+
+    The row has `count` facets, `missed` had no room, and at most `most` were found at a time.
+    """
+    Data, first_of = BodyContactData(scalar, worlds), first_flag(scalar, worlds)
+
+    @wp.func
+    def end_row(data: Data, p: int, body: int, count: int, missed: int, most: int, flags: wp.array(dtype=float)):
+        data.neighbors.candidate_count[p] = count
+        if count + missed == 0:
+            for k in range(wp.static(HISTORY)):
+                data.history.contact_body[k, p] = -1
+        at = first_of(data, body) + wp.static(LONGEST_ROW)
+        if most > int(flags[at]):
+            raise_to(flags, at, float(most))
+        if count > 0 or data.history.initial_overlap[p] > scalar(0.0):
+            data.neighbors.active_points[count_up(data.neighbors.active_count, 0)] = p
+
+    return end_row
+
+
+@functools.cache
 def find_rows(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel that lists the facets which each point may touch before the next search.
 
@@ -237,9 +260,9 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
     """
     Data, margin, SearchedRow = BodyContactData(scalar, worlds), margin_of_boxes(scalar), Row(scalar)
     place_of, place_on, nearest_to = places(scalar)
-    first_of = first_flag(scalar, worlds)
+    end_row = row_end(scalar, worlds)
     (begin, find_next), (enter, is_outside, keep_near) = facets_within(lanes), entries(scalar, lanes, worlds)
-    wait, zero, doubt = wait_for_lanes(lanes), scalar(0.0), scalar(1.01)
+    wait, doubt = wait_for_lanes(lanes), scalar(1.01)
 
     @wp.func
     def search_body(data: Data, tree: FacetTree, before: SearchedRow, reach: scalar, known: int, lane: int):
@@ -309,15 +332,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
                 # Another facet can become the nearest only if it is at most two buffers further away.
                 row.count = keep_near(data, row, doubt * (row.nearest + scalar(2.0) * buffer), lane)
         if lane == 0:
-            data.neighbors.candidate_count[p] = row.count
-            if row.count + row.missed == 0:
-                for k in range(wp.static(HISTORY)):
-                    data.history.contact_body[k, p] = -1
-            at = first_of(data, row.mine) + wp.static(LONGEST_ROW)
-            if most > int(flags[at]):
-                raise_to(flags, at, float(most))
-            if row.count > 0 or data.history.initial_overlap[p] > zero:
-                data.neighbors.active_points[count_up(data.neighbors.active_count, 0)] = p
+            end_row(data, p, row.mine, row.count, row.missed, most, flags)
 
     def find(
         data: Data,

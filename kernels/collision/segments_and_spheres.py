@@ -6,15 +6,15 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..lanes import ballot_of_lanes, chosen_of_lanes, count_before, count_bits, least_of_lanes
-from ..partition import count_up, first_of_part, next_of_part, raise_to
+from ..partition import first_of_part, next_of_part
 from ..records import records
 from ..threads import grid_thread
-from .contact_data import HISTORY, LONGEST_ROW, BodyContactData, Substep, first_flag
+from .contact_data import HISTORY, BodyContactData, Substep
 from .facet_tree import FacetTree
 from .force_sums import Units, exert_on_segments
 from .history import displacements, memories
 from .law import contact_law, damping_limits
-from .neighbor_search import bounds_of_blocks, each_active_point
+from .neighbor_search import bounds_of_blocks, each_active_point, row_end
 from .pairs import ALMOST, FAR, NONE, places, points
 
 
@@ -188,7 +188,7 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
     Each of the `lanes` threads of a point looks at other bodies near its own.
     """
     Data, load, ballot = BodyContactData(scalar, worlds), records(3, scalar).load, ballot_of_lanes(lanes)
-    first_of, zero, far = first_flag(scalar, worlds), scalar(0.0), scalar(FAR)
+    end_row, far = row_end(scalar, worlds), scalar(FAR)
 
     @wp.func
     def find_one(data: Data, p: int, lane: int, buffer: scalar, flags: wp.array(dtype=float)):
@@ -215,15 +215,8 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
                 data.neighbors.candidate_pair[p, at] = b
             count += count_bits(those)
         if lane == 0:
-            data.neighbors.candidate_count[p] = wp.min(count, room)
-            if count == 0:
-                for k in range(wp.static(HISTORY)):
-                    data.history.contact_body[k, p] = -1
-            at = first_of(data, mine) + wp.static(LONGEST_ROW)
-            if count > int(flags[at]):
-                raise_to(flags, at, float(count))
-            if count > 0 or data.history.initial_overlap[p] > zero:
-                data.neighbors.active_points[count_up(data.neighbors.active_count, 0)] = p
+            listed = wp.min(count, room)
+            end_row(data, p, mine, listed, count - listed, count, flags)
 
     def find(
         data: Data,
