@@ -9,5 +9,11 @@ from .measure import (
     strain_each as strain_each,
     sum_up as sum_up,
 )
-from .probes import mean_of_function as mean_of_function, sum_of_group as sum_of_group, sum_strain as sum_strain
+from .probes import (
+    mean_of_function as mean_of_function,
+    sum_cell_stress as sum_cell_stress,
+    sum_of_group as sum_of_group,
+    sum_strain as sum_strain,
+    sum_virial as sum_virial,
+)
 from .rate_bounds import largest_rate as largest_rate

@@ -6,11 +6,15 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
+from ..springs.cell_geometry import cell_geometry
+from ..springs.cell_volumes import volume_law
 from .measure import difference
 
 SUM, LARGEST, COUNT = 0, 1, 2
 """Columns of `sum_strain`: the sum of strains, the largest absolute value, and the number of connections."""
 STRAIN_COLUMNS = 3
+COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))}
+"""Components of a symmetric tensor, by dimension: xx, yy, zz, xy, xz, yz."""
 
 
 @functools.cache
@@ -135,3 +139,100 @@ def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
         shares[w, share, wp.static(COUNT)] = count
 
     return sum_strains
+
+
+@functools.cache
+def sum_virial(dim: int, scalar: type, compensated: bool):
+    """Compose the kernel, over worlds and threads, that sums shares of T l n nᵀ [J] of chosen connections."""
+    V, components = vector(dim, scalar), COMPONENTS[dim]
+    separation = difference(dim, scalar, compensated)
+
+    @kernel
+    def sum_virials(
+        # Model, row w mod (number of rows) for world w:
+        rest_length: wp.array2d(dtype=scalar),  # [m], shape [rows, connection_count]
+        stiffness: wp.array2d(dtype=scalar),  # [N/m], shape [rows, connection_count]
+        # The same in all worlds:
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        weight: wp.array(dtype=wp.float64),  # share of each chosen connection
+        chosen: wp.array(dtype=int),  # indices of connections
+        # State in, of all worlds:
+        x: wp.array(dtype=V),  # positions [m]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m]
+        stride: int,  # from one world to the next, in particles
+        # Out:
+        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, len(COMPONENTS)]
+    ):
+        w, share = wp.tid()
+        start = w * stride
+        for k in range(wp.static(len(components))):
+            shares[w, share, k] = wp.float64(0.0)
+        m = share
+        while m < chosen.shape[0]:
+            c = chosen[m]
+            apart = separation(x, x_lost, start + connections[c][0], start + connections[c][1])
+            length = wp.length(apart)
+            rest = wp.float64(rest_length[w % rest_length.shape[0], c])
+            density = wp.float64(stiffness[w % stiffness.shape[0], c]) * (length - rest) * weight[m]
+            if length > wp.float64(0.0):
+                density /= length
+            for k in range(wp.static(len(components))):
+                product = apart[wp.static(components[k][0])] * apart[wp.static(components[k][1])]
+                shares[w, share, k] = shares[w, share, k] + density * product
+            m += shares.shape[1]
+
+    return sum_virials
+
+
+@functools.cache
+def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool):
+    """Compose the kernel, over worlds and threads, that sums w' V P [J] of chosen cells, and volumes V.
+
+    P is the projection on the plane of a flat cell, and the identity for a solid one.
+    """
+    V, components, corner_count = vector(dim, scalar), COMPONENTS[dim], 8 if solid else 4
+    separation, law = difference(dim, scalar, compensated), volume_law(wp.float64)
+    Rows, geometry, _turning = cell_geometry(dim, wp.float64, solid, flat)
+
+    @kernel
+    def sum_cell_stresses(
+        corners: wp.array2d(dtype=int),  # particles of each chosen cell, shape [chosen_count, 8]; -1: none
+        rest_volume: wp.array(dtype=wp.float64),  # [m³], or [m²]
+        modulus: wp.array(dtype=wp.float64),  # [Pa], or [N/m]
+        # State in, of all worlds:
+        x: wp.array(dtype=V),  # positions [m]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m]
+        stride: int,  # from one world to the next, in particles
+        # Out:
+        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, len(COMPONENTS) + 1]
+    ):
+        w, share = wp.tid()
+        start = w * stride
+        for k in range(wp.static(len(components) + 1)):
+            shares[w, share, k] = wp.float64(0.0)
+        m = share
+        while m < corners.shape[0]:
+            is_flat = corners[m, wp.static(corner_count - 1)] < 0 or wp.static(not solid)
+            points = Rows()
+            for k in range(wp.static(corner_count)):
+                if corners[m, k] >= 0:
+                    point = separation(x, x_lost, start + corners[m, k], start + corners[m, 0])
+                    for d in range(wp.static(dim)):
+                        points[k, d] = point[d]
+            volume, _gradient = geometry(points, is_flat)
+            _energy, slope, _curvature, _share = law(modulus[m], volume / rest_volume[m])
+            volume = wp.abs(volume)
+            normal = wp.vec3d()
+            if wp.static(flat and dim == 3):
+                if is_flat:
+                    normal = wp.normalize(wp.cross(points[2] - points[0], points[3] - points[1]))
+            for k in range(wp.static(len(components))):
+                part = -normal[wp.static(components[k][0])] * normal[wp.static(components[k][1])]
+                if wp.static(components[k][0] == components[k][1]):
+                    part += wp.float64(1.0)
+                shares[w, share, k] = shares[w, share, k] + slope * volume * part
+            last = wp.static(len(components))
+            shares[w, share, last] = shares[w, share, last] + volume
+            m += shares.shape[1]
+
+    return sum_cell_stresses

@@ -56,7 +56,7 @@ from .springs import (
     TensionOnlySpring as TensionOnlySpring,
     UnknownSpring as UnknownSpring,
 )
-from .stress import stress as stress, von_mises as von_mises
+from .stress import connection_shares as connection_shares, stress as stress, von_mises as von_mises
 from .surface import Surface as Surface
 from .system import (
     System as System,

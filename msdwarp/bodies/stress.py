@@ -52,29 +52,43 @@ def stress(system: System, position: ArrayLike | None = None) -> NDArray[np.floa
 
 def _virials(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Σ T l n nᵀ of the connections between the corners of each cell [J], shape [cell_count, d, d]."""
-    cells = system.cells
+    cells, ends = system.cells, system.connections
     assert cells is not None
-    count, ends = len(x), np.sort(system.connections.astype(np.int64), axis=1)
     apart = x[ends[:, 1]] - x[ends[:, 0]]
     length = np.linalg.norm(apart, axis=1)
     pull = np.where(system.broken, 0.0, system.stiffness * (length - system.rest_length))
     each = (pull / np.where(length > 0, length, 1))[:, None, None] * apart[:, :, None] * apart[:, None, :]
-    different, number = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
-    joined = np.zeros((len(different), *each.shape[1:]))
-    np.add.at(joined, number.ravel(), each)
-    # The pairs of corners of each cell, each once.
+    cell, pair, pair_of = _joined_corners(system)
+    joined = np.zeros((int(pair_of.max(initial=-1)) + 1, *each.shape[1:]))
+    np.add.at(joined, pair_of, each)
+    result = np.zeros((len(cells), *each.shape[1:]))
+    np.add.at(result, cell, joined[pair] / np.bincount(pair, minlength=len(joined))[pair][:, None, None])
+    return result
+
+
+def connection_shares(system: System, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the share of each connection that chosen cells have, as all cells around it share it equally."""
+    cell, pair, pair_of = _joined_corners(system)
+    count = int(pair_of.max(initial=-1)) + 1
+    of_chosen, of_all = np.bincount(pair[chosen[cell]], minlength=count), np.bincount(pair, minlength=count)
+    return (of_chosen / np.maximum(of_all, 1))[pair_of]
+
+
+def _joined_corners(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return (cell, pair) for joined pairs of corners of all cells, and the pair of each connection."""
+    cells, count = system.cells, system.particle_count
+    assert cells is not None
+    ends = np.sort(system.connections.astype(np.int64), axis=1)
+    different, pair_of = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
     two = np.array(list(itertools.combinations(range(cells.corners.shape[1]), 2)))
     pairs = np.sort(cells.corners[:, two].astype(np.int64), axis=2)
     names = pairs[..., 0] * count + pairs[..., 1]
     cell = np.broadcast_to(np.arange(len(cells))[:, None], names.shape)
-    apart_here = (pairs[..., 0] != NONE) & (pairs[..., 0] != pairs[..., 1])
-    once = np.unique(np.stack([cell[apart_here], names[apart_here]]), axis=1)
+    apart = (pairs[..., 0] != NONE) & (pairs[..., 0] != pairs[..., 1])
+    once = np.unique(np.stack([cell[apart], names[apart]]), axis=1)
     at = np.minimum(np.searchsorted(different, once[1]), len(different) - 1)
     known = different[at] == once[1]
-    cell, at = once[0, known], at[known]
-    result = np.zeros((len(cells), *each.shape[1:]))
-    np.add.at(result, cell, joined[at] / np.bincount(at, minlength=len(different))[at][:, None, None])
-    return result
+    return once[0, known], at[known], pair_of.ravel()
 
 
 def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:

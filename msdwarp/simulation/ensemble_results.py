@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from .. import checks
 from ..engine import GroupMeans, Sensors, measure
 from ..runtime import in_turn
-from ..world import FORCE, FRAME, POSITION, STRAIN, VELOCITY, Probe
+from ..world import FORCE, FRAME, POSITION, STRAIN, STRESS, VELOCITY, Probe
 
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
 """Observations of all particles: the field of `Frame`, and its unit."""
-UNITS = {POSITION: "m", VELOCITY: "m/s", FORCE: "N", STRAIN: ""}
+UNITS = {POSITION: "m", VELOCITY: "m/s", FORCE: "N", STRAIN: "", STRESS: "Pa"}
 """Quantities that probes of an ensemble may measure, and their units."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
 AXES = ("x", "y", "z")
@@ -98,7 +98,7 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
             sensors.launch(ensemble.velocity())
             return sensors.read()[name][0]
 
-        return Observation(name, () if what.what == STRAIN else ("axis",), UNITS[what.what], measured)
+        return Observation(name, () if what.what in (STRAIN, STRESS) else ("axis",), UNITS[what.what], measured)
     if isinstance(what, GroupMean):
         chosen = Probe(slice(None) if what.on is None else what.on, POSITION).particles(model.system)
         means = GroupMeans(model, what.function, chosen, what.width)

@@ -42,6 +42,7 @@ from .probes import (
     POSITION as POSITION,
     QUANTITIES as QUANTITIES,
     STRAIN as STRAIN,
+    STRESS as STRESS,
     SUBSTEP as SUBSTEP,
     VELOCITY as VELOCITY,
     Probe as Probe,

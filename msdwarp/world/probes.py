@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import LINEAR_SPRING, NONE, System
 from .colliders import Collider
 from .contact import Contact
 from .loads import Load, some_particles
 
-POSITION, VELOCITY, FORCE, STRAIN = "position", "velocity", "force", "strain"
+POSITION, VELOCITY, FORCE, STRAIN, STRESS = "position", "velocity", "force", "strain", "stress"
 CONTACT_FORCE, BODY_CONTACT_FORCE = "contact force", "touch force"
-QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE, STRAIN)
+QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE, STRAIN, STRESS)
 FRAME, SUBSTEP = "frame", "substep"
-UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", BODY_CONTACT_FORCE: "N", STRAIN: ""}
+UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", BODY_CONTACT_FORCE: "N"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,9 @@ class Probe:
           of the group cancel.
         - "strain": the mean of length / rest length − 1 over the unbroken connections within the group, and the
           largest absolute value.
+        - "stress" [Pa]: the mean Cauchy stress over the cells within the group, by volume, as components xx, yy,
+          zz, xy, xz, yz, and von Mises' equivalent of this mean. Cells are those of a `Material` with a Poisson's
+          ratio; see `stress` for the formula. In sheets it is in N/m, in the plane of each cell.
     every
         "frame" reads at the end of each frame, "substep" at the end of each substep. With "substep" the contact
         force is averaged over the substep, and other forces are those at its end. At substeps within a frame
@@ -76,10 +79,19 @@ class Probe:
         """Return the indices of the connections within the group."""
         return np.flatnonzero(self.particles(system)[system.connections].all(axis=1))
 
+    def cells(self, system: System) -> NDArray[np.bool_]:
+        """Return the cells with all corners in the group, shape [cell_count]; the system must have cells."""
+        assert system.cells is not None
+        corners = system.cells.corners
+        return (self.particles(system)[corners] | (corners == NONE)).all(axis=1)
+
     def columns(self, dim: int) -> list[str]:
         """Return the column names of the probe's readings, such as "contact_force_x_N"."""
         if self.what == STRAIN:
             return ["strain_mean", "strain_largest"]
+        if self.what == STRESS:
+            components = ("xx", "yy", "zz", "xy", "xz", "yz") if dim == 3 else ("xx", "yy", "xy")
+            return [f"stress_{name}" for name in (*components, "von_mises")]
         return [f"{self.what.replace(' ', '_')}_{axis}_{UNITS[self.what]}" for axis in "xyz"[:dim]]
 
     def check(self, system: System, colliders: Sequence[Collider], touches: bool) -> None:
@@ -87,6 +99,14 @@ class Probe:
         self.particles(system)
         if self.what == STRAIN and not len(self.connections(system)):
             raise ValueError(f"on is {checks.repr_short(self.on)}; for the strain it must contain a connection")
+        if self.what == STRESS:
+            if system.cells is None or not self.cells(system).any():
+                raise ValueError(
+                    f"on is {checks.repr_short(self.on)}; for the stress it must contain a cell: give the body "
+                    "a Material with poissons_ratio"
+                )
+            if system.spring != LINEAR_SPRING:
+                raise ValueError(f"what is {self.what!r}; springs must be linear then, not {system.spring!r}")
         if self.what == CONTACT_FORCE and not colliders and not touches:
             raise ValueError(
                 f"what is {self.what!r}; there must be colliders then, that may touch the group, or bodies that "

@@ -7,10 +7,28 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import mask_of
+from ...bodies import CORNERS, connection_shares, mask_of, von_mises
 from ...kernels.integrators import force_on_each
-from ...kernels.reductions import fold, mean_of_function, probes, sum_of_group, sum_strain
-from ...world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, POSITION, STRAIN, VELOCITY, Probe, probes_by
+from ...kernels.reductions import (
+    fold,
+    mean_of_function,
+    probes,
+    sum_cell_stress,
+    sum_of_group,
+    sum_strain,
+    sum_virial,
+)
+from ...world import (
+    BODY_CONTACT_FORCE,
+    CONTACT_FORCE,
+    FORCE,
+    POSITION,
+    STRAIN,
+    STRESS,
+    VELOCITY,
+    Probe,
+    probes_by,
+)
 from ..collision.contact_forces import ContactForces
 from ..model.model import CONSTANTS, Model
 from ..model.state import State
@@ -42,9 +60,12 @@ class Sensors:
     ) -> None:
         self._dynamics, self._state, model = dynamics, state, dynamics.model
         self._model, self._seconds = model, seconds / readings
-        self._sums, first = list[_Sum](), 0
+        self._sums, first = list[_Sum | _StressSum](), 0
         for name, probe in requested.items():
-            self._sums.append(_Sum(model, name, probe, first, dynamics.assembly.fracture is not None))
+            if probe.what == STRESS:
+                self._sums.append(_StressSum(model, name, probe, first))
+            else:
+                self._sums.append(_Sum(model, name, probe, first, dynamics.assembly.fracture is not None))
             first += self._sums[-1].width
         asked = {one.what for one in self._sums}
         self.moves = VELOCITY in asked or FORCE in asked
@@ -67,8 +88,8 @@ class Sensors:
         if self._force is not None:
             fields = {"compensation": now.compensation, "x": now.x, "v": v, "force": self._force}
             self._dynamics.run(Stage(force_on_each, fields))
-        values = {POSITION: now.x, STRAIN: now.x, VELOCITY: v, FORCE: self._force}
-        lost = {POSITION: now.compensation.x, STRAIN: now.compensation.x, VELOCITY: now.compensation.v}
+        values = {POSITION: now.x, STRAIN: now.x, STRESS: now.x, VELOCITY: v, FORCE: self._force}
+        lost = dict.fromkeys((POSITION, STRAIN, STRESS), now.compensation.x) | {VELOCITY: now.compensation.v}
         if self._contact_forces is not None:
             values[CONTACT_FORCE] = self._contact_forces.by_all()
             values[BODY_CONTACT_FORCE] = self._contact_forces.by_bodies
@@ -129,6 +150,56 @@ class _Sum:
         elif self.what == FORCE:
             each, gravity = np.arange(self._model.worlds), self._model.row_of("gravity")
             result = total + self._mass[each % len(self._mass), None] * gravity[each % len(gravity)]
+        return result if self._model.in_worlds else result[:, 0]
+
+
+class _StressSum:
+    """The sums of a probe of stress: virials of connections, then those of cells, then volumes."""
+
+    def __init__(self, model: Model, name: str, probe: Probe, first: int) -> None:
+        self.name, self.what, self._first, self._model = name, probe.what, first, model
+        self._components = probes.COMPONENTS[model.dim]
+        self.width = 2 * len(self._components) + 1
+        system, device = model.system, model.device
+        cells, inside = system.cells, probe.cells(system)
+        assert cells is not None
+        share = model.ordered(connection_shares(system, inside))
+        chosen = np.flatnonzero(share)
+        self._weight = wp.array(share[chosen], dtype=wp.float64, device=device)
+        self._chosen = wp.array(chosen, dtype=int, device=device)
+        self._cells: Any = [wp.array(cells.corners[inside], dtype=int, device=device)]
+        for numbers in (cells.rest_volume, cells.modulus):
+            self._cells.append(wp.array(numbers[inside], dtype=wp.float64, device=device))
+        kind = model.dim, model.scalar, model.compensated
+        self._virial, flat = sum_virial(*kind), cells.flat
+        self._stress = sum_cell_stress(*kind, not flat.all(), bool(flat.any()))
+        self._shares = _shares(model, len(chosen), len(self._components))
+        self._cell_shares = _shares(model, int(inside.sum()) * CORNERS, len(self._components) + 1)
+
+    def launch(self, values: Any, lost: Any, rows: wp.array) -> None:
+        """Launch the sums at positions `values`."""
+        model, device = self._model, self._model.device
+        state = [values, lost if model.compensated else values, model.stride]
+        constants = [
+            *map(model.table, ("rest_length", "stiffness")),
+            model.connections,
+            self._weight,
+            self._chosen,
+        ]
+        wp.launch(self._virial, self._shares.shape[:2], [*constants, *state], [self._shares], device=device)
+        _fold(self._shares, rows, self._first)
+        inputs = [*self._cells, *state]
+        wp.launch(self._stress, self._cell_shares.shape[:2], inputs, [self._cell_shares], device=device)
+        _fold(self._cell_shares, rows, self._first + len(self._components))
+
+    def reading(self, rows: NDArray[np.float64], _seconds: float) -> NDArray[np.float64]:
+        """Return components and von Mises' equivalent in each reading, from sums [readings, worlds, rows, any]."""
+        total, count = rows[..., self._first : self._first + self.width].sum(axis=2), len(self._components)
+        mean = (total[..., :count] + total[..., count:-1]) / total[..., -1:]
+        tensor = np.empty((*mean.shape[:-1], self._model.dim, self._model.dim))
+        for k, (a, b) in enumerate(self._components):
+            tensor[..., a, b] = tensor[..., b, a] = mean[..., k]
+        result = np.concatenate([mean, von_mises(tensor)[..., None]], axis=-1)
         return result if self._model.in_worlds else result[:, 0]
 
 
