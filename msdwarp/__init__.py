@@ -63,6 +63,7 @@ if _typing.TYPE_CHECKING:
     from .checks import (
         EnergyDriftWarning as EnergyDriftWarning,
         FitWarning as FitWarning,
+        GradientWarning as GradientWarning,
         SettleWarning as SettleWarning,
         StartWarning as StartWarning,
         StrainWarning as StrainWarning,
@@ -102,6 +103,8 @@ if _typing.TYPE_CHECKING:
     )
     from .simulation import (
         Ensemble as Ensemble,
+        Frames as Frames,
+        Gradient as Gradient,
         GroupMean as GroupMean,
         Simulation as Simulation,
         SimulationDiverged as SimulationDiverged,
@@ -136,7 +139,7 @@ _ROOMS = {
         "Frame LimitedSpring Material OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring "
         "space_filling_order stress von_mises"
     ),
-    "checks": "EnergyDriftWarning FitWarning SettleWarning StartWarning StrainWarning",
+    "checks": "EnergyDriftWarning FitWarning GradientWarning SettleWarning StartWarning StrainWarning",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
     "integrators": (
@@ -149,7 +152,7 @@ _ROOMS = {
         "ball box chain cloth cone cylinder from_mesh from_volume icosphere join lattice rod sheet shell "
         "viscoelastic"
     ),
-    "simulation": "Ensemble GroupMean Simulation SimulationDiverged",
+    "simulation": "Ensemble Frames Gradient GroupMean Simulation SimulationDiverged",
     "studies": "FitResult TrackedPoints fit sweep",
     "world": (
         "Actuator Attachment Box Capsule Cone Contact EnclosedGas Force Look Plane PrescribedMotion Pressure "

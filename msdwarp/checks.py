@@ -24,6 +24,10 @@ FINITE_OR_INF: Limit = (lambda values: (values <= LARGEST) | (values == np.inf),
 NOT_TINY: Limit = (lambda values: values >= SMALLEST, f"above 0, and at least {SMALLEST:.0e}")
 
 
+class GradientWarning(UserWarning):
+    """A gradient grows so much from the end to the start that it tells little about finite changes."""
+
+
 class EnergyDriftWarning(UserWarning):
     """The energy of a run has risen by rounding errors."""
 

@@ -4,6 +4,8 @@ Only this room composes the kernels that move particles. It also launches them, 
 launches its own solver.
 """
 
+from .adjoint.adjoint import Adjoint as Adjoint, without_adjoint as without_adjoint
+from .adjoint.tape import Tape as Tape
 from .collision.body_contact import BodyContact as BodyContact
 from .collision.contact_forces import ContactForces as ContactForces
 from .diagnostics.divergence_monitor import (
@@ -46,4 +48,4 @@ from .stepping.dynamics import Dynamics as Dynamics
 from .stepping.stages import Solve as Solve, Stage as Stage
 from .stepping.start_checks import starting_state as starting_state, warn_of_start as warn_of_start
 from .stepping.substeps import Blocks as Blocks, Stepper as Stepper, check_blocks as check_blocks
-from .stepping.velocities import Velocities as Velocities
+from .stepping.velocities import Velocities as Velocities, kicked as kicked

@@ -42,12 +42,12 @@ class ActuatedSprings(StageTables):
             connections.append(chosen)
             columns.append(column_count + which)
             column_count += len(delays)
-        self._connection, self._column = np.concatenate(connections), np.concatenate(columns)
+        self.connection, self.column = np.concatenate(connections), np.concatenate(columns)
         springs, lengths = self._row("stiffness"), self._row("rest_length")
         row = np.arange(lcm(len(springs), len(lengths)))
         strength = springs[row % len(springs)] * lengths[row % len(lengths)]
         # Entries are sorted by particle; each spring has one at either end.
-        ends = model.system.connections[self._connection]
+        ends = model.system.connections[self.connection]
         particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
         order, first = rows(particle, model.particle_count)
         self.members = np.diff(first) > 0
@@ -55,20 +55,20 @@ class ActuatedSprings(StageTables):
         each = np.tile(strength, (1, 2))[:, order]
         if len(each) > 1:
             self.by_world, each = ("strength",), np.tile(each, (model.worlds // len(each), 1))
-        column = np.tile(self._column, 2)[order]
+        column = np.tile(self.column, 2)[order]
         upload_fields(data, model.device, first=first, other=other[order], column=column, strength=each.ravel())
         self.set_up(model, column_count, model.scalar, varies=any(one.varies for _, one in named))
 
     def _row(self, name: str) -> NDArray[np.float64]:
         """Return a parameter of the actuated springs, shape [rows, actuated_count]; world w has row w mod rows."""
-        return self._model.row_of(name)[:, self._connection]
+        return self._model.row_of(name)[:, self.connection]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness of contracted muscles across their axes, at the largest known contraction."""
         model, system = self._model, self._model.system
-        device, chosen = model.device, self._connection
+        device, chosen = model.device, self.connection
         least = np.repeat([self._least(one) for _, one in self.named], [len(each) for each in self._delays])
-        strain = np.minimum(0.0, least)[self._column]
+        strain = np.minimum(0.0, least)[self.column]
         inputs = [wp.array(system.connections[chosen], dtype=wp.vec2i, device=device)]
         lengths, springs = self._row("rest_length"), self._row("stiffness")
         for values in (lengths[world % len(lengths)], springs[world % len(springs)], strain):

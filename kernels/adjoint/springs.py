@@ -1,0 +1,177 @@
+"""The adjoint of spring forces: what a change of each position, velocity and constant does to a loss.
+
+With φ_i the derivative of the loss by the force on particle i, a spring between i and j with the force F on i, and
+−F on j, adds (∂F/∂Δx)ᵀ (φ_i − φ_j) to the derivative by x_i, and minus that to the one by x_j; likewise for
+velocities. So the adjoint of a gather is a gather: no atomics, and sums in a fixed order.
+"""
+
+import functools
+from typing import NamedTuple
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..records import records
+from ..springs.dampers import LINEAR, damper_force
+from ..springs.gather import SLICE
+from ..springs.law import TINY
+from ..springs.spring_laws import Laws, spring_stress
+
+
+class Wanted(NamedTuple):
+    """Which constants of springs a gradient is wanted by; others are not summed."""
+
+    rest_length: bool = False
+    stiffness: bool = False
+    damping: bool = False
+
+
+@functools.cache
+def projected_force(dim: int, scalar: type, laws: Laws):
+    """Compose ψ·F for the force F of a spring on its first particle: its gradient is the adjoint of F.
+
+    It is the law of `springs.law`, in operations that Warp can differentiate. `strain` is an actuator's, else 0.
+    """
+    V, (damper, spring) = vector(dim, scalar), laws
+    stress = None if spring is None else spring_stress(scalar, spring)
+    resistance, slack = damper_force(scalar, damper or LINEAR), laws.slacken
+    tiny = TINY[scalar]
+
+    @wp.func
+    def projected(
+        dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar
+    ) -> scalar:
+        length = wp.sqrt(wp.dot(dx, dx) + scalar(tiny))
+        pull = stiffness * (length - rest_length)
+        if wp.static(spring is not None):
+            pull = stiffness * rest_length * stress(length / rest_length - scalar(1.0))
+        pull -= stiffness * rest_length * strain
+        if wp.static(damper is not None):
+            resisting = resistance(wp.dot(dv, dx) / length, damping)
+            if wp.static(slack):
+                if length < rest_length:
+                    resisting = scalar(0.0)
+            pull += resisting
+        return -(pull / length) * wp.dot(psi, dx)
+
+    return projected
+
+
+@functools.cache
+def linear_adjoint(dim: int, scalar: type, damped: bool):
+    """Compose the gradient of `projected_force` of the report's spring by hand: half the operations.
+
+    It returns (∂/∂Δx, ∂/∂Δv, along, stretch, rate) with along = ψ·axis, from which those by the constants follow.
+    """
+    V, tiny = vector(dim, scalar), TINY[scalar]
+
+    @wp.func
+    def adjoint(dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
+        inverse = scalar(1.0) / wp.sqrt(wp.dot(dx, dx) + scalar(tiny))
+        axis = inverse * dx
+        along = wp.dot(psi, axis)
+        stretch = wp.dot(dx, axis) - rest_length * (scalar(1.0) + strain)
+        tension = stiffness * stretch
+        rate = scalar(0.0)
+        by_dv = V()
+        by_dx = -(along * stiffness) * axis
+        if wp.static(damped):
+            rate = wp.dot(dv, axis)
+            tension += damping * rate
+            by_dx -= (inverse * along * damping) * (dv - rate * axis)
+            by_dv = -(along * damping) * axis
+        by_dx -= (inverse * tension) * (psi - along * axis)
+        return by_dx, by_dv, along, stretch, rate
+
+    return adjoint
+
+
+@functools.cache
+def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated: bool):
+    """Compose the kernel, over particles, of the adjoint of spring forces.
+
+    The constants' derivatives are written by the first particle of a spring.
+    """
+    V, load, store = vector(dim, scalar), records(dim, scalar).load, records(dim, scalar).store
+    damped = laws.damper is not None
+    plain = laws.spring is None and laws.damper in (None, LINEAR)
+    projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, damped)
+    own = any(wanted)
+
+    @kernel
+    def add_spring_adjoint(
+        # The table of neighbours, see `springs.gather`:
+        first: wp.array(dtype=int),
+        other: wp.array(dtype=int),
+        connection: wp.array(dtype=int),
+        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar),  # [m], shape [connection_count]
+        stiffness: wp.array(dtype=scalar),  # [N/m]
+        damping: wp.array(dtype=scalar),  # in the units of the law
+        column: wp.array(dtype=int),  # of `strain` for each connection, −1 without an actuator
+        strain: wp.array2d(dtype=scalar),  # of actuators, in each stage of a frame
+        stage: int,
+        # State, at which the forces were evaluated:
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        phi: wp.array(dtype=V),  # derivative by the force on each particle
+        # In and out, derivatives by:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        by_rest_length: wp.array(dtype=scalar),  # shape [connection_count]
+        by_stiffness: wp.array(dtype=scalar),
+        by_damping: wp.array(dtype=scalar),
+    ):
+        i = wp.tid()
+        x_i = load(x, i)
+        phi_i = load(phi, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        sum_x = V()
+        sum_v = V()
+        part = i / wp.static(SLICE)
+        slot = first[part] + i % wp.static(SLICE)
+        end = first[part + 1]
+        while slot < end:
+            c = connection[slot]
+            if c >= 0:
+                j = other[slot]
+                dx = x_i - load(x, j)
+                psi = phi_i - load(phi, j)
+                if wp.static(damped):
+                    dv = v_i - load(v, j)
+                rest = rest_length[c]
+                k = stiffness[c]
+                b = scalar(0.0)
+                if wp.static(damped):
+                    b = damping[c]
+                s = scalar(0.0)
+                if wp.static(actuated):
+                    if column[c] >= 0:
+                        s = strain[stage, column[c]]
+                if wp.static(plain):
+                    by_dx, by_dv, along, stretch, rate = by_hand(dx, dv, psi, rest, k, b, s)
+                    by_rest = along * k * (scalar(1.0) + s)
+                    by_k = -along * stretch
+                    by_b = -along * rate
+                else:
+                    by_dx, by_dv, _by_psi, by_rest, by_k, by_b, _by_s = wp.grad(projected)(
+                        dx, dv, psi, rest, k, b, s
+                    )
+                sum_x += by_dx
+                sum_v += by_dv
+                if wp.static(own):
+                    if connections[c][0] == i:
+                        if wp.static(wanted.rest_length):
+                            by_rest_length[c] = by_rest_length[c] + by_rest
+                        if wp.static(wanted.stiffness):
+                            by_stiffness[c] = by_stiffness[c] + by_k
+                        if wp.static(wanted.damping):
+                            by_damping[c] = by_damping[c] + by_b
+            slot += wp.static(SLICE)
+        store(by_x, i, load(by_x, i) + sum_x)
+        store(by_v, i, load(by_v, i) + sum_v)
+
+    return add_spring_adjoint

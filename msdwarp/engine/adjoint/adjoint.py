@@ -1,0 +1,160 @@
+"""Adjoint: leads derivatives of a loss back through the launches of substeps."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.adjoint import SUMMING, Wanted, kick_adjoint, spring_adjoint, squares, widen
+from ...kernels.basis import vector
+from ..device.vector_arrays import in_records
+from ..loads.actuators import ActuatedSprings
+from ..loads.external_work import Work
+from ..loads.forces import Steady, Varying, Weight
+from ..model.effect import Effect
+from ..model.model import CONSTANTS
+from ..springs.extra_springs import ExtraSprings
+from ..springs.force_algorithms import neighbour_table
+from ..stepping.assemble import Assembly
+
+DIFFERENTIABLE = (ActuatedSprings, Steady, Varying, Weight, Work, ExtraSprings)
+"""Effects whose forces do not depend on the motion, or are those of springs."""
+NAMES = {
+    "Colliders": "obstacles",
+    "Plasticity": "connections that yield",
+    "Fracture": "connections that break",
+    "CellVolumes": "cells, of a material with a Poisson's ratio",
+    "AngleSprings": "angles, of a rod that bends",
+    "BodyContact": "contact between bodies",
+    "ForceField": "forces that depend on the place",
+}
+"""Effects without an adjoint, in words; others have their loads' names."""
+
+
+class Adjoint:
+    """The derivatives of a loss by the state of particles, and by the parameters asked for, on a device.
+
+    Attributes
+    ----------
+    by_x, by_v
+        Derivatives by positions [1/m] and velocities [s/m], at the instant to which they have been led back.
+    """
+
+    def __init__(self, assembly: Assembly, wanted: Iterable[str]) -> None:
+        model, names = assembly.model, set(wanted)
+        self._model, device = model, model.device
+        self._actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
+        own = Wanted(*(name in names for name in ("rest_length", "stiffness", "damping")))
+        self.by_x, self.by_v, self._phi, self._by_gravity = model.vectors_together(4)
+        self._first, self._other, self._connection = neighbour_table(model)
+        self._springs = spring_adjoint(model.dim, model.scalar, model.laws, own, self._actuated is not None)
+        self._kick = kick_adjoint(model.dim, model.scalar, "mass" in names, "gravity" in names)
+        self._own = {
+            name: wp.zeros(model.connection_count if wanted else 1, dtype=model.scalar, device=device)
+            for name, wanted in own._asdict().items()
+        }
+        self._by_inverse_mass = wp.zeros(model.particle_count, dtype=model.scalar, device=device)
+        count = model.connection_count if self._actuated is not None else 1
+        column = np.full(count, -1, dtype=np.int32)
+        if self._actuated is not None:
+            column[self._actuated.connection] = self._actuated.column
+        self._column = wp.array(model.ordered(column), dtype=int, device=device)
+        self._totals = {}
+        for name in names & {"rest_length", "stiffness", "damping"}:
+            self._totals[name] = wp.zeros(model.connection_count, dtype=wp.float64, device=device)
+        if "mass" in names:
+            self._totals["mass"] = wp.zeros(model.particle_count, dtype=wp.float64, device=device)
+        if "gravity" in names:
+            self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
+        self._sizes: wp.array | None = None
+        self._no_strain = wp.zeros((1, 1), dtype=model.scalar, device=device)
+
+    def kick(self, drift: float, seconds: float, x: wp.array, v: wp.array, v_out: wp.array, stage: int) -> None:
+        """Lead derivatives back through a kick of v to v_out by forces at (x, v), and a drift by v_out.
+
+        `seconds` is the length of the kick and `drift` that of the drift [s]; `stage` is the stage of a frame at
+        which the forces are.
+        """
+        model = self._model
+        inputs = [drift, seconds, model.inverse_mass, model.gravity, v, v_out, self.by_x, self.by_v]
+        inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
+        wp.launch(self._kick, model.particle_count, inputs, device=model.device)
+        strain = self._no_strain if self._actuated is None else self._actuated.data.strain
+        table = [self._first, self._other, self._connection, model.connections]
+        constants = [getattr(model, name) for name in CONSTANTS]
+        inputs = [*table, *constants, self._column, strain, stage, x, v, self._phi, self.by_x, self.by_v]
+        inputs += [*self._own.values()]
+        wp.launch(self._springs, model.particle_count, inputs, device=model.device)
+
+    def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
+        """Add host values of shape [particle_count, d] to derivatives."""
+        to.assign(to.numpy() + values.astype(self._model.dtype))
+
+    @contextmanager
+    def aside(self, by_v: NDArray[np.float64]) -> Iterator[None]:
+        """Lead back the derivatives `by_v` alone, and then add the others again."""
+        x, v = (np.array(one.numpy()) for one in (self.by_x, self.by_v))  # on a CPU numpy() is a view
+        self.by_x.zero_()
+        self.by_v.assign(by_v.astype(self._model.dtype))
+        yield
+        for array, before in ((self.by_x, x), (self.by_v, v)):
+            array.assign(array.numpy() + before)
+
+    def measure(self, row: int, rows: int) -> None:
+        """Launch the sizes of both derivatives by the state, into a row of `sizes`."""
+        if self._sizes is None or len(self._sizes) != rows:
+            self._sizes = wp.zeros((rows, 2), dtype=wp.float64, device=self._model.device)
+        inputs = [self.by_x, self.by_v, row]
+        wp.launch(
+            squares(self._model.dim, self._model.scalar), SUMMING, inputs, [self._sizes], device=self._model.device
+        )
+
+    def sizes(self) -> NDArray[np.float64]:
+        """Return the norms of the derivatives by positions and by velocities that have been measured, by row."""
+        assert self._sizes is not None
+        return np.sqrt(self._sizes.numpy())
+
+    def add_up(self) -> None:
+        """Launch the sums of what a frame's launches have added to the parameters' derivatives, in float64."""
+        model = self._model
+        for name, total in self._totals.items():
+            narrow: Any = {"mass": self._by_inverse_mass, "gravity": self._by_gravity}.get(name)
+            narrow = self._own[name] if narrow is None else narrow
+            kinds = (model.scalar, wp.float64)
+            if name == "gravity":
+                kinds = (model.vector, vector(model.dim, wp.float64))
+            wp.launch(widen(*kinds), len(total), [narrow, total], device=model.device)
+            narrow.zero_()
+
+    def found(self) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives by parameters, in the system's order."""
+        model, result = self._model, {}
+        for name, total in self._totals.items():
+            values = total.numpy()
+            if name == "mass":  # ∂/∂m = −(1/m²) ∂/∂(1/m), and kernels sum (1/m) ∂/∂(1/m)
+                values = -values / np.broadcast_to(
+                    np.where(np.isfinite(model.mass), model.mass, np.inf), len(values)
+                )
+            elif name == "gravity":
+                values = values.sum(axis=0)
+            else:
+                values = model.in_system_order(values)
+            result[name] = values
+        return result
+
+
+def without_adjoint(assembly: Assembly) -> list[str]:
+    """Return the effects of a scene whose forces have no adjoint, in words."""
+    found = [_words(one) for one in assembly.all if not isinstance(one, DIFFERENTIABLE)]
+    muscles = [one.connection for one in assembly.all if isinstance(one, ActuatedSprings)]
+    if any(len(np.unique(one)) < len(one) for one in muscles):
+        found.append("connections with several actuators")
+    return found
+
+
+def _words(effect: Effect) -> str:
+    name = type(effect).__name__
+    return NAMES.get(name, name.lower())

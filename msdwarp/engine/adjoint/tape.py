@@ -1,0 +1,59 @@
+"""Tape: the substeps of a frame, taken again from a checkpoint, each in arrays of its own."""
+
+from collections.abc import Callable, Sequence
+
+import warp as wp
+
+from ..model.state import State
+from ..stepping.dynamics import Dynamics
+from ..stepping.stages import Solve, Stage
+
+
+class Tape:
+    """Takes the substeps of a frame with a launch per stage, and keeps the state before each and at the end.
+
+    Parameters
+    ----------
+    dynamics
+        The equation of motion, prepared for frames of `substeps` substeps.
+    substeps
+        Number of substeps in a frame.
+    stages
+        Function (state) -> the stages of a substep from `state.state_in` to `state.state_out`.
+    """
+
+    def __init__(
+        self, dynamics: Dynamics, substeps: int, stages: Callable[[State], Sequence[Stage | Solve]]
+    ) -> None:
+        self._dynamics, model = dynamics, dynamics.model
+        self.state = State(model)
+        """The state that stages read and write: rows of the tape, one after the other."""
+        arrays = model.vectors_together(2 * (substeps + 1))
+        instant = self.state.state_in
+        self._instants = [instant._replace(x=x, v=v) for x, v in zip(arrays[::2], arrays[1::2], strict=True)]
+        self._stages = []
+        for k in range(substeps):
+            self.go_to(k)
+            self._stages.append(stages(self.state))
+
+    def go_to(self, substep: int) -> None:
+        """Make the start of a substep the current state."""
+        self.state.state_in, self.state.state_out = self._instants[substep : substep + 2]
+
+    def x(self, substep: int) -> wp.array:
+        """Return the positions before a substep [m]."""
+        return self._instants[substep].x
+
+    def v(self, substep: int) -> wp.array:
+        """Return the method's velocities before a substep [m/s]."""
+        return self._instants[substep].v
+
+    def launch(self) -> None:
+        """Launch all substeps of a frame, from the first state of the tape."""
+        for k, stages in enumerate(self._stages):
+            self.go_to(k)
+            self._dynamics.begin_substep(self.state, k)
+            for stage in stages:
+                self._dynamics.run(stage)
+            self._dynamics.end_substep(self.state, k)
+        self._dynamics.go_to_frame_end()

@@ -1,0 +1,232 @@
+"""Gradients: how a loss changes with the start and the parameters of a run."""
+
+import math
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .. import checks
+from ..engine import Adjoint, Assembly, Dynamics, Tape, assemble, kicked, starting_state, without_adjoint
+from ..integrators import Integrator, Leapfrog, StepChoice, SymplecticEuler
+from ..runtime import record
+from .stepping import Stepping
+
+STATE = ("position", "velocity")
+PARAMETERS = ("stiffness", "damping", "rest_length", "mass", "gravity")
+EXPLODES = 1000.0
+"""Growth of a gradient for each frame, above which `GradientWarning` says that it explodes."""
+
+
+class Frames(NamedTuple):
+    """The frames of a run, from its start on, as a loss gets them."""
+
+    time: NDArray[np.float64]
+    """[s], shape [frames + 1]."""
+    position: NDArray
+    """[m], shape [frames + 1, particle_count, d]."""
+    velocity: NDArray
+    """At the same times [m/s], shape [frames + 1, particle_count, d]."""
+
+
+Loss = Callable[[Frames], tuple[float, Any, Any]]
+"""Function of frames -> (value, ∂/∂position, ∂/∂velocity); a derivative may be None if it is 0."""
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """The value of a loss, and its derivatives by name: `gradient["stiffness"]`."""
+
+    value: float
+    """The loss."""
+    derivatives: dict[str, NDArray[np.float64]]
+    """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers."""
+    growth: NDArray[np.float64]
+    """Size of the derivative by the state at each frame, over the largest that the loss has added from there on.
+
+    Shape [frames + 1]. Derivatives by velocities count by their product with frames per second.
+    """
+    frames: Frames
+    """The run."""
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """Return the derivative by a parameter."""
+        if name not in self.derivatives:
+            raise KeyError(f"{name!r} was not asked for; there are {', '.join(map(repr, self.derivatives))}")
+        return self.derivatives[name]
+
+
+class Differentiated:
+    """A run that can be led back: the frames forward, and their adjoint.
+
+    Parameters
+    ----------
+    assembly
+        The scene, at its start.
+    method, choice
+        The integrator, and the substeps of all frames.
+    start, fps
+        Time of the start [s], and frames per second.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        method: Integrator,
+        choice: StepChoice,
+        start: float,
+        fps: float,
+        wanted: Iterable[str],
+        **options: Any,
+    ) -> None:
+        self._assembly, self._model, self._fps, self._start = assembly, assembly.model, fps, start
+        state = starting_state(self._model.system, assembly, method.method_state, start, fps)
+        self._given_v = state.empty_vectors(1)[0]
+        wp.copy(self._given_v, state.v)
+        dynamics = Dynamics(assembly)
+        self._stepping = Stepping(dynamics, state, method, [choice], energy_limit=math.inf, time=start, **options)
+        self._dynamics, self._substeps, self._h = dynamics, choice.substeps, choice.step
+        own = self._stepping.integrator
+        self._lag = own.lag * choice.step if own.staggered else 0.0
+        """Time by which the method's velocities lag behind those given and read [s]."""
+        self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, None, choice.step))
+        self._adjoint = Adjoint(assembly, wanted)
+        self._checkpoints: list[Sequence[wp.array]] = []
+        self._v_read, self._times = self._model.vectors(), list[float]()
+        self._graph: Any = None
+
+    def forward(self, frames: int) -> Frames:
+        """Take frames, keep the state at the start of each, and return them all."""
+        stepping, first = self._stepping, round(self._start * self._fps)
+        times = self._times = [self._start, *((first + k + 1) / self._fps for k in range(frames))]
+        position, velocity = ([np.empty(0)] * (frames + 1) for _ in range(2))
+        arrays = self._model.vectors_together(2 * (frames + 1))
+        self._checkpoints = list(zip(arrays[::2], arrays[1::2], strict=True))
+        for k in range(frames + 1):
+            if k > 0 and not stepping.advance(times[k - 1]):
+                raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
+            for kept, now in zip(self._checkpoints[k], (stepping.state.x, stepping.state.v), strict=True):
+                wp.copy(kept, now)
+            frame = stepping.frame(times[k])
+            position[k], velocity[k] = np.array(frame.position), np.array(frame.velocity)
+        velocity[0] = self._model.by_world(self._given_v.numpy())[0]
+        return Frames(np.array(times), np.stack(position), np.stack(velocity))
+
+    def backward(self, by_position: NDArray, by_velocity: NDArray) -> NDArray[np.float64]:
+        """Lead the derivatives by frames back to the start; return their growth by frame (see `Gradient`)."""
+        adjoint, count = self._adjoint, len(by_position) - 1
+        added = np.hypot(
+            *(np.linalg.norm(one.reshape(count + 1, -1), axis=1) for one in (by_position, self._fps * by_velocity))
+        )
+        for k in reversed(range(count + 1)):
+            if k < count:
+                self._lead_back(k)
+            self._add(k, by_position[k], by_velocity[k])
+            adjoint.measure(k, count + 1)
+        adjoint.add_up()
+        most = np.maximum.accumulate(added[::-1])[::-1]
+        return np.hypot(*(adjoint.sizes() * [1.0, self._fps]).T) / np.where(most > 0, most, np.inf)
+
+    def _add(self, k: int, by_x: NDArray, by_v: NDArray) -> None:
+        """Add derivatives by frame k, whose velocities are those at the time of its positions."""
+        adjoint = self._adjoint
+        if by_v.any():
+            if k > 0 and self._lag:  # they are read by a kick of half a substep from the method's velocities
+                self._restart(k)
+                v_out = kicked(self._dynamics, self._tape.state, self._lag, self._v_read)
+                with adjoint.aside(by_v):
+                    adjoint.kick(0.0, self._lag, self._tape.x(0), self._tape.v(0), v_out, 0)
+            else:
+                adjoint.add(adjoint.by_v, by_v)
+        if by_x.any():
+            adjoint.add(adjoint.by_x, by_x)
+
+    def _restart(self, k: int) -> None:
+        """Write the state at the start of frame k to the start of the tape."""
+        for tape, kept in zip((self._tape.x(0), self._tape.v(0)), self._checkpoints[k], strict=True):
+            wp.copy(tape, kept)
+        self._dynamics.hold(float(self._times[k]))
+        self._tape.go_to(0)
+
+    def _lead_back(self, k: int) -> None:
+        """Take frame k again, and lead back through it; the first also through the shift of velocities."""
+        self._restart(k)
+        self._dynamics.begin_frame(float(self._times[k]))
+        if self._model.device.is_cuda:
+            self._graph = self._graph or record(self._launch_back, self._model.device)
+            wp.capture_launch(self._graph)
+        else:
+            self._launch_back()
+        if k == 0 and self._lag:
+            x, v = self._checkpoints[0]
+            self._dynamics.hold(float(self._times[0]))
+            self._adjoint.kick(0.0, -self._lag, x, self._given_v, v, 0)
+
+    def _launch_back(self) -> None:
+        """Launch a frame's substeps, and their adjoints from the last to the first."""
+        tape, h = self._tape, self._h
+        tape.launch()
+        for n in reversed(range(self._substeps)):
+            self._adjoint.kick(h, h, tape.x(n), tape.v(n), tape.v(n + 1), n)
+        self._adjoint.add_up()
+
+    def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives that have been asked for."""
+        result = {}
+        state = {"position": self._adjoint.by_x, "velocity": self._adjoint.by_v}
+        parameters = self._adjoint.found()
+        for name in names:
+            if name in state:
+                result[name] = self._model.by_world(state[name].numpy())[0].astype(np.float64)
+            else:
+                result[name] = parameters[name]
+        return result
+
+
+def gradient(simulation: Any, around: Mapping[str, Any], loss: Loss, frames: int, by: Sequence[str]) -> Gradient:
+    """Return a loss of the coming frames, and its derivatives; see `Simulation.gradient`."""
+    count = checks.count("frames", frames, 1)
+    names = tuple(dict.fromkeys(checks.sequence("by", by, str, "'stiffness'")))
+    for k, name in enumerate(names):
+        checks.one_of(f"by[{k}]", name, (*STATE, *PARAMETERS))
+    method, model = simulation.integrator, simulation.model
+    if not isinstance(method, SymplecticEuler | Leapfrog) or method.method_state:
+        raise ValueError(f"integrator is {method!r}; gradients need SymplecticEuler() or Leapfrog()")
+    if model.compensated:
+        raise ValueError(f"precision is {model.precision!r}; gradients need 'float32' or 'float64'")
+    missing = without_adjoint(simulation.assembly)
+    if missing:
+        raise ValueError(f"the scene has {' and '.join(missing)}; gradients cannot be led back through these")
+    if "gravity" in names and callable(around["gravity"]):
+        raise ValueError("by has 'gravity', which is a function of time here; it must be constant")
+    # At the start velocities are those given; later they are read, half a substep after the method's own.
+    system = simulation.system if simulation.stepping.at_start else simulation.snapshot()
+    run = Differentiated(
+        assemble(system, **around),
+        method,
+        simulation.choice,
+        simulation.time,
+        simulation.fps,
+        names,
+        blocks="auto",
+    )
+    found = run.forward(count)
+    value, *given = loss(found)
+    both = []
+    for name, each in zip(("∂/∂position", "∂/∂velocity"), given, strict=True):
+        zero = np.zeros_like(found.position, dtype=np.float64)
+        both.append(zero if each is None else checks.broadcast(f"{name} of the loss", each, zero.shape))
+    growth = run.backward(*both)
+    explodes = float(growth.max())
+    if not math.isfinite(explodes) or explodes > EXPLODES * count:
+        warnings.warn(
+            f"the gradient is {explodes:.2g} times as large at the start as what the loss adds: the motion is "
+            "chaotic over so many frames, and the gradient tells nothing of finite changes",
+            checks.GradientWarning,
+            stacklevel=3,
+        )
+    return Gradient(float(value), run.found(names), growth, found)

@@ -1,0 +1,253 @@
+"""Gradients: against central differences, by parameter, effect, method and algorithm, and against closed forms."""
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from problems import EPS64
+
+import msdwarp as msd
+from msdwarp import (
+    RK4,
+    Actuator,
+    CoulombDamper,
+    ExponentialSpring,
+    Force,
+    Leapfrog,
+    LimitedSpring,
+    Material,
+    OwnSpring,
+    Plane,
+    QuadraticDamper,
+    Simulation,
+    SymplecticEuler,
+    System,
+    TensionOnlySpring,
+    box,
+    join,
+)
+
+NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity")
+METHODS = {"symplectic Euler": SymplecticEuler(), "leapfrog": Leapfrog()}
+GRAVITY = np.array([0.3, 0.0, -9.8])
+FRAMES = 5
+STEP = 1e-6
+"""Of central differences, as a share of each parameter: they are cut off at 1e-12 of the loss, and rounded at
+1e-16/1e-6 = 1e-10. The tolerances are 1e-6 of the largest term of the sum, as single terms cancel."""
+
+
+@wp.func
+def cubic(strain: Any):
+    return strain + type(strain)(2.0) * strain * strain * strain
+
+
+def block() -> System:
+    """Return a strained block, pinned at two particles, with different numbers everywhere."""
+    rng = np.random.default_rng(0)
+    body = box((4, 3, 3), 0.1, stiffness=300.0, damping=0.3).named("block")
+    particles, connections = body.particle_count, body.connection_count
+    body = body.replace(
+        position=body.position + 0.004 * rng.normal(size=(particles, 3)),
+        velocity=0.1 * rng.normal(size=(particles, 3)),
+        mass=0.02 * (1 + rng.random(particles)),
+        stiffness=300 * (1 + 0.1 * rng.random(connections)),
+        damping=0.3 * (1 + 0.1 * rng.random(connections)),
+    )
+    return body.pin([0, 1])
+
+
+def loss(frames: msd.Frames) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return a loss of positions and velocities at the end, and of velocities in the middle."""
+    weight = np.linspace(1, 2, frames.position[-1].size).reshape(frames.position[-1].shape)
+    x, v = frames.position[-1], frames.velocity[-1]
+    by_x, by_v = np.zeros(frames.position.shape), np.zeros(frames.position.shape)
+    by_x[-1], by_v[-1], by_v[2] = weight * x, 0.02 * weight * v, 0.1 * weight
+    by_v[0] += 0.01
+    value = 0.5 * (weight * x**2).sum() + 0.01 * (weight * v**2).sum() + 0.1 * (weight * frames.velocity[2]).sum()
+    return value + 0.01 * frames.velocity[0].sum(), by_x, by_v
+
+
+def simulation(body: System, gravity=GRAVITY, **options) -> Simulation:
+    """Return a simulation whose frames have twelve substeps."""
+    return Simulation(body, gravity=gravity, precision="float64", substeps=12, **options)
+
+
+def check(body: System, name: str, found: np.ndarray, step: float = STEP, **options) -> None:
+    """Compare a derivative in a random direction with a central difference."""
+    rng = np.random.default_rng(1)
+    base = GRAVITY if name == "gravity" else np.array(getattr(body, name))
+    free = np.broadcast_to(np.isfinite(body.mass), body.particle_count)
+    scale = {"position": 0.1, "velocity": 1.0, "gravity": 1.0}.get(name, np.where(np.isfinite(base), base, 0.0))
+    way = scale * rng.normal(size=base.shape)
+    if name in ("position", "velocity"):
+        way = way * free[:, None]
+    values = []
+    for sign in (1, -1):
+        value = base + sign * step * np.where(np.isfinite(base), way, 0.0)
+        changed = (body, value) if name == "gravity" else (body.replace(**{name: value}), GRAVITY)
+        values.append(simulation(*changed, **options).gradient(loss, FRAMES, by=()).value)
+    terms = np.where(way != 0, found * way, 0.0)
+    # The losses of both sides are rounded to some units in the last place.
+    tolerance = 1e-6 * max(abs(terms).max(), 1e-3) + 4 * EPS64 * abs(values[0]) / step
+    assert terms.sum() == pytest.approx((values[0] - values[1]) / (2 * step), rel=0, abs=tolerance)
+
+
+@functools.cache
+def derivatives(method: str, algorithm: str, device: str) -> dict[str, np.ndarray]:
+    """Return all derivatives of a block's loss."""
+    options = {"integrator": METHODS[method], "force_algorithm": algorithm, "device": device}
+    return simulation(block(), **options).gradient(loss, FRAMES, by=NAMES).derivatives
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("method", METHODS)
+def test_derivatives_are_those_of_central_differences(name, method, plain_device):
+    found = derivatives(method, "gather", plain_device)[name]
+    check(block(), name, found, integrator=METHODS[method], force_algorithm="gather", device=plain_device)
+
+
+@pytest.mark.parametrize("algorithm", ["scatter", "stencil"])
+@pytest.mark.parametrize("method", METHODS)
+def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_device):
+    body = box((4, 3, 3), 0.1, stiffness=300.0, damping=0.3)
+    body = body.replace(position=body.position * [1.05, 0.98, 1.0])
+    found = []
+    for one in ("gather", algorithm):
+        run = simulation(body, integrator=METHODS[method], force_algorithm=one, device=plain_device)
+        found.append(run.gradient(loss, FRAMES, by=NAMES))
+    for name in NAMES:
+        scale = np.abs(found[0][name]).max()
+        # The trajectories differ by rounding, 1e-16, which 60 substeps multiply by less than a thousand.
+        np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-10 * scale)
+
+
+EFFECTS = {
+    "no dampers": (lambda body: body.replace(damping=0.0), {}),
+    "an exponential law": (lambda body: body.replace(spring=ExponentialSpring(8.0)), {}),
+    "tension only": (lambda body: body.replace(spring=TensionOnlySpring()), {}),
+    "a strain limit": (lambda body: body.replace(spring=LimitedSpring(0.02, 4.0)), {}),
+    "a law of one's own": (lambda body: body.replace(spring=OwnSpring(cubic)), {}),
+    "quadratic dampers": (lambda body: body.replace(damper=QuadraticDamper(0.5)), {}),
+    "Coulomb dampers": (lambda body: body.replace(damper=CoulombDamper(5.0)), {}),
+    "muscles": (lambda body: body, {"loads": [Actuator(lambda t: 0.1 * math.sin(40 * t))]}),
+    "forces": (lambda body: body, {"loads": [Force((1.0, 0, 0)), Force(lambda t: (0.0, 40 * t, 0.0))]}),
+    "two bodies that are tied": (lambda body: tied(body), {}),
+}
+
+
+def tied(body: System) -> System:
+    """Return a block and another one beside it, joined by springs."""
+    other = body.translate((0.45, 0, 0))
+    return join(body, other, pairs=[(35, 0), (32, 4)], stiffness=200.0, damping=0.1)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("method", METHODS)
+def test_derivatives_with_effects(effect, method, plain_device):
+    change, options = EFFECTS[effect]
+    body = change(block())
+    options = options | {"integrator": METHODS[method], "device": plain_device}
+    names = [name for name in NAMES if name != "damping" or body.damping.any()]
+    found = simulation(body, **options).gradient(loss, FRAMES, by=names)
+    # A longer step would lead some of 400 springs over the kink of a law that has one.
+    step = 1e-8 if body.spring == TensionOnlySpring() else STEP
+    for name in names:
+        check(body, name, found[name], step, **options)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_fall_has_the_derivatives_of_its_closed_form(method, plain_device):
+    # After t, a particle is at x + v t - g t (t ± h)/2 and by leapfrog without ±h; so d/dv = t, and d/dx = 1.
+    body = System(position=[[0.0, 0, 1.0]], velocity=[[1.0, 0, 0]], mass=2.0)
+    run = Simulation(body, integrator=METHODS[method], precision="float64", substeps=10, device=plain_device)
+
+    def height(frames: msd.Frames) -> tuple[float, np.ndarray, None]:
+        by_x = np.zeros(frames.position.shape)
+        by_x[-1, 0, 2] = 1.0
+        return frames.position[-1, 0, 2], by_x, None
+
+    found = run.gradient(height, 30, by=("position", "velocity", "mass", "gravity"))
+    t, h = 0.5, 1 / 600
+    late = h if method == "symplectic Euler" else 0.0
+    # 300 sums of h are rounded to 300 times 1e-16.
+    np.testing.assert_allclose(found["position"], [[0, 0, 1]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found["velocity"], [[0, 0, t]], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found["gravity"], [0, 0, t * (t + late) / 2], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found["mass"], [0.0], rtol=0, atol=1e-13)
+
+
+def test_a_run_goes_on_as_if_nothing_had_been_asked(plain_device):
+    first, second = (simulation(block(), integrator=Leapfrog(), device=plain_device) for _ in range(2))
+    first.step(2)
+    second.step(2)
+    first.gradient(loss, FRAMES, by=("stiffness",))
+    first.step(3)
+    second.step(3)
+    np.testing.assert_array_equal(first.frame().position, second.frame().position)
+
+
+def test_a_gradient_from_the_middle_has_the_frames_of_the_run(plain_device):
+    body = simulation(block(), device=plain_device)
+    body.step(2)
+    found = body.gradient(loss, FRAMES, by=())
+    np.testing.assert_allclose(found.frames.time, body.time + np.arange(FRAMES + 1) / 60, rtol=1e-14)
+    body.step(FRAMES)
+    np.testing.assert_array_equal(found.frames.position[-1], body.frame().position)
+
+
+def test_float32_has_the_gradient_of_float64(plain_device):
+    found = [
+        Simulation(block(), gravity=GRAVITY, precision=precision, substeps=12, device=plain_device)
+        .gradient(loss, FRAMES, by=NAMES)
+        for precision in ("float32", "float64")
+    ]  # fmt: skip
+    for name in NAMES:
+        # 60 substeps of forces that are rounded to 6e-8 / 0.04 of strain, by the norm.
+        difference = np.linalg.norm(found[0][name] - found[1][name])
+        assert difference < 1e-4 * np.linalg.norm(found[1][name])
+
+
+def test_a_chaotic_motion_warns(plain_device):
+    # A chain of three links that stands on its end, and turns over and over.
+    links = np.array([[0.0, 0, 0], [0.0, 0, 0.1], [0.02, 0, 0.2], [0.05, 0.01, 0.29]])
+    chain = System(position=links, connections=[[0, 1], [1, 2], [2, 3]], stiffness=2000.0, mass=0.05).pin([0])
+    run = Simulation(chain, precision="float64", device=plain_device)
+
+    def place(frames: msd.Frames) -> tuple[float, np.ndarray, None]:
+        by_x = np.zeros(frames.position.shape)
+        by_x[-1, 3] = 1.0
+        return frames.position[-1, 3].sum(), by_x, None
+
+    with pytest.warns(msd.GradientWarning, match="chaotic"):
+        found = run.gradient(place, 600, by=("position",))
+    assert found.growth[0] > 1e3 * found.growth[-2]
+
+
+@pytest.mark.parametrize(
+    ("body", "options", "message"),
+    [
+        (block(), {"integrator": RK4()}, "integrator is RK4"),
+        (block().translate((0, 0, 1)), {"colliders": [Plane()]}, "the scene has obstacles"),
+        (block(), {"contact": msd.Contact()}, "contact between bodies"),
+        (box((3, 3, 3), 0.1, material=Material(1e3, 1e5, 0, 0.4)), {}, "the scene has cells"),
+        (block().replace(break_strain=0.5), {}, "connections that break"),
+    ],
+)
+def test_what_has_no_derivative_is_told_by_name(body, options, message):
+    with pytest.raises(ValueError, match=message):
+        Simulation(body, device="cpu", **options).gradient(loss, 2, by=("position",))
+
+
+def test_unknown_names_and_shapes_are_told():
+    run = simulation(block(), device="cpu")
+    with pytest.raises(ValueError, match=r"by\[1\] is 'colour'; it must be one of 'position'"):
+        run.gradient(loss, 2, by=("position", "colour"))
+    with pytest.raises(ValueError, match="∂/∂position of the loss"):
+        run.gradient(lambda frames: (0.0, np.zeros(3, dtype=complex)[:2], None), 2)
+    with pytest.raises(ValueError, match="frames is 0"):
+        run.gradient(loss, 0)
+    with pytest.raises(KeyError, match="was not asked for"):
+        run.gradient(loss, 2, by=())["mass"]
