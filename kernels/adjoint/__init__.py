@@ -1,4 +1,5 @@
 """Adjoints of the launches of a substep: derivatives of a loss, from its end to its start."""
 
+from .forces import force_adjoint as force_adjoint
 from .kick import SUMMING as SUMMING, kick_adjoint as kick_adjoint, squares as squares, widen as widen
 from .springs import Wanted as Wanted, spring_adjoint as spring_adjoint

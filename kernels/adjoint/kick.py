@@ -36,18 +36,21 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
         by_gravity_of: wp.array(dtype=V),  # by that of each particle
         # Out:
         phi: wp.array(dtype=V),
+        threads: int,  # of the launch
     ):
         i = wp.tid()
-        w = inverse_mass[i]
-        back = load(by_v, i) + drift * load(by_x, i)
-        store(by_v, i, back)
-        store(phi, i, (kick * w) * back)
-        if w > scalar(0.0):
-            if wp.static(by_mass):
-                push = (load(v_out, i) - load(v, i)) - kick * gravity  # s F/m
-                by_inverse_mass[i] = by_inverse_mass[i] + wp.dot(back, push)
-            if wp.static(by_gravity):
-                store(by_gravity_of, i, load(by_gravity_of, i) + kick * back)
+        while i < inverse_mass.shape[0]:
+            w = inverse_mass[i]
+            back = load(by_v, i) + drift * load(by_x, i)
+            store(by_v, i, back)
+            store(phi, i, (kick * w) * back)
+            if w > scalar(0.0):
+                if wp.static(by_mass):
+                    push = (load(v_out, i) - load(v, i)) - kick * gravity  # s F/m
+                    by_inverse_mass[i] = by_inverse_mass[i] + wp.dot(back, push)
+                if wp.static(by_gravity):
+                    store(by_gravity_of, i, load(by_gravity_of, i) + kick * back)
+            i += threads
 
     return lead_back
 

@@ -121,57 +121,60 @@ def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
         by_rest_length: wp.array(dtype=scalar),  # shape [connection_count]
         by_stiffness: wp.array(dtype=scalar),
         by_damping: wp.array(dtype=scalar),
+        threads: int,  # of the launch
     ):
         i = wp.tid()
-        x_i = load(x, i)
-        phi_i = load(phi, i)
-        v_i = V()
-        dv = V()
-        if wp.static(damped):
-            v_i = load(v, i)
-        sum_x = V()
-        sum_v = V()
-        part = i / wp.static(SLICE)
-        slot = first[part] + i % wp.static(SLICE)
-        end = first[part + 1]
-        while slot < end:
-            c = connection[slot]
-            if c >= 0:
-                j = other[slot]
-                dx = x_i - load(x, j)
-                psi = phi_i - load(phi, j)
-                if wp.static(damped):
-                    dv = v_i - load(v, j)
-                rest = rest_length[c]
-                k = stiffness[c]
-                b = scalar(0.0)
-                if wp.static(damped):
-                    b = damping[c]
-                s = scalar(0.0)
-                if wp.static(actuated):
-                    if column[c] >= 0:
-                        s = strain[stage, column[c]]
-                if wp.static(plain):
-                    by_dx, by_dv, along, stretch, rate = by_hand(dx, dv, psi, rest, k, b, s)
-                    by_rest = along * k * (scalar(1.0) + s)
-                    by_k = -along * stretch
-                    by_b = -along * rate
-                else:
-                    by_dx, by_dv, _by_psi, by_rest, by_k, by_b, _by_s = wp.grad(projected)(
-                        dx, dv, psi, rest, k, b, s
-                    )
-                sum_x += by_dx
-                sum_v += by_dv
-                if wp.static(own):
-                    if connections[c][0] == i:
-                        if wp.static(wanted.rest_length):
-                            by_rest_length[c] = by_rest_length[c] + by_rest
-                        if wp.static(wanted.stiffness):
-                            by_stiffness[c] = by_stiffness[c] + by_k
-                        if wp.static(wanted.damping):
-                            by_damping[c] = by_damping[c] + by_b
-            slot += wp.static(SLICE)
-        store(by_x, i, load(by_x, i) + sum_x)
-        store(by_v, i, load(by_v, i) + sum_v)
+        while i < x.shape[0]:
+            x_i = load(x, i)
+            phi_i = load(phi, i)
+            v_i = V()
+            dv = V()
+            if wp.static(damped):
+                v_i = load(v, i)
+            sum_x = V()
+            sum_v = V()
+            part = i / wp.static(SLICE)
+            slot = first[part] + i % wp.static(SLICE)
+            end = first[part + 1]
+            while slot < end:
+                c = connection[slot]
+                if c >= 0:
+                    j = other[slot]
+                    dx = x_i - load(x, j)
+                    psi = phi_i - load(phi, j)
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    rest = rest_length[c]
+                    k = stiffness[c]
+                    b = scalar(0.0)
+                    if wp.static(damped):
+                        b = damping[c]
+                    s = scalar(0.0)
+                    if wp.static(actuated):
+                        if column[c] >= 0:
+                            s = strain[stage, column[c]]
+                    if wp.static(plain):
+                        by_dx, by_dv, along, stretch, rate = by_hand(dx, dv, psi, rest, k, b, s)
+                        by_rest = along * k * (scalar(1.0) + s)
+                        by_k = -along * stretch
+                        by_b = -along * rate
+                    else:
+                        by_dx, by_dv, _by_psi, by_rest, by_k, by_b, _by_s = wp.grad(projected)(
+                            dx, dv, psi, rest, k, b, s
+                        )
+                    sum_x += by_dx
+                    sum_v += by_dv
+                    if wp.static(own):
+                        if connections[c][0] == i:
+                            if wp.static(wanted.rest_length):
+                                by_rest_length[c] = by_rest_length[c] + by_rest
+                            if wp.static(wanted.stiffness):
+                                by_stiffness[c] = by_stiffness[c] + by_k
+                            if wp.static(wanted.damping):
+                                by_damping[c] = by_damping[c] + by_b
+                slot += wp.static(SLICE)
+            store(by_x, i, load(by_x, i) + sum_x)
+            store(by_v, i, load(by_v, i) + sum_v)
+            i += threads
 
     return add_spring_adjoint

@@ -2,7 +2,8 @@
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,9 +12,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
+from ..bodies import System
 from ..engine import Adjoint, Assembly, Dynamics, Tape, assemble, kicked, starting_state, without_adjoint
 from ..integrators import Integrator, Leapfrog, StepChoice, SymplecticEuler
-from ..runtime import record
+from ..runtime import in_turn, record
+from .properties import Present
 from .stepping import Stepping
 
 STATE = ("position", "velocity")
@@ -81,60 +84,77 @@ class Differentiated:
         start: float,
         fps: float,
         wanted: Iterable[str],
-        **options: Any,
     ) -> None:
         self._assembly, self._model, self._fps, self._start = assembly, assembly.model, fps, start
         state = starting_state(self._model.system, assembly, method.method_state, start, fps)
         self._given_v = state.empty_vectors(1)[0]
         wp.copy(self._given_v, state.v)
         dynamics = Dynamics(assembly)
-        self._stepping = Stepping(dynamics, state, method, [choice], energy_limit=math.inf, time=start, **options)
+        self._stepping = Stepping(
+            dynamics, state, method, [choice], energy_limit=math.inf, blocks="auto", time=start
+        )
+        self._first = self._model.vectors_together(2)
+        for kept, array in zip(self._first, (state.x, state.v), strict=True):
+            wp.copy(kept, array)
         self._dynamics, self._substeps, self._h = dynamics, choice.substeps, choice.step
         own = self._stepping.integrator
         self._lag = own.lag * choice.step if own.staggered else 0.0
         """Time by which the method's velocities lag behind those given and read [s]."""
         self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, None, choice.step))
-        self._adjoint = Adjoint(assembly, wanted)
+        self._adjoint = Adjoint(dynamics, wanted)
         self._checkpoints: list[Sequence[wp.array]] = []
         self._v_read, self._times = self._model.vectors(), list[float]()
         self._graph: Any = None
 
-    def forward(self, frames: int) -> Frames:
-        """Take frames, keep the state at the start of each, and return them all."""
+    def forward(self, frames: int, read: bool = True) -> Frames | None:
+        """Take frames from the start, keep the state at the start of each, and return them unless not `read`."""
         stepping, first = self._stepping, round(self._start * self._fps)
         times = self._times = [self._start, *((first + k + 1) / self._fps for k in range(frames))]
-        position, velocity = ([np.empty(0)] * (frames + 1) for _ in range(2))
-        arrays = self._model.vectors_together(2 * (frames + 1))
-        self._checkpoints = list(zip(arrays[::2], arrays[1::2], strict=True))
+        if len(self._checkpoints) != frames + 1:
+            arrays = self._model.vectors_together(2 * (frames + 1))
+            self._checkpoints = list(zip(arrays[::2], arrays[1::2], strict=True))
+        now = stepping.state.x, stepping.state.v
+        for array, given in zip(now, self._first, strict=True):
+            wp.copy(array, given)
+        stepping.begin_at(self._start)
+        found = []
         for k in range(frames + 1):
             if k > 0 and not stepping.advance(times[k - 1]):
                 raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
-            for kept, now in zip(self._checkpoints[k], (stepping.state.x, stepping.state.v), strict=True):
-                wp.copy(kept, now)
-            frame = stepping.frame(times[k])
-            position[k], velocity[k] = np.array(frame.position), np.array(frame.velocity)
+            for kept, array in zip(self._checkpoints[k], now, strict=True):
+                wp.copy(kept, array)
+            if read:
+                frame = stepping.frame(times[k])
+                found.append((np.array(frame.position), np.array(frame.velocity)))
+        if not read:
+            return None
+        position, velocity = (np.stack(each) for each in zip(*found, strict=True))
         velocity[0] = self._model.by_world(self._given_v.numpy())[0]
-        return Frames(np.array(times), np.stack(position), np.stack(velocity))
+        return Frames(np.array(times), position, velocity)
 
-    def backward(self, by_position: NDArray, by_velocity: NDArray) -> NDArray[np.float64]:
-        """Lead the derivatives by frames back to the start; return their growth by frame (see `Gradient`)."""
+    def backward(
+        self, by_position: Sequence[NDArray | None], by_velocity: Sequence[NDArray | None]
+    ) -> NDArray[np.float64]:
+        """Lead derivatives by frames, None for 0, back to the start; return their growth (see `Gradient`)."""
         adjoint, count = self._adjoint, len(by_position) - 1
-        added = np.hypot(
-            *(np.linalg.norm(one.reshape(count + 1, -1), axis=1) for one in (by_position, self._fps * by_velocity))
-        )
+        adjoint.clear()
+        added = np.zeros(count + 1)
         for k in reversed(range(count + 1)):
             if k < count:
                 self._lead_back(k)
-            self._add(k, by_position[k], by_velocity[k])
+            by_x, by_v = by_position[k], by_velocity[k]
+            self._add(k, by_x, by_v)
+            sizes = (0.0 if one is None else float(np.linalg.norm(one)) for one in (by_x, by_v))
+            added[k] = math.hypot(next(sizes), self._fps * next(sizes))
             adjoint.measure(k, count + 1)
         adjoint.add_up()
         most = np.maximum.accumulate(added[::-1])[::-1]
         return np.hypot(*(adjoint.sizes() * [1.0, self._fps]).T) / np.where(most > 0, most, np.inf)
 
-    def _add(self, k: int, by_x: NDArray, by_v: NDArray) -> None:
+    def _add(self, k: int, by_x: NDArray | None, by_v: NDArray | None) -> None:
         """Add derivatives by frame k, whose velocities are those at the time of its positions."""
         adjoint = self._adjoint
-        if by_v.any():
+        if by_v is not None:
             if k > 0 and self._lag:  # they are read by a kick of half a substep from the method's velocities
                 self._restart(k)
                 v_out = kicked(self._dynamics, self._tape.state, self._lag, self._v_read)
@@ -142,7 +162,7 @@ class Differentiated:
                     adjoint.kick(0.0, self._lag, self._tape.x(0), self._tape.v(0), v_out, 0)
             else:
                 adjoint.add(adjoint.by_v, by_v)
-        if by_x.any():
+        if by_x is not None:
             adjoint.add(adjoint.by_x, by_x)
 
     def _restart(self, k: int) -> None:
@@ -187,46 +207,90 @@ class Differentiated:
         return result
 
 
-def gradient(simulation: Any, around: Mapping[str, Any], loss: Loss, frames: int, by: Sequence[str]) -> Gradient:
-    """Return a loss of the coming frames, and its derivatives; see `Simulation.gradient`."""
-    count = checks.count("frames", frames, 1)
-    names = tuple(dict.fromkeys(checks.sequence("by", by, str, "'stiffness'")))
-    for k, name in enumerate(names):
-        checks.one_of(f"by[{k}]", name, (*STATE, *PARAMETERS))
-    method, model = simulation.integrator, simulation.model
-    if not isinstance(method, SymplecticEuler | Leapfrog) or method.method_state:
-        raise ValueError(f"integrator is {method!r}; gradients need SymplecticEuler() or Leapfrog()")
-    if model.compensated:
-        raise ValueError(f"precision is {model.precision!r}; gradients need 'float32' or 'float64'")
-    missing = without_adjoint(simulation.assembly)
-    if missing:
-        raise ValueError(f"the scene has {' and '.join(missing)}; gradients cannot be led back through these")
-    if "gravity" in names and callable(around["gravity"]):
-        raise ValueError("by has 'gravity', which is a function of time here; it must be constant")
-    # At the start velocities are those given; later they are read, half a substep after the method's own.
-    system = simulation.system if simulation.stepping.at_start else simulation.snapshot()
-    run = Differentiated(
-        assemble(system, **around),
-        method,
-        simulation.choice,
-        simulation.time,
-        simulation.fps,
-        names,
-        blocks="auto",
-    )
-    found = run.forward(count)
-    value, *given = loss(found)
-    both = []
-    for name, each in zip(("∂/∂position", "∂/∂velocity"), given, strict=True):
-        zero = np.zeros_like(found.position, dtype=np.float64)
-        both.append(zero if each is None else checks.broadcast(f"{name} of the loss", each, zero.shape))
-    growth = run.backward(*both)
-    explodes = float(growth.max())
-    if not math.isfinite(explodes) or explodes > EXPLODES * count:
-        warnings.warn(
-            f"the gradient is {explodes:.2g} times as large at the start as what the loss adds: the motion is "
-            "chaotic over so many frames, and the gradient tells nothing of finite changes",
-            checks.GradientWarning,
-            stacklevel=3,
-        )
-    return Gradient(float(value), run.found(names), growth, found)
+class Differentiable(Present):
+    """A simulation whose frames can be differentiated."""
+
+    _surroundings: dict[str, Any]
+
+    @property
+    @abstractmethod
+    def system(self) -> System:
+        """The system as last uploaded."""
+
+    @abstractmethod
+    def snapshot(self) -> System:
+        """Return the system in its present state."""
+
+    @in_turn
+    def gradient(self, loss: Loss, frames: int, by: Sequence[str] = ("position", "velocity")) -> Gradient:
+        """Return a loss of the coming frames, and its derivatives by the present state and by parameters.
+
+        The frames are taken from the present state, at the present number of substeps, and led back from the last
+        to the first; the simulation itself stays as it is. The state at the start of each frame is kept, and a
+        frame's substeps are taken once more. See docs/gradients.md for what can be differentiated.
+
+        Parameters
+        ----------
+        loss
+            Function of the `Frames`, from the present one on, that returns its value, and its derivatives by their
+            positions and by their velocities, each of shape [frames + 1, particle_count, d], or None for 0.
+        frames
+            How many frames to take.
+        by
+            Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass" and "gravity".
+
+        Raises
+        ------
+        ValueError
+            If an argument is out of range, or the scene has something that has no derivative: its name is told.
+
+        Warns
+        -----
+        GradientWarning
+            If the gradient grows so much backwards that it tells little of finite changes.
+        """
+        run, found = self.differentiated(frames, by)
+        told, both = loss(found), []
+        if not isinstance(told, tuple) or len(told) != 3:
+            raise ValueError(
+                f"loss returned {checks.repr_short(told)}; it must return its value, and its derivatives by "
+                "positions and by velocities (or None)"
+            )
+        for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
+            values = [None] * len(found.time)
+            if each is not None:
+                each = checks.broadcast(f"{name} of the loss", each, found.position.shape)
+                values = [one if one.any() else None for one in each]
+            both.append(values)
+        growth = run.backward(*both)
+        most = float(growth.max())
+        if not math.isfinite(most) or most > EXPLODES * frames:
+            warnings.warn(
+                f"the gradient is {most:.2g} times as large at the start as what the loss adds: the motion is "
+                "chaotic over so many frames, and the gradient tells nothing of finite changes",
+                checks.GradientWarning,
+                stacklevel=4,
+            )
+        return Gradient(float(told[0]), run.found(by), growth, found)
+
+    def differentiated(self, frames: int, by: Sequence[str]) -> tuple[Differentiated, Frames]:
+        """Take frames that can be led back, and return them; see `gradient` for the arguments and errors."""
+        count = checks.count("frames", frames, 1)
+        names = checks.sequence("by", by, str, "'stiffness'")
+        for k, name in enumerate(names):
+            checks.one_of(f"by[{k}]", name, (*STATE, *PARAMETERS))
+        method, around = self.integrator, self._surroundings
+        if not isinstance(method, SymplecticEuler | Leapfrog) or method.method_state:
+            raise ValueError(f"integrator is {method!r}; gradients need SymplecticEuler() or Leapfrog()")
+        if self.model.compensated:
+            raise ValueError(f"precision is {self.model.precision!r}; gradients need 'float32' or 'float64'")
+        if missing := without_adjoint(self.assembly):
+            raise ValueError(f"the scene has {' and '.join(missing)}; gradients cannot be led back through these")
+        if "gravity" in names and callable(around["gravity"]):
+            raise ValueError("by has 'gravity', which is a function of time here; it must be constant")
+        # At the start velocities are those given; later they are read, half a substep after the method's own.
+        system = self.system if self.stepping.at_start else self.snapshot()
+        run = Differentiated(assemble(system, **around), method, self.choice, self.time, self.fps, names)
+        found = run.forward(count)
+        assert found is not None
+        return run, found

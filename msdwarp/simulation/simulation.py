@@ -39,14 +39,14 @@ from . import checkpoint
 from .arguments import frame_count, in_order
 from .changing import Changing, check_supports, check_supports_contact
 from .divergence_error import SimulationDiverged, describe
-from .gradient import Gradient, Loss, gradient
+from .gradient import Differentiable
 from .readings import Readings
 from .settling import Settled
 from .stepping import Stepping
 from .substep_controller import StepControlFailed, StepController
 
 
-class Simulation(Changing):
+class Simulation(Changing, Differentiable):
     """Simulates a system frame by frame on a device. `Simulation.from_scene(scene)` makes one from a scene.
 
     Parameters
@@ -341,36 +341,6 @@ class Simulation(Changing):
         for _ in range(count):
             self.step()
             yield self.frame()
-
-    @in_turn
-    def gradient(self, loss: Loss, frames: int, by: Sequence[str] = ("position", "velocity")) -> Gradient:
-        """Return a loss of the coming frames, and its derivatives by the present state and by parameters.
-
-        The frames are taken from the present state, at the present number of substeps, and led back from the last
-        to the first; the simulation itself stays as it is. The state at the start of each frame is kept, and a
-        frame's substeps are taken once more. See docs/gradients.md for what can be differentiated.
-
-        Parameters
-        ----------
-        loss
-            Function of the `Frames`, from the present one on, that returns its value, and its derivatives by their
-            positions and by their velocities, each of shape [frames + 1, particle_count, d], or None for 0.
-        frames
-            How many frames to take.
-        by
-            Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass" and "gravity".
-
-        Raises
-        ------
-        ValueError
-            If an argument is out of range, or the scene has something that has no derivative: its name is told.
-
-        Warns
-        -----
-        GradientWarning
-            If the gradient grows so much backwards that it tells little of finite changes.
-        """
-        return gradient(self, self._surroundings, loss, frames, by)
 
     @in_turn
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:

@@ -8,20 +8,21 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import SUMMING, Wanted, kick_adjoint, spring_adjoint, squares, widen
+from ...kernels.adjoint import SUMMING, Wanted, force_adjoint, kick_adjoint, spring_adjoint, squares, widen
 from ...kernels.basis import vector
 from ..device.vector_arrays import in_records
 from ..loads.actuators import ActuatedSprings
 from ..loads.external_work import Work
-from ..loads.forces import Steady, Varying, Weight
+from ..loads.forces import ForceField, Steady, Varying, Weight
 from ..model.effect import Effect
 from ..model.model import CONSTANTS
 from ..springs.extra_springs import ExtraSprings
 from ..springs.force_algorithms import neighbour_table
 from ..stepping.assemble import Assembly
+from ..stepping.dynamics import Dynamics
 
-DIFFERENTIABLE = (ActuatedSprings, Steady, Varying, Weight, Work, ExtraSprings)
-"""Effects whose forces do not depend on the motion, or are those of springs."""
+DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, Steady, Varying, Weight, Work)
+"""Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
 NAMES = {
     "Colliders": "obstacles",
     "Plasticity": "connections that yield",
@@ -29,7 +30,6 @@ NAMES = {
     "CellVolumes": "cells, of a material with a Poisson's ratio",
     "AngleSprings": "angles, of a rod that bends",
     "BodyContact": "contact between bodies",
-    "ForceField": "forces that depend on the place",
 }
 """Effects without an adjoint, in words; others have their loads' names."""
 
@@ -43,8 +43,8 @@ class Adjoint:
         Derivatives by positions [1/m] and velocities [s/m], at the instant to which they have been led back.
     """
 
-    def __init__(self, assembly: Assembly, wanted: Iterable[str]) -> None:
-        model, names = assembly.model, set(wanted)
+    def __init__(self, dynamics: Dynamics, wanted: Iterable[str]) -> None:
+        assembly, model, names = dynamics.assembly, dynamics.model, set(wanted)
         self._model, device = model, model.device
         self._actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
         own = Wanted(*(name in names for name in ("rest_length", "stiffness", "damping")))
@@ -62,6 +62,12 @@ class Adjoint:
         if self._actuated is not None:
             column[self._actuated.connection] = self._actuated.column
         self._column = wp.array(model.ordered(column), dtype=int, device=device)
+        self._scene, self._fields = dynamics.scene, list[tuple[Any, wp.array]]()
+        for one in assembly.all:
+            if isinstance(one, ForceField):
+                assert one.members is not None
+                member = wp.array(np.flatnonzero(one.members), dtype=int, device=device)
+                self._fields.append((force_adjoint(model.dim, model.scalar, one.function), member))
         self._totals = {}
         for name in names & {"rest_length", "stiffness", "damping"}:
             self._totals[name] = wp.zeros(model.connection_count, dtype=wp.float64, device=device)
@@ -70,7 +76,14 @@ class Adjoint:
         if "gravity" in names:
             self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
+        self._threads = model.particle_count if device.is_cuda else 1  # on a CPU each would copy its arguments
         self._no_strain = wp.zeros((1, 1), dtype=model.scalar, device=device)
+
+    def clear(self) -> None:
+        """Set all derivatives to 0."""
+        each = [self.by_x, self.by_v, self._by_gravity, self._by_inverse_mass, *self._own.values()]
+        for array in (*each, *self._totals.values(), *([] if self._sizes is None else [self._sizes])):
+            array.zero_()
 
     def kick(self, drift: float, seconds: float, x: wp.array, v: wp.array, v_out: wp.array, stage: int) -> None:
         """Lead derivatives back through a kick of v to v_out by forces at (x, v), and a drift by v_out.
@@ -80,14 +93,17 @@ class Adjoint:
         """
         model = self._model
         inputs = [drift, seconds, model.inverse_mass, model.gravity, v, v_out, self.by_x, self.by_v]
-        inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
-        wp.launch(self._kick, model.particle_count, inputs, device=model.device)
+        inputs += [self._by_inverse_mass, self._by_gravity, self._phi, self._threads]
+        wp.launch(self._kick, self._threads, inputs, device=model.device)
         strain = self._no_strain if self._actuated is None else self._actuated.data.strain
         table = [self._first, self._other, self._connection, model.connections]
         constants = [getattr(model, name) for name in CONSTANTS]
         inputs = [*table, *constants, self._column, strain, stage, x, v, self._phi, self.by_x, self.by_v]
-        inputs += [*self._own.values()]
-        wp.launch(self._springs, model.particle_count, inputs, device=model.device)
+        inputs += [*self._own.values(), self._threads]
+        wp.launch(self._springs, self._threads, inputs, device=model.device)
+        for kernel, member in self._fields:
+            inputs = [member, self._scene.time, stage, x, v, self._phi, self.by_x, self.by_v]
+            wp.launch(kernel, len(member), inputs, device=model.device)
 
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
         """Add host values of shape [particle_count, d] to derivatives."""

@@ -100,4 +100,6 @@ class ForceField(Effect):
 
     def __init__(self, model: Model, force: Force, number: int) -> None:
         self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)
+        self.function = force.force
+        """wp.func (x, v, t, i) -> force on particle i [N]."""
         self.data, self.members = self.piece.Data(), force.particles(model.system)

@@ -1,0 +1,65 @@
+"""Simulations as functions of PyTorch, with gradients. PyTorch is imported when `simulate` is called."""
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from . import checks
+from .bodies import System
+from .simulation import Simulation
+from .simulation.gradient import PARAMETERS, STATE
+
+
+def simulate(system: System, frames: int, **options: Any) -> tuple[Any, Any]:
+    """Return positions [m] and velocities [m/s] of the coming frames as tensors that can be differentiated.
+
+    Parameters
+    ----------
+    system
+        What is simulated.
+    frames
+        How many frames.
+    options
+        Tensors for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or "gravity" in place of
+        the system's; gradients are led back to those that require them. Others are arguments of `Simulation`.
+
+    Returns
+    -------
+    position, velocity
+        Tensors of shape [frames + 1, particle_count, d], in float64 on the host.
+
+    Raises
+    ------
+    ValueError
+        See `Simulation` and `Simulation.gradient`.
+    ImportError
+        Without PyTorch.
+    """
+    torch: Any = importlib.import_module("torch")
+    checks.instance("system", system, System, "chain(5)")
+    names = [name for name in (*STATE, *PARAMETERS) if isinstance(options.get(name), torch.Tensor)]
+    tensors = [options.pop(name) for name in names]
+
+    def on_host(tensor: Any) -> Any:
+        return tensor.detach().cpu().numpy().astype(np.float64)
+
+    class Run(torch.autograd.Function):
+        @staticmethod
+        def forward(ctx: Any, *given: Any) -> Any:
+            values = {name: on_host(one) for name, one in zip(names, given, strict=True)}
+            around = {"gravity": values.pop("gravity")} if "gravity" in values else {}
+            simulation = Simulation(system.replace(**values), **options, **around)
+            ctx.run, found = simulation.differentiated(frames, names)
+            return tuple(torch.from_numpy(one.astype(np.float64)) for one in (found.position, found.velocity))
+
+        @staticmethod
+        def backward(ctx: Any, *by_frames: Any) -> Any:
+            ctx.run.backward(*map(on_host, by_frames))
+            found = ctx.run.found(names)
+            return tuple(
+                torch.as_tensor(found[name].reshape(one.shape), dtype=one.dtype, device=one.device)
+                for name, one in zip(names, tensors, strict=True)
+            )
+
+    return Run.apply(*tensors)

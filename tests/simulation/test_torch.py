@@ -1,0 +1,43 @@
+"""Simulations as functions of PyTorch: `gradcheck`, and a loop that keeps no memory."""
+
+import numpy as np
+import pytest
+
+from msdwarp import Leapfrog, System
+from msdwarp.torch import simulate
+
+torch = pytest.importorskip("torch")
+PAIR = {"connections": [[0, 1], [1, 2]], "stiffness": [50.0, 80.0], "damping": 0.2, "rest_length": [0.9, 0.4]}
+CHAIN = System(position=[[0.0, 0, 1], [1.0, 0, 1], [1.4, 0.2, 1]], mass=[0.3, 0.5, 0.4], **PAIR)
+NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass")
+
+
+def test_gradients_pass_gradcheck(plain_device):
+    tensors = [torch.tensor(np.array(getattr(CHAIN, name)), requires_grad=True) for name in NAMES]
+    tensors.append(torch.tensor([0.1, 0.0, -9.8], dtype=torch.float64, requires_grad=True))
+
+    def run(*given):
+        named = dict(zip((*NAMES, "gravity"), given, strict=True))
+        how = {"integrator": Leapfrog(), "precision": "float64", "substeps": 4, "device": plain_device}
+        return simulate(CHAIN, 2, **named, **how)
+
+    # Its differences are over 1e-6, so they are right to some 1e-9 of the largest derivatives.
+    assert torch.autograd.gradcheck(run, tensors, eps=1e-6, atol=1e-6, rtol=1e-5)
+
+
+def test_a_loss_in_tensors_finds_a_stiffness():
+    how = {"precision": "float64", "substeps": 8, "device": "cpu"}
+    wanted, _ = simulate(CHAIN, 10, stiffness=torch.tensor([60.0, 70.0], dtype=torch.float64), **how)
+    stiffness = torch.tensor([50.0, 80.0], dtype=torch.float64, requires_grad=True)
+    steps = torch.optim.LBFGS([stiffness], max_iter=30, tolerance_change=1e-14, line_search_fn="strong_wolfe")
+
+    def loss():
+        steps.zero_grad()
+        position, _ = simulate(CHAIN, 10, stiffness=stiffness, **how)
+        value = 1e3 * ((position - wanted) ** 2).sum()
+        value.backward()
+        return value
+
+    steps.step(loss)
+    # L-BFGS ends where the loss, which is quadratic here, falls by less than 1e-14 of itself.
+    np.testing.assert_allclose(stiffness.detach().numpy(), [60.0, 70.0], rtol=1e-4)
