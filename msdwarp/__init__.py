@@ -109,7 +109,13 @@ if _typing.TYPE_CHECKING:
         Simulation as Simulation,
         SimulationDiverged as SimulationDiverged,
     )
-    from .studies import FitResult as FitResult, TrackedPoints as TrackedPoints, fit as fit, sweep as sweep
+    from .studies import (
+        FitResult as FitResult,
+        TrackedPoints as TrackedPoints,
+        fit as fit,
+        simulate_torch as simulate_torch,
+        sweep as sweep,
+    )
     from .world import (
         Actuator as Actuator,
         Attachment as Attachment,
@@ -153,7 +159,7 @@ _ROOMS = {
         "viscoelastic"
     ),
     "simulation": "Ensemble Frames Gradient GroupMean Simulation SimulationDiverged",
-    "studies": "FitResult TrackedPoints fit sweep",
+    "studies": "FitResult TrackedPoints fit simulate_torch sweep",
     "world": (
         "Actuator Attachment Box Capsule Cone Contact EnclosedGas Force Look Plane PrescribedMotion Pressure "
         "Probe Scene Sphere Wind at"

@@ -96,7 +96,31 @@ def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
     damped = laws.damper is not None
     plain = laws.spring is None and laws.damper in (None, LINEAR)
     projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, damped)
-    own = any(wanted)
+    own, Numbers = any(wanted), wp.array(dtype=scalar)
+
+    @wp.func
+    def keep(
+        c: int,
+        by_rest: scalar,
+        by_k: scalar,
+        by_b: scalar,
+        rest_length: Numbers,
+        stiffness: Numbers,
+        damping: Numbers,
+    ):
+        if wp.static(wanted.rest_length):
+            rest_length[c] = rest_length[c] + by_rest
+        if wp.static(wanted.stiffness):
+            stiffness[c] = stiffness[c] + by_k
+        if wp.static(wanted.damping):
+            damping[c] = damping[c] + by_b
+
+    @wp.func
+    def strain_of(column: wp.array(dtype=int), strain: wp.array2d(dtype=scalar), stage: int, c: int) -> scalar:
+        s = scalar(0.0)
+        if column[c] >= 0:
+            s = strain[stage, column[c]]
+        return s
 
     @kernel
     def add_spring_adjoint(
@@ -151,8 +175,7 @@ def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                         b = damping[c]
                     s = scalar(0.0)
                     if wp.static(actuated):
-                        if column[c] >= 0:
-                            s = strain[stage, column[c]]
+                        s = strain_of(column, strain, stage, c)
                     if wp.static(plain):
                         by_dx, by_dv, along, stretch, rate = by_hand(dx, dv, psi, rest, k, b, s)
                         by_rest = along * k * (scalar(1.0) + s)
@@ -166,12 +189,7 @@ def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                     sum_v += by_dv
                     if wp.static(own):
                         if connections[c][0] == i:
-                            if wp.static(wanted.rest_length):
-                                by_rest_length[c] = by_rest_length[c] + by_rest
-                            if wp.static(wanted.stiffness):
-                                by_stiffness[c] = by_stiffness[c] + by_k
-                            if wp.static(wanted.damping):
-                                by_damping[c] = by_damping[c] + by_b
+                            keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
                 slot += wp.static(SLICE)
             store(by_x, i, load(by_x, i) + sum_x)
             store(by_v, i, load(by_v, i) + sum_v)

@@ -19,8 +19,8 @@ from ..runtime import in_turn, record
 from .properties import Present
 from .stepping import Stepping
 
-STATE = ("position", "velocity")
-PARAMETERS = ("stiffness", "damping", "rest_length", "mass", "gravity")
+GRADIENT_NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity")
+"""What derivatives may be asked for by."""
 EXPLODES = 1000.0
 """Growth of a gradient for each frame, above which `GradientWarning` says that it explodes."""
 
@@ -278,7 +278,7 @@ class Differentiable(Present):
         count = checks.count("frames", frames, 1)
         names = checks.sequence("by", by, str, "'stiffness'")
         for k, name in enumerate(names):
-            checks.one_of(f"by[{k}]", name, (*STATE, *PARAMETERS))
+            checks.one_of(f"by[{k}]", name, GRADIENT_NAMES)
         method, around = self.integrator, self._surroundings
         if not isinstance(method, SymplecticEuler | Leapfrog) or method.method_state:
             raise ValueError(f"integrator is {method!r}; gradients need SymplecticEuler() or Leapfrog()")

@@ -11,3 +11,4 @@ from .sweep_ensembles import ENSEMBLE as ENSEMBLE, ensemble_summary as ensemble_
 from .sweep_plot import plot_sweep as plot_sweep
 from .sweep_points import RESULTS as RESULTS, Point as Point, Setup as Setup, final_numbers as final_numbers
 from .table import EnergyLog as EnergyLog, GrowingTable as GrowingTable
+from .torch_function import simulate_torch as simulate_torch

@@ -89,6 +89,8 @@ def test_a_group_without_cells_has_no_stress():
 
 
 def test_being_measured_changes_nothing_by_substep_or_by_frame(device):
+    if device.startswith("cuda") and "scatter" in device:
+        pytest.skip("scattered sums on the GPU are not repeatable")
     block = BODIES["block"]().named("part")
     block = block.replace(position=1.02 * block.position)
     probes = {every: Probe("part", "stress", every=every) for every in ("frame", "substep")}

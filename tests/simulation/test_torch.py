@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from msdwarp import Leapfrog, System
-from msdwarp.torch import simulate
+from msdwarp import Leapfrog, System, simulate_torch
 
 torch = pytest.importorskip("torch")
 PAIR = {"connections": [[0, 1], [1, 2]], "stiffness": [50.0, 80.0], "damping": 0.2, "rest_length": [0.9, 0.4]}
@@ -19,7 +18,7 @@ def test_gradients_pass_gradcheck(plain_device):
     def run(*given):
         named = dict(zip((*NAMES, "gravity"), given, strict=True))
         how = {"integrator": Leapfrog(), "precision": "float64", "substeps": 4, "device": plain_device}
-        return simulate(CHAIN, 2, **named, **how)
+        return simulate_torch(CHAIN, 2, **named, **how)
 
     # Its differences are over 1e-6, so they are right to some 1e-9 of the largest derivatives.
     assert torch.autograd.gradcheck(run, tensors, eps=1e-6, atol=1e-6, rtol=1e-5)
@@ -27,13 +26,13 @@ def test_gradients_pass_gradcheck(plain_device):
 
 def test_a_loss_in_tensors_finds_a_stiffness():
     how = {"precision": "float64", "substeps": 8, "device": "cpu"}
-    wanted, _ = simulate(CHAIN, 10, stiffness=torch.tensor([60.0, 70.0], dtype=torch.float64), **how)
+    wanted, _ = simulate_torch(CHAIN, 10, stiffness=torch.tensor([60.0, 70.0], dtype=torch.float64), **how)
     stiffness = torch.tensor([50.0, 80.0], dtype=torch.float64, requires_grad=True)
     steps = torch.optim.LBFGS([stiffness], max_iter=30, tolerance_change=1e-14, line_search_fn="strong_wolfe")
 
     def loss():
         steps.zero_grad()
-        position, _ = simulate(CHAIN, 10, stiffness=stiffness, **how)
+        position, _ = simulate_torch(CHAIN, 10, stiffness=stiffness, **how)
         value = 1e3 * ((position - wanted) ** 2).sum()
         value.backward()
         return value

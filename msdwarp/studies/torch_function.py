@@ -1,17 +1,16 @@
-"""Simulations as functions of PyTorch, with gradients. PyTorch is imported when `simulate` is called."""
+"""Simulations as functions of PyTorch, with gradients. PyTorch is imported when `simulate_torch` is called."""
 
 import importlib
 from typing import Any
 
 import numpy as np
 
-from . import checks
-from .bodies import System
-from .simulation import Simulation
-from .simulation.gradient import PARAMETERS, STATE
+from .. import checks
+from ..bodies import System
+from ..simulation import GRADIENT_NAMES, Simulation
 
 
-def simulate(system: System, frames: int, **options: Any) -> tuple[Any, Any]:
+def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, Any]:
     """Return positions [m] and velocities [m/s] of the coming frames as tensors that can be differentiated.
 
     Parameters
@@ -38,7 +37,7 @@ def simulate(system: System, frames: int, **options: Any) -> tuple[Any, Any]:
     """
     torch: Any = importlib.import_module("torch")
     checks.instance("system", system, System, "chain(5)")
-    names = [name for name in (*STATE, *PARAMETERS) if isinstance(options.get(name), torch.Tensor)]
+    names = [name for name in GRADIENT_NAMES if isinstance(options.get(name), torch.Tensor)]
     tensors = [options.pop(name) for name in names]
 
     def on_host(tensor: Any) -> Any:
