@@ -2,4 +2,4 @@
 
 from .forces import force_adjoint as force_adjoint
 from .kick import SUMMING as SUMMING, kick_adjoint as kick_adjoint, squares as squares, widen as widen
-from .springs import Wanted as Wanted, spring_adjoint as spring_adjoint
+from .springs import Wanted as Wanted, gather_adjoint as gather_adjoint, stencil_adjoint as stencil_adjoint

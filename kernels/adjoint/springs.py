@@ -14,7 +14,7 @@ from ..basis import kernel, vector
 from ..records import records
 from ..springs.dampers import LINEAR, damper_force
 from ..springs.gather import SLICE
-from ..springs.law import TINY
+from ..springs.law import TINY, inverse_root
 from ..springs.spring_laws import Laws, spring_stress
 
 
@@ -63,11 +63,11 @@ def linear_adjoint(dim: int, scalar: type, damped: bool):
 
     It returns (∂/∂Δx, ∂/∂Δv, along, stretch, rate) with along = ψ·axis, from which those by the constants follow.
     """
-    V, tiny = vector(dim, scalar), TINY[scalar]
+    V, tiny, rsqrt = vector(dim, scalar), TINY[scalar], inverse_root(scalar)
 
     @wp.func
     def adjoint(dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
-        inverse = scalar(1.0) / wp.sqrt(wp.dot(dx, dx) + scalar(tiny))
+        inverse = rsqrt(wp.dot(dx, dx) + scalar(tiny))
         axis = inverse * dx
         along = wp.dot(psi, axis)
         stretch = wp.dot(dx, axis) - rest_length * (scalar(1.0) + strain)
@@ -87,33 +87,62 @@ def linear_adjoint(dim: int, scalar: type, damped: bool):
 
 
 @functools.cache
-def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated: bool):
-    """Compose the kernel, over particles, of the adjoint of spring forces.
+def derivatives(dim: int, scalar: type, laws: Laws):
+    """Compose the derivatives of ψ·F of a spring, by Δx, Δv, rest length, stiffness and damping."""
+    V, (damper, spring) = vector(dim, scalar), laws
+    plain = spring is None and damper in (None, LINEAR)
+    projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, damper is not None)
 
-    The constants' derivatives are written by the first particle of a spring.
-    """
-    V, load, store = vector(dim, scalar), records(dim, scalar).load, records(dim, scalar).store
-    damped = laws.damper is not None
-    plain = laws.spring is None and laws.damper in (None, LINEAR)
-    projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, damped)
-    own, Numbers = any(wanted), wp.array(dtype=scalar)
+    @wp.func
+    def derive(dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
+        if wp.static(plain):
+            by_dx, by_dv, along, stretch, rate = by_hand(dx, dv, psi, rest_length, stiffness, damping, strain)
+            by_rest_length = along * stiffness * (scalar(1.0) + strain)
+            by_stiffness = -along * stretch
+            by_damping = -along * rate
+        else:
+            by_dx, by_dv, _psi, by_rest_length, by_stiffness, by_damping, _strain = wp.grad(projected)(
+                dx, dv, psi, rest_length, stiffness, damping, strain
+            )
+        return by_dx, by_dv, by_rest_length, by_stiffness, by_damping
+
+    return derive
+
+
+@functools.cache
+def keeping(scalar: type, wanted: Wanted):
+    """Compose the function that adds to the derivatives by entry c of the constants that are wanted."""
+    Numbers = wp.array(dtype=scalar)
 
     @wp.func
     def keep(
         c: int,
-        by_rest: scalar,
-        by_k: scalar,
-        by_b: scalar,
+        by_rest_length: scalar,
+        by_stiffness: scalar,
+        by_damping: scalar,
         rest_length: Numbers,
         stiffness: Numbers,
         damping: Numbers,
     ):
         if wp.static(wanted.rest_length):
-            rest_length[c] = rest_length[c] + by_rest
+            rest_length[c] = rest_length[c] + by_rest_length
         if wp.static(wanted.stiffness):
-            stiffness[c] = stiffness[c] + by_k
+            stiffness[c] = stiffness[c] + by_stiffness
         if wp.static(wanted.damping):
-            damping[c] = damping[c] + by_b
+            damping[c] = damping[c] + by_damping
+
+    return keep
+
+
+@functools.cache
+def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated: bool):
+    """Compose the kernel, over particles, of the adjoint of spring forces, by a table of neighbours.
+
+    The constants' derivatives are written by the first particle of a spring.
+    """
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    damped, own = laws.damper is not None, any(wanted)
+    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
 
     @wp.func
     def strain_of(column: wp.array(dtype=int), strain: wp.array2d(dtype=scalar), stage: int, c: int) -> scalar:
@@ -123,7 +152,7 @@ def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
         return s
 
     @kernel
-    def add_spring_adjoint(
+    def add_gather_adjoint(
         # The table of neighbours, see `springs.gather`:
         first: wp.array(dtype=int),
         other: wp.array(dtype=int),
@@ -164,27 +193,17 @@ def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                 c = connection[slot]
                 if c >= 0:
                     j = other[slot]
-                    dx = x_i - load(x, j)
-                    psi = phi_i - load(phi, j)
                     if wp.static(damped):
                         dv = v_i - load(v, j)
-                    rest = rest_length[c]
-                    k = stiffness[c]
                     b = scalar(0.0)
                     if wp.static(damped):
                         b = damping[c]
                     s = scalar(0.0)
                     if wp.static(actuated):
                         s = strain_of(column, strain, stage, c)
-                    if wp.static(plain):
-                        by_dx, by_dv, along, stretch, rate = by_hand(dx, dv, psi, rest, k, b, s)
-                        by_rest = along * k * (scalar(1.0) + s)
-                        by_k = -along * stretch
-                        by_b = -along * rate
-                    else:
-                        by_dx, by_dv, _by_psi, by_rest, by_k, by_b, _by_s = wp.grad(projected)(
-                            dx, dv, psi, rest, k, b, s
-                        )
+                    by_dx, by_dv, by_rest, by_k, by_b = derive(
+                        x_i - load(x, j), dv, phi_i - load(phi, j), rest_length[c], stiffness[c], b, s
+                    )
                     sum_x += by_dx
                     sum_v += by_dv
                     if wp.static(own):
@@ -192,7 +211,72 @@ def spring_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                             keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
                 slot += wp.static(SLICE)
             store(by_x, i, load(by_x, i) + sum_x)
-            store(by_v, i, load(by_v, i) + sum_v)
+            if wp.static(damped):
+                store(by_v, i, load(by_v, i) + sum_v)
             i += threads
 
-    return add_spring_adjoint
+    return add_gather_adjoint
+
+
+@functools.cache
+def stencil_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted):
+    """Compose the kernel of the same for a uniform lattice, whose neighbours need no table.
+
+    The derivatives by constants have an entry for each direction from each particle: d · particle_count + i.
+    """
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    damped, own = laws.damper is not None, any(wanted)
+    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
+    Three = vector(3, scalar)
+
+    @kernel
+    def add_stencil_adjoint(
+        mask: wp.array(dtype=wp.uint32),  # neighbours of each particle, as bits
+        offset: wp.array(dtype=int),  # to the neighbour of each bit, shape [2 directions]
+        constants: wp.array(dtype=Three),  # rest length, stiffness and damping, shape [2 directions]
+        # State, at which the forces were evaluated:
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        phi: wp.array(dtype=V),  # derivative by the force on each particle
+        # In and out, derivatives by:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        by_rest_length: wp.array(dtype=scalar),
+        by_stiffness: wp.array(dtype=scalar),
+        by_damping: wp.array(dtype=scalar),
+        threads: int,  # of the launch
+    ):
+        i = wp.tid()
+        while i < x.shape[0]:
+            x_i = load(x, i)
+            phi_i = load(phi, i)
+            v_i = V()
+            dv = V()
+            if wp.static(damped):
+                v_i = load(v, i)
+            sum_x = V()
+            sum_v = V()
+            neighbours = mask[i]
+            for k in range(offset.shape[0]):  # not unrolled: that takes a GPU three times as long
+                if (neighbours & (wp.uint32(1) << wp.uint32(k))) != wp.uint32(0):
+                    j = i + offset[k]
+                    spring = constants[k]
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    dx = x_i - load(x, j)
+                    psi = phi_i - load(phi, j)
+                    by_dx, by_dv, by_rest, by_k, by_b = derive(
+                        dx, dv, psi, spring[0], spring[1], spring[2], scalar(0.0)
+                    )
+                    sum_x += by_dx
+                    sum_v += by_dv
+                    if wp.static(own):
+                        if 2 * k < offset.shape[0]:
+                            c = k * x.shape[0] + i
+                            keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
+            store(by_x, i, load(by_x, i) + sum_x)
+            if wp.static(damped):
+                store(by_v, i, load(by_v, i) + sum_v)
+            i += threads
+
+    return add_stencil_adjoint

@@ -229,11 +229,8 @@ def test_the_derivative_through_a_bounce_converges_to_the_truth(plain_device):
 
 
 def test_a_run_goes_on_as_if_nothing_had_been_asked(plain_device):
-    how = {
-        "integrator": Leapfrog(),
-        "force_algorithm": "gather",
-        "device": plain_device,
-    }  # its sums are repeatable
+    # The sums of a gather are repeatable.
+    how = {"integrator": Leapfrog(), "force_algorithm": "gather", "device": plain_device}
     first, second = (simulation(block(), **how) for _ in range(2))
     first.step(2)
     second.step(2)

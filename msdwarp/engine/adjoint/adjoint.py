@@ -8,18 +8,17 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import SUMMING, Wanted, force_adjoint, kick_adjoint, spring_adjoint, squares, widen
+from ...kernels.adjoint import SUMMING, Wanted, force_adjoint, kick_adjoint, squares, widen
 from ...kernels.basis import vector
 from ..device.vector_arrays import in_records
 from ..loads.actuators import ActuatedSprings
 from ..loads.external_work import Work
 from ..loads.forces import ForceField, Steady, Varying, Weight
 from ..model.effect import Effect
-from ..model.model import CONSTANTS
 from ..springs.extra_springs import ExtraSprings
-from ..springs.force_algorithms import neighbour_table
 from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
+from .spring_adjoints import spring_adjoint
 
 DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, Steady, Varying, Weight, Work)
 """Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
@@ -46,22 +45,16 @@ class Adjoint:
     def __init__(self, dynamics: Dynamics, wanted: Iterable[str]) -> None:
         assembly, model, names = dynamics.assembly, dynamics.model, set(wanted)
         self._model, device = model, model.device
-        self._actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
+        actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
         own = Wanted(*(name in names for name in ("rest_length", "stiffness", "damping")))
         self.by_x, self.by_v, self._phi, self._by_gravity = model.vectors_together(4)
-        self._first, self._other, self._connection = neighbour_table(model)
-        self._springs = spring_adjoint(model.dim, model.scalar, model.laws, own, self._actuated is not None)
+        self._springs = spring_adjoint(model, own, actuated)
         self._kick = kick_adjoint(model.dim, model.scalar, "mass" in names, "gravity" in names)
         self._own = {
-            name: wp.zeros(model.connection_count if wanted else 1, dtype=model.scalar, device=device)
+            name: wp.zeros(self._springs.entries if wanted else 1, dtype=model.scalar, device=device)
             for name, wanted in own._asdict().items()
         }
         self._by_inverse_mass = wp.zeros(model.particle_count, dtype=model.scalar, device=device)
-        count = model.connection_count if self._actuated is not None else 1
-        column = np.full(count, -1, dtype=np.int32)
-        if self._actuated is not None:
-            column[self._actuated.connection] = self._actuated.column
-        self._column = wp.array(model.ordered(column), dtype=int, device=device)
         self._scene, self._fields = dynamics.scene, list[tuple[Any, wp.array]]()
         for one in assembly.all:
             if isinstance(one, ForceField):
@@ -70,14 +63,13 @@ class Adjoint:
                 self._fields.append((force_adjoint(model.dim, model.scalar, one.function), member))
         self._totals = {}
         for name in names & {"rest_length", "stiffness", "damping"}:
-            self._totals[name] = wp.zeros(model.connection_count, dtype=wp.float64, device=device)
+            self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
         if "mass" in names:
             self._totals["mass"] = wp.zeros(model.particle_count, dtype=wp.float64, device=device)
         if "gravity" in names:
             self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
         self._threads = model.particle_count if device.is_cuda else 1  # on a CPU each would copy its arguments
-        self._no_strain = wp.zeros((1, 1), dtype=model.scalar, device=device)
 
     def clear(self) -> None:
         """Set all derivatives to 0."""
@@ -95,12 +87,9 @@ class Adjoint:
         inputs = [drift, seconds, model.inverse_mass, model.gravity, v, v_out, self.by_x, self.by_v]
         inputs += [self._by_inverse_mass, self._by_gravity, self._phi, self._threads]
         wp.launch(self._kick, self._threads, inputs, device=model.device)
-        strain = self._no_strain if self._actuated is None else self._actuated.data.strain
-        table = [self._first, self._other, self._connection, model.connections]
-        constants = [getattr(model, name) for name in CONSTANTS]
-        inputs = [*table, *constants, self._column, strain, stage, x, v, self._phi, self.by_x, self.by_v]
+        inputs = [*self._springs.inputs(stage), x, v, self._phi, self.by_x, self.by_v]
         inputs += [*self._own.values(), self._threads]
-        wp.launch(self._springs, self._threads, inputs, device=model.device)
+        wp.launch(self._springs.kernel, self._threads, inputs, device=model.device)
         for kernel, member in self._fields:
             inputs = [member, self._scene.time, stage, x, v, self._phi, self.by_x, self.by_v]
             wp.launch(kernel, len(member), inputs, device=model.device)
@@ -157,7 +146,7 @@ class Adjoint:
             elif name == "gravity":
                 values = values.sum(axis=0)
             else:
-                values = model.in_system_order(values)
+                values = self._springs.by_connection(values)
             result[name] = values
         return result
 

@@ -1,0 +1,77 @@
+"""The adjoint of spring forces on a device: by a table of neighbours, or for a uniform lattice without one."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.adjoint import Wanted, gather_adjoint, stencil_adjoint
+from ...kernels.springs import CONSTANTS, stencil_rows
+from ..loads.actuators import ActuatedSprings
+from ..model.model import Model
+from ..springs.force_algorithms import neighbour_table, records_of_three
+
+
+class GatherAdjoint:
+    """Sums over the neighbours of each particle, found in a table; for every system."""
+
+    def __init__(self, model: Model, wanted: Wanted, actuated: ActuatedSprings | None) -> None:
+        self._model, self._actuated = model, actuated
+        self.kernel = gather_adjoint(model.dim, model.scalar, model.laws, wanted, actuated is not None)
+        column = np.full(model.connection_count if actuated is not None else 1, -1, dtype=np.int32)
+        if actuated is not None:
+            column[actuated.connection] = actuated.column
+        self.entries = model.connection_count
+        """Entries of the derivatives by a constant."""
+        self._table = [*neighbour_table(model), model.connections, *(getattr(model, name) for name in CONSTANTS)]
+        self._table.append(wp.array(model.ordered(column), dtype=int, device=model.device))
+        self._no_strain = wp.zeros((1, 1), dtype=model.scalar, device=model.device)
+
+    def inputs(self, stage: int) -> list[Any]:
+        """Return the first arguments of `kernel` for forces at a stage of a frame."""
+        strain = self._no_strain if self._actuated is None else self._actuated.data.strain
+        return [*self._table, strain, stage]
+
+    def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives by the constants of connections, in the system's order."""
+        return self._model.in_system_order(values)
+
+
+class StencilAdjoint:
+    """The same for a uniform lattice without ties and actuators: neighbours are at constant offsets."""
+
+    def __init__(self, model: Model, wanted: Wanted) -> None:
+        lattice, count = model.lattice, model.particle_count
+        assert lattice is not None
+        self._lattice, self._model, directions = lattice, model, len(lattice.steps)
+        self.kernel = stencil_adjoint(model.dim, model.scalar, model.laws, wanted)
+        self.entries = directions * count
+        offset = np.zeros(2 * directions, dtype=np.int32)
+        for shift, row in zip(lattice.shift, stencil_rows(lattice.steps)[1], strict=True):
+            for one in row:
+                offset[one.bit.bit_length() - 1] = shift + one.along
+        constants = np.stack([lattice.constants[name][0] for name in CONSTANTS], axis=1)
+        mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
+        offsets = wp.array(offset, dtype=int, device=model.device)
+        self._table = [mask, offsets, records_of_three(model, np.tile(constants, (2, 1)))]
+
+    def inputs(self, _stage: int) -> list[Any]:
+        """Return the first arguments of `kernel`."""
+        return self._table
+
+    def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives by the constants of connections, in the system's order."""
+        result, numbers = np.zeros(self._model.connection_count), self._lattice.numbers(self._model.system).ravel()
+        result[numbers[numbers >= 0]] = values[numbers >= 0]
+        return result
+
+
+def spring_adjoint(
+    model: Model, wanted: Wanted, actuated: ActuatedSprings | None
+) -> GatherAdjoint | StencilAdjoint:
+    """Return the adjoint of a system's springs in its fastest form."""
+    lattice = model.lattice
+    if lattice is not None and lattice.uniform and not len(lattice.ties) and actuated is None:
+        return StencilAdjoint(model, wanted)
+    return GatherAdjoint(model, wanted, actuated)
