@@ -7,7 +7,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..records import records
 
-SUMMING = 1024
+SUMMING = 8192
 """Threads that sum squares."""
 
 

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import Adjoint, Assembly, Dynamics, Tape, assemble, kicked, starting_state, without_adjoint
+from ..engine import (
+    Adjoint,
+    Assembly,
+    Dynamics,
+    Tape,
+    assemble,
+    copy_vectors,
+    kicked,
+    starting_state,
+    without_adjoint,
+)
 from ..integrators import Integrator, Leapfrog, StepChoice, SymplecticEuler
 from ..runtime import in_turn, record
 from .properties import Present
@@ -94,8 +104,7 @@ class Differentiated:
             dynamics, state, method, [choice], energy_limit=math.inf, blocks="auto", time=start
         )
         self._first = self._model.vectors_together(2)
-        for kept, array in zip(self._first, (state.x, state.v), strict=True):
-            wp.copy(kept, array)
+        copy_vectors(self._first, (state.x, state.v))
         self._dynamics, self._substeps, self._h = dynamics, choice.substeps, choice.step
         own = self._stepping.integrator
         self._lag = own.lag * choice.step if own.staggered else 0.0
@@ -111,18 +120,15 @@ class Differentiated:
         stepping, first = self._stepping, round(self._start * self._fps)
         times = self._times = [self._start, *((first + k + 1) / self._fps for k in range(frames))]
         if len(self._checkpoints) != frames + 1:
-            arrays = self._model.vectors_together(2 * (frames + 1))
-            self._checkpoints = list(zip(arrays[::2], arrays[1::2], strict=True))
+            self._checkpoints = [self._model.vectors_together(2) for _ in range(frames + 1)]
         now = stepping.state.x, stepping.state.v
-        for array, given in zip(now, self._first, strict=True):
-            wp.copy(array, given)
+        copy_vectors(now, self._first)
         stepping.begin_at(self._start)
         found = []
         for k in range(frames + 1):
             if k > 0 and not stepping.advance(times[k - 1]):
                 raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
-            for kept, array in zip(self._checkpoints[k], now, strict=True):
-                wp.copy(kept, array)
+            copy_vectors(self._checkpoints[k], now)
             if read:
                 frame = stepping.frame(times[k])
                 found.append((np.array(frame.position), np.array(frame.velocity)))
@@ -167,8 +173,7 @@ class Differentiated:
 
     def _restart(self, k: int) -> None:
         """Write the state at the start of frame k to the start of the tape."""
-        for tape, kept in zip((self._tape.x(0), self._tape.v(0)), self._checkpoints[k], strict=True):
-            wp.copy(tape, kept)
+        copy_vectors((self._tape.x(0), self._tape.v(0)), self._checkpoints[k])
         self._dynamics.hold(float(self._times[k]))
         self._tape.go_to(0)
 

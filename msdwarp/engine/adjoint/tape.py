@@ -28,9 +28,9 @@ class Tape:
         self._dynamics, model = dynamics, dynamics.model
         self.state = State(model)
         """The state that stages read and write: rows of the tape, one after the other."""
-        arrays = model.vectors_together(2 * (substeps + 1))
         instant = self.state.state_in
-        self._instants = [instant._replace(x=x, v=v) for x, v in zip(arrays[::2], arrays[1::2], strict=True)]
+        pairs = [model.vectors_together(2) for _ in range(substeps + 1)]
+        self._instants = [instant._replace(x=x, v=v) for x, v in pairs]
         self._stages = []
         for k in range(substeps):
             self.go_to(k)
