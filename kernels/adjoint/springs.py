@@ -24,6 +24,8 @@ class Wanted(NamedTuple):
     rest_length: bool = False
     stiffness: bool = False
     damping: bool = False
+    strain: bool = False
+    """Of actuators."""
 
 
 @functools.cache
@@ -88,7 +90,7 @@ def linear_adjoint(dim: int, scalar: type, damped: bool):
 
 @functools.cache
 def derivatives(dim: int, scalar: type, laws: Laws):
-    """Compose the derivatives of ψ·F of a spring, by Δx, Δv, rest length, stiffness and damping."""
+    """Compose the derivatives of ψ·F of a spring, by Δx, Δv, rest length, stiffness, damping and strain."""
     V, (damper, spring) = vector(dim, scalar), laws
     plain = spring is None and damper in (None, LINEAR)
     projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, damper is not None)
@@ -100,11 +102,12 @@ def derivatives(dim: int, scalar: type, laws: Laws):
             by_rest_length = along * stiffness * (scalar(1.0) + strain)
             by_stiffness = -along * stretch
             by_damping = -along * rate
+            by_strain = along * stiffness * rest_length
         else:
-            by_dx, by_dv, _psi, by_rest_length, by_stiffness, by_damping, _strain = wp.grad(projected)(
+            by_dx, by_dv, _psi, by_rest_length, by_stiffness, by_damping, by_strain = wp.grad(projected)(
                 dx, dv, psi, rest_length, stiffness, damping, strain
             )
-        return by_dx, by_dv, by_rest_length, by_stiffness, by_damping
+        return by_dx, by_dv, by_rest_length, by_stiffness, by_damping, by_strain
 
     return derive
 
@@ -138,7 +141,8 @@ def keeping(scalar: type, wanted: Wanted):
 def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated: bool):
     """Compose the kernel, over particles, of the adjoint of spring forces, by a table of neighbours.
 
-    The constants' derivatives are written by the first particle of a spring.
+    The constants' derivatives are written by the first particle of a spring. Those by strains of actuators are
+    sums over their springs, by atomics.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
@@ -150,6 +154,13 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
         if column[c] >= 0:
             s = strain[stage, column[c]]
         return s
+
+    @wp.func
+    def add_strain(
+        column: wp.array(dtype=int), by_strain: wp.array2d(dtype=scalar), stage: int, c: int, by_s: scalar
+    ):
+        if column[c] >= 0:
+            wp.atomic_add(by_strain, stage, column[c], by_s)
 
     @kernel
     def add_gather_adjoint(
@@ -164,6 +175,7 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
         column: wp.array(dtype=int),  # of `strain` for each connection, −1 without an actuator
         strain: wp.array2d(dtype=scalar),  # of actuators, in each stage of a frame
         stage: int,
+        by_strain: wp.array2d(dtype=scalar),  # derivatives, in and out
         # State, at which the forces were evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
@@ -201,7 +213,7 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                     s = scalar(0.0)
                     if wp.static(actuated):
                         s = strain_of(column, strain, stage, c)
-                    by_dx, by_dv, by_rest, by_k, by_b = derive(
+                    by_dx, by_dv, by_rest, by_k, by_b, by_s = derive(
                         x_i - load(x, j), dv, phi_i - load(phi, j), rest_length[c], stiffness[c], b, s
                     )
                     sum_x += by_dx
@@ -209,6 +221,8 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                     if wp.static(own):
                         if connections[c][0] == i:
                             keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
+                            if wp.static(wanted.strain):
+                                add_strain(column, by_strain, stage, c, by_s)
                 slot += wp.static(SLICE)
             store(by_x, i, load(by_x, i) + sum_x)
             if wp.static(damped):
@@ -265,7 +279,7 @@ def stencil_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted):
                         dv = v_i - load(v, j)
                     dx = x_i - load(x, j)
                     psi = phi_i - load(phi, j)
-                    by_dx, by_dv, by_rest, by_k, by_b = derive(
+                    by_dx, by_dv, by_rest, by_k, by_b, _strain = derive(
                         dx, dv, psi, spring[0], spring[1], spring[2], scalar(0.0)
                     )
                     sum_x += by_dx

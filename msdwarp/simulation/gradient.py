@@ -26,10 +26,11 @@ from ..engine import (
 )
 from ..integrators import Integrator, Leapfrog, StepChoice, SymplecticEuler
 from ..runtime import in_turn, record
+from ..world import Actuator, Load
 from .properties import Present
 from .stepping import Stepping
 
-GRADIENT_NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity")
+GRADIENT_NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", "strain")
 """What derivatives may be asked for by."""
 EXPLODES = 1000.0
 """Growth of a gradient for each frame, above which `GradientWarning` says that it explodes."""
@@ -57,7 +58,11 @@ class Gradient:
     value: float
     """The loss."""
     derivatives: dict[str, NDArray[np.float64]]
-    """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers."""
+    """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers.
+
+    "strain" has the derivatives by the strains of actuators at the start of each substep, and at the end of the
+    run: shape [frames · substeps + 1, column_count], a column for each delay of each actuator.
+    """
     growth: NDArray[np.float64]
     """Size of the derivative by the state at each frame, over the largest that the loss has added from there on.
 
@@ -111,6 +116,7 @@ class Differentiated:
         """Time by which the method's velocities lag behind those given and read [s]."""
         self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, None, choice.step))
         self._adjoint = Adjoint(dynamics, wanted)
+        self._strains, self._by_strain = "strain" in set(wanted), None
         self._checkpoints: list[Sequence[wp.array]] = []
         self._v_read, self._times = self._model.vectors(), list[float]()
         self._graph: Any = None
@@ -144,6 +150,7 @@ class Differentiated:
         """Lead derivatives by frames, None for 0, back to the start; return their growth (see `Gradient`)."""
         adjoint, count = self._adjoint, len(by_position) - 1
         adjoint.clear()
+        self._by_strain = None
         added = np.zeros(count + 1)
         for k in reversed(range(count + 1)):
             if k < count:
@@ -166,6 +173,7 @@ class Differentiated:
                 v_out = kicked(self._dynamics, self._tape.state, self._lag, self._v_read)
                 with adjoint.aside(by_v):
                     adjoint.kick(0.0, self._lag, self._tape.x(0), self._tape.v(0), v_out, 0)
+                self._keep_strains(k)
             else:
                 adjoint.add(adjoint.by_v, by_v)
         if by_x is not None:
@@ -190,6 +198,18 @@ class Differentiated:
             x, v = self._checkpoints[0]
             self._dynamics.hold(float(self._times[0]))
             self._adjoint.kick(0.0, -self._lag, x, self._given_v, v, 0)
+        self._keep_strains(k)
+
+    def _keep_strains(self, k: int) -> None:
+        """Keep the derivatives by strains that launches of frame k have added."""
+        if not self._strains:
+            return
+        stages = self._adjoint.take_strains()
+        if self._by_strain is None:
+            self._by_strain = np.zeros((self._substeps * (len(self._times) - 1) + 1, stages.shape[1]))
+        begin = k * self._substeps
+        rows = self._by_strain[begin : begin + self._substeps]
+        rows += stages[: len(rows)]
 
     def _launch_back(self) -> None:
         """Launch a frame's substeps, and their adjoints from the last to the first."""
@@ -204,6 +224,8 @@ class Differentiated:
         result = {}
         state = {"position": self._adjoint.by_x, "velocity": self._adjoint.by_v}
         parameters = self._adjoint.found()
+        if self._by_strain is not None:
+            parameters["strain"] = self._by_strain
         for name in names:
             if name in state:
                 result[name] = self._model.by_world(state[name].numpy())[0].astype(np.float64)
@@ -221,6 +243,11 @@ class Differentiable(Present):
     @abstractmethod
     def system(self) -> System:
         """The system as last uploaded."""
+
+    @property
+    @abstractmethod
+    def loads(self) -> tuple[Load, ...]:
+        """The loads on the system."""
 
     @abstractmethod
     def snapshot(self) -> System:
@@ -242,7 +269,8 @@ class Differentiable(Present):
         frames
             How many frames to take.
         by
-            Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass" and "gravity".
+            Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", and "strain"
+            of actuators.
 
         Raises
         ------
@@ -291,6 +319,8 @@ class Differentiable(Present):
             raise ValueError(f"precision is {self.model.precision!r}; gradients need 'float32' or 'float64'")
         if missing := without_adjoint(self.assembly):
             raise ValueError(f"the scene has {' and '.join(missing)}; gradients cannot be led back through these")
+        if "strain" in names and not any(isinstance(one, Actuator) for one in self.loads):
+            raise ValueError("by has 'strain', that of actuators; there must be an Actuator among the loads")
         if "gravity" in names and callable(around["gravity"]):
             raise ValueError("by has 'gravity', which is a function of time here; it must be constant")
         # At the start velocities are those given; later they are read, half a substep after the method's own.

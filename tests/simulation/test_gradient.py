@@ -174,6 +174,22 @@ def test_derivatives_with_effects(effect, method, plain_device):
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_derivatives_by_strain_sum_to_that_by_its_amplitude(method, plain_device):
+    def run(amplitude: float, by: tuple[str, ...]) -> msd.Gradient:
+        muscles = [Actuator(lambda t: amplitude * math.sin(40 * t + 1))]
+        options = {"integrator": METHODS[method], "loads": muscles, "device": plain_device}
+        return simulation(block(), **options).gradient(loss, FRAMES, by=by)
+
+    found = run(0.1, ("strain",))["strain"]
+    assert found.shape == (12 * FRAMES + 1, 1)
+    wave = np.sin(40 * np.arange(12 * FRAMES + 1) / 720 + 1)
+    difference = (run(0.1 + STEP, ()).value - run(0.1 - STEP, ()).value) / (2 * STEP)
+    # Of the terms of the sum, as for other parameters. Leapfrog's last velocity depends on the strain at the end.
+    assert found[:, 0] @ wave == pytest.approx(difference, rel=0, abs=1e-6 * np.abs(found).max())
+    assert (found[-1, 0] != 0) == (method == "leapfrog")
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_a_fall_has_the_derivatives_of_its_closed_form(method, plain_device):
     # After t, a particle is at x + v t - g t (t ± h)/2 and by leapfrog without ±h; so d/dv = t, and d/dx = 1.
     body = System(position=[[0.0, 0, 1.0]], velocity=[[1.0, 0, 0]], mass=2.0)
@@ -302,5 +318,7 @@ def test_unknown_names_and_shapes_are_told():
         run.gradient(lambda frames: 1.0, 2)
     with pytest.raises(ValueError, match="frames is 0"):
         run.gradient(loss, 0)
+    with pytest.raises(ValueError, match="there must be an Actuator"):
+        run.gradient(loss, 2, by=("strain",))
     with pytest.raises(KeyError, match="was not asked for"):
         run.gradient(loss, 2, by=())["mass"]

@@ -18,7 +18,7 @@ from ..model.effect import Effect
 from ..springs.extra_springs import ExtraSprings
 from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
-from .spring_adjoints import spring_adjoint
+from .spring_adjoints import GatherAdjoint, spring_adjoint
 
 DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, Steady, Varying, Weight, Work)
 """Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
@@ -46,13 +46,13 @@ class Adjoint:
         assembly, model, names = dynamics.assembly, dynamics.model, set(wanted)
         self._model, device = model, model.device
         actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
-        own = Wanted(*(name in names for name in ("rest_length", "stiffness", "damping")))
+        own = Wanted(*(name in names for name in Wanted._fields))
         self.by_x, self.by_v, self._phi, self._by_gravity = model.vectors_together(4)
         self._springs = spring_adjoint(model, own, actuated)
         self._kick = kick_adjoint(model.dim, model.scalar, "mass" in names, "gravity" in names)
         self._own = {
-            name: wp.zeros(self._springs.entries if wanted else 1, dtype=model.scalar, device=device)
-            for name, wanted in own._asdict().items()
+            name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
+            for name in ("rest_length", "stiffness", "damping")
         }
         self._by_inverse_mass = wp.zeros(model.particle_count, dtype=model.scalar, device=device)
         self._scene, self._fields = dynamics.scene, list[tuple[Any, wp.array]]()
@@ -133,6 +133,11 @@ class Adjoint:
                 kinds = (model.vector, vector(model.dim, wp.float64))
             wp.launch(widen(*kinds), len(total), [narrow, total], device=model.device)
             narrow.zero_()
+
+    def take_strains(self) -> NDArray[np.float64]:
+        """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0."""
+        assert isinstance(self._springs, GatherAdjoint)
+        return self._springs.take_strains()
 
     def found(self) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives by parameters, in the system's order."""

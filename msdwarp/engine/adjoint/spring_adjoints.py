@@ -27,11 +27,20 @@ class GatherAdjoint:
         self._table = [*neighbour_table(model), model.connections, *(getattr(model, name) for name in CONSTANTS)]
         self._table.append(wp.array(model.ordered(column), dtype=int, device=model.device))
         self._no_strain = wp.zeros((1, 1), dtype=model.scalar, device=model.device)
+        self._by_strain = self._no_strain
+        if actuated is not None:
+            self._by_strain = wp.zeros(actuated.data.strain.shape, dtype=model.scalar, device=model.device)
 
     def inputs(self, stage: int) -> list[Any]:
         """Return the first arguments of `kernel` for forces at a stage of a frame."""
         strain = self._no_strain if self._actuated is None else self._actuated.data.strain
-        return [*self._table, strain, stage]
+        return [*self._table, strain, stage, self._by_strain]
+
+    def take_strains(self) -> NDArray[np.float64]:
+        """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0."""
+        found = self._by_strain.numpy().astype(np.float64)
+        self._by_strain.zero_()
+        return found
 
     def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives by the constants of connections, in the system's order."""
