@@ -159,8 +159,9 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
     def add_strain(
         column: wp.array(dtype=int), by_strain: wp.array2d(dtype=scalar), stage: int, c: int, by_s: scalar
     ):
-        if column[c] >= 0:
-            wp.atomic_add(by_strain, stage, column[c], by_s)
+        if wp.static(wanted.strain):
+            if column[c] >= 0:
+                wp.atomic_add(by_strain, stage, column[c], by_s)
 
     @kernel
     def add_gather_adjoint(
@@ -221,8 +222,7 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                     if wp.static(own):
                         if connections[c][0] == i:
                             keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
-                            if wp.static(wanted.strain):
-                                add_strain(column, by_strain, stage, c, by_s)
+                            add_strain(column, by_strain, stage, c, by_s)
                 slot += wp.static(SLICE)
             store(by_x, i, load(by_x, i) + sum_x)
             if wp.static(damped):
