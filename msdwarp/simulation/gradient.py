@@ -89,6 +89,10 @@ class Differentiated:
         The integrator, and the substeps of all frames.
     start, fps
         Time of the start [s], and frames per second.
+    wanted
+        Names of the derivatives that are asked for.
+    energy_limit
+        See `Simulation`.
     """
 
     def __init__(
@@ -99,6 +103,7 @@ class Differentiated:
         start: float,
         fps: float,
         wanted: Iterable[str],
+        energy_limit: float,
     ) -> None:
         self._assembly, self._model, self._fps, self._start = assembly, assembly.model, fps, start
         state = starting_state(self._model.system, assembly, method.method_state, start, fps)
@@ -106,7 +111,7 @@ class Differentiated:
         wp.copy(self._given_v, state.v)
         dynamics = Dynamics(assembly)
         self._stepping = Stepping(
-            dynamics, state, method, [choice], energy_limit=math.inf, blocks="auto", time=start
+            dynamics, state, method, [choice], energy_limit=energy_limit, blocks="auto", time=start
         )
         self._first = self._model.vectors_together(2)
         copy_vectors(self._first, (state.x, state.v))
@@ -325,7 +330,8 @@ class Differentiable(Present):
             raise ValueError("by has 'gravity', which is a function of time here; it must be constant")
         # At the start velocities are those given; later they are read, half a substep after the method's own.
         system = self.system if self.stepping.at_start else self.snapshot()
-        run = Differentiated(assemble(system, **around), method, self.choice, self.time, self.fps, names)
+        start = (self.time, self.fps, names, self._energy_limit)
+        run = Differentiated(assemble(system, **around), method, self.choice, *start)
         found = run.forward(count)
         assert found is not None
         return run, found

@@ -308,6 +308,13 @@ def test_what_has_no_derivative_is_told_by_name(body, options, message):
         Simulation(body, device="cpu", **options).gradient(loss, 2, by=("position",))
 
 
+def test_a_run_that_diverges_is_told():
+    # A floor of 2e6 d² is too stiff for 12 substeps a frame and particles of some 20 g.
+    run = simulation(block(), loads=[Force(rubber_floor)], device="cpu")
+    with pytest.raises(ValueError, match="the run diverged in frame"):
+        run.gradient(loss, 30, by=("position",))
+
+
 def test_unknown_names_and_shapes_are_told():
     run = simulation(block(), device="cpu")
     with pytest.raises(ValueError, match=r"by\[1\] is 'colour'; it must be one of 'position'"):
