@@ -51,19 +51,16 @@ class StencilAdjoint:
     """The same for a uniform lattice without ties and actuators: neighbours are at constant offsets."""
 
     def __init__(self, model: Model, wanted: Wanted) -> None:
-        lattice, count = model.lattice, model.particle_count
+        lattice = model.lattice
         assert lattice is not None
-        self._lattice, self._model, directions = lattice, model, len(lattice.steps)
+        self._lattice, self._model = lattice, model
         self.kernel = stencil_adjoint(model.dim, model.scalar, model.laws, wanted)
-        self.entries = directions * count
-        offset = np.zeros(2 * directions, dtype=np.int32)
-        for shift, row in zip(lattice.shift, stencil_rows(lattice.steps)[1], strict=True):
-            for one in row:
-                offset[one.bit.bit_length() - 1] = shift + one.along
-        constants = np.stack([lattice.constants[name][0] for name in CONSTANTS], axis=1)
+        self.entries = len(lattice.steps) * model.particle_count
+        bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
+        offset, constants = (one[np.argsort(bits)] for one in lattice.neighbours())
         mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
         offsets = wp.array(offset, dtype=int, device=model.device)
-        self._table = [mask, offsets, records_of_three(model, np.tile(constants, (2, 1)))]
+        self._table = [mask, offsets, records_of_three(model, constants)]
 
     def inputs(self, _stage: int) -> list[Any]:
         """Return the first arguments of `kernel`."""
