@@ -30,6 +30,8 @@ from msdwarp import (
     box,
     join,
 )
+from msdwarp.engine import Effect
+from msdwarp.engine.adjoint.adjoint import DIFFERENTIABLE, WORDS
 
 NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity")
 METHODS = {"symplectic Euler": SymplecticEuler(), "leapfrog": Leapfrog()}
@@ -301,11 +303,23 @@ def test_a_chaotic_motion_warns(plain_device):
         (block(), {"contact": msd.Contact()}, "contact between bodies"),
         (box((3, 3, 3), 0.1, material=Material(1e3, 1e5, 0, 0.4)), {}, "the scene has cells"),
         (block().replace(break_strain=0.5), {}, "connections that break"),
+        (block(), {"loads": [msd.Wind((1.0, 0, 0), area=1e-4)]}, "the scene has wind;"),
+        (block(), {"loads": [msd.Attachment((0, 0, 1), stiffness=5.0)]}, "the scene has attachments;"),
     ],
 )
 def test_what_has_no_derivative_is_told_by_name(body, options, message):
     with pytest.raises(ValueError, match=message):
         Simulation(body, device="cpu", **options).gradient(loss, 2, by=("position",))
+
+
+def effects(kind: type = Effect) -> set[type]:
+    """Return the kinds of effects of msdwarp that are not the base of others."""
+    below = {one for one in kind.__subclasses__() if one.__module__.startswith("msdwarp.")}
+    return set().union(*map(effects, below)) if below else {kind}
+
+
+def test_every_effect_has_an_adjoint_or_a_name_to_refuse_it_by():
+    assert {one.__name__ for one in effects() if not issubclass(one, DIFFERENTIABLE)} == WORDS.keys()
 
 
 def test_a_run_that_diverges_is_told():

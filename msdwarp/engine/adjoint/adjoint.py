@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ...kernels.adjoint import SUMMING, Wanted, force_adjoint, kick_adjoint, squares, widen
 from ...kernels.basis import vector
+from ...kernels.springs import CONSTANTS
 from ..device.vector_arrays import in_records
 from ..loads.actuators import ActuatedSprings
 from ..loads.external_work import Work
 from ..loads.forces import ForceField, Steady, Varying, Weight
-from ..model.effect import Effect
 from ..springs.extra_springs import ExtraSprings
 from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
@@ -22,15 +22,25 @@ from .spring_adjoints import GatherAdjoint, spring_adjoint
 
 DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, Steady, Varying, Weight, Work)
 """Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
-NAMES = {
-    "Colliders": "obstacles",
-    "Plasticity": "connections that yield",
-    "Fracture": "connections that break",
-    "CellVolumes": "cells, of a material with a Poisson's ratio",
+WORDS = {
     "AngleSprings": "angles, of a rod that bends",
+    "AttachmentSprings": "attachments",
     "BodyContact": "contact between bodies",
+    "CellVolumes": "cells, of a material with a Poisson's ratio",
+    "Colliders": "obstacles",
+    "DivisionPlanes": "contact between bodies",
+    "Drives": "prescribed motions",
+    "EmbeddedVertices": "loads on an embedded surface",
+    "Fire": "a system that is led to equilibrium",
+    "Fracture": "connections that break",
+    "Gases": "enclosed gases",
+    "GivenPressures": "pressure",
+    "OnFaces": "wind",
+    "OnParticles": "wind",
+    "Plasticity": "connections that yield",
+    "SurfaceContact": "contact between bodies",
 }
-"""Effects without an adjoint, in words; others have their loads' names."""
+"""The effects without an adjoint, in words."""
 
 
 class Adjoint:
@@ -52,7 +62,7 @@ class Adjoint:
         self._kick = kick_adjoint(model.dim, model.scalar, "mass" in names, "gravity" in names)
         self._own = {
             name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
-            for name in ("rest_length", "stiffness", "damping")
+            for name in CONSTANTS
         }
         self._by_inverse_mass = wp.zeros(model.particle_count, dtype=model.scalar, device=device)
         self._scene, self._fields = dynamics.scene, list[tuple[Any, wp.array]]()
@@ -62,7 +72,7 @@ class Adjoint:
                 member = wp.array(np.flatnonzero(one.members), dtype=int, device=device)
                 self._fields.append((force_adjoint(model.dim, model.scalar, one.function), member))
         self._totals = {}
-        for name in names & {"rest_length", "stiffness", "damping"}:
+        for name in names & set(CONSTANTS):
             self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
         if "mass" in names:
             self._totals["mass"] = wp.zeros(model.particle_count, dtype=wp.float64, device=device)
@@ -158,13 +168,8 @@ class Adjoint:
 
 def without_adjoint(assembly: Assembly) -> list[str]:
     """Return the effects of a scene whose forces have no adjoint, in words."""
-    found = [_words(one) for one in assembly.all if not isinstance(one, DIFFERENTIABLE)]
+    found = [WORDS[type(one).__name__] for one in assembly.all if not isinstance(one, DIFFERENTIABLE)]
     muscles = [one.connection for one in assembly.all if isinstance(one, ActuatedSprings)]
     if any(len(np.unique(one)) < len(one) for one in muscles):
         found.append("connections with several actuators")
-    return found
-
-
-def _words(effect: Effect) -> str:
-    name = type(effect).__name__
-    return NAMES.get(name, name.lower())
+    return list(dict.fromkeys(found))
