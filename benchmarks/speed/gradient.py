@@ -53,7 +53,7 @@ def measure(n: int, device: str, repeats: int) -> list[dict[str, Any]]:
         by_position = [*nothing, np.ones((n**3, 3))]
 
         def both(run=run, given=(by_position, [*nothing, None])) -> None:
-            run.forward(FRAMES, read=False)
+            run.take(FRAMES)
             run.backward(*given)
 
         taken = seconds(both, device, repeats)

@@ -105,7 +105,7 @@ class Differentiated:
         wanted: Iterable[str],
         energy_limit: float,
     ) -> None:
-        self._assembly, self._model, self._fps, self._start = assembly, assembly.model, fps, start
+        self._model, self._fps, self._start = assembly.model, fps, start
         state = starting_state(self._model.system, assembly, method.method_state, start, fps)
         self._given_v = state.empty_vectors(1)[0]
         wp.copy(self._given_v, state.v)
@@ -126,8 +126,21 @@ class Differentiated:
         self._v_read, self._times = self._model.vectors(), list[float]()
         self._graph: Any = None
 
-    def forward(self, frames: int, read: bool = True) -> Frames | None:
-        """Take frames from the start, keep the state at the start of each, and return them unless not `read`."""
+    def forward(self, frames: int) -> Frames:
+        """Take frames from the start, and return them."""
+        found = list[tuple[NDArray, NDArray]]()
+
+        def read(time: float) -> None:
+            frame = self._stepping.frame(time)
+            found.append((np.array(frame.position), np.array(frame.velocity)))
+
+        self.take(frames, read)
+        position, velocity = (np.stack(each) for each in zip(*found, strict=True))
+        velocity[0] = self._model.by_world(self._given_v.numpy())[0]
+        return Frames(np.array(self._times), position, velocity)
+
+    def take(self, frames: int, look: Callable[[float], None] = lambda time: None) -> None:
+        """Take frames from the start, and keep the state at the start of each; call `look` at its time [s]."""
         stepping, first = self._stepping, round(self._start * self._fps)
         times = self._times = [self._start, *((first + k + 1) / self._fps for k in range(frames))]
         if len(self._checkpoints) != frames + 1:
@@ -135,19 +148,11 @@ class Differentiated:
         now = stepping.state.x, stepping.state.v
         copy_vectors(now, self._first)
         stepping.begin_at(self._start)
-        found = []
         for k in range(frames + 1):
             if k > 0 and not stepping.advance(times[k - 1]):
                 raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
             copy_vectors(self._checkpoints[k], now)
-            if read:
-                frame = stepping.frame(times[k])
-                found.append((np.array(frame.position), np.array(frame.velocity)))
-        if not read:
-            return None
-        position, velocity = (np.stack(each) for each in zip(*found, strict=True))
-        velocity[0] = self._model.by_world(self._given_v.numpy())[0]
-        return Frames(np.array(times), position, velocity)
+            look(times[k])
 
     def backward(
         self, by_position: Sequence[NDArray | None], by_velocity: Sequence[NDArray | None]
@@ -162,8 +167,7 @@ class Differentiated:
                 self._lead_back(k)
             by_x, by_v = by_position[k], by_velocity[k]
             self._add(k, by_x, by_v)
-            sizes = (0.0 if one is None else float(np.linalg.norm(one)) for one in (by_x, by_v))
-            added[k] = math.hypot(next(sizes), self._fps * next(sizes))
+            added[k] = math.hypot(_norm(by_x), self._fps * _norm(by_v))
             adjoint.measure(k, count + 1)
         adjoint.add_up()
         most = np.maximum.accumulate(added[::-1])[::-1]
@@ -175,6 +179,7 @@ class Differentiated:
         if by_v is not None:
             if k > 0 and self._lag:  # they are read by a kick of half a substep from the method's velocities
                 self._restart(k)
+                self._dynamics.hold(float(self._times[k]))
                 v_out = kicked(self._dynamics, self._tape.state, self._lag, self._v_read)
                 with adjoint.aside(by_v):
                     adjoint.kick(0.0, self._lag, self._tape.x(0), self._tape.v(0), v_out, 0)
@@ -187,7 +192,6 @@ class Differentiated:
     def _restart(self, k: int) -> None:
         """Write the state at the start of frame k to the start of the tape."""
         copy_vectors((self._tape.x(0), self._tape.v(0)), self._checkpoints[k])
-        self._dynamics.hold(float(self._times[k]))
         self._tape.go_to(0)
 
     def _lead_back(self, k: int) -> None:
@@ -237,6 +241,10 @@ class Differentiated:
             else:
                 result[name] = parameters[name]
         return result
+
+
+def _norm(values: NDArray | None) -> float:
+    return 0.0 if values is None else float(np.linalg.norm(values))
 
 
 class Differentiable(Present):
@@ -332,6 +340,4 @@ class Differentiable(Present):
         system = self.system if self.stepping.at_start else self.snapshot()
         start = (self.time, self.fps, names, self._energy_limit)
         run = Differentiated(assemble(system, **around), method, self.choice, *start)
-        found = run.forward(count)
-        assert found is not None
-        return run, found
+        return run, run.forward(count)
