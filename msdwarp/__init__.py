@@ -50,6 +50,7 @@ if _typing.TYPE_CHECKING:
         Frame as Frame,
         LimitedSpring as LimitedSpring,
         Material as Material,
+        OwnDamper as OwnDamper,
         OwnSpring as OwnSpring,
         PolynomialSpring as PolynomialSpring,
         QuadraticDamper as QuadraticDamper,
@@ -142,8 +143,8 @@ __version__ = "0.1.0"
 _ROOMS = {
     "bodies": (
         "CORK COTTON FOAM JELLY MUSCLE RUBBER SILICONE STEEL_WIRE Angles Cells CoulombDamper ExponentialSpring "
-        "Frame LimitedSpring Material OwnSpring PolynomialSpring QuadraticDamper Surface System TensionOnlySpring "
-        "space_filling_order stress von_mises"
+        "Frame LimitedSpring Material OwnDamper OwnSpring PolynomialSpring QuadraticDamper Surface System "
+        "TensionOnlySpring space_filling_order stress von_mises"
     ),
     "checks": "EnergyDriftWarning FitWarning GradientWarning SettleWarning StartWarning StrainWarning",
     "engine": "Measures",

@@ -36,7 +36,7 @@ def projected_force(dim: int, scalar: type, laws: Laws):
     """
     V, (damper, spring) = vector(dim, scalar), laws
     stress = None if spring is None else spring_stress(scalar, spring)
-    resistance, slack = damper_force(scalar, damper or LINEAR), laws.slacken
+    resistance, slack, own = damper_force(scalar, damper or LINEAR), laws.slacken, laws.own_damper
     tiny = TINY[scalar]
 
     @wp.func
@@ -49,7 +49,10 @@ def projected_force(dim: int, scalar: type, laws: Laws):
             pull = stiffness * rest_length * stress(length / rest_length - scalar(1.0))
         pull -= stiffness * rest_length * strain
         if wp.static(damper is not None):
-            resisting = resistance(wp.dot(dv, dx) / length, damping)
+            if wp.static(own is None):
+                resisting = resistance(wp.dot(dv, dx) / length, damping)
+            else:
+                resisting = own(length / rest_length - scalar(1.0), wp.dot(dv, dx) / length, damping)
             if wp.static(slack):
                 if length < rest_length:
                     resisting = scalar(0.0)

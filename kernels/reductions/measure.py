@@ -125,7 +125,7 @@ def sum_up(
     V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
     resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
     energy = None if spring_law is None else spring_energy(spring_law)
-    slack = laws.slacken
+    slack, own_damper = laws.slacken, laws.own_damper
     column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
     add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 
@@ -235,7 +235,10 @@ def sum_up(
                             damper = wp.float64(0.0)
                 if length > wp.float64(0.0):
                     rate = closing / length
-                    dissipated += resistance(rate, damper) * rate
+                    if wp.static(own_damper is None):
+                        dissipated += resistance(rate, damper) * rate
+                    else:
+                        dissipated += own_damper(stretch / rest, rate, damper) * rate
                 if wp.static(tears):
                     if spring == wp.float64(0.0) and damper == wp.float64(0.0):
                         stretch = wp.float64(0.0)

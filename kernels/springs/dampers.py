@@ -1,6 +1,7 @@
 """Damping laws: forces against the elongation or shortening of a spring (see `msdwarp.bodies.dampers`)."""
 
 import functools
+from typing import Any
 
 import warp as wp
 
@@ -10,12 +11,13 @@ LINEAR: Law = ("linear", 0.0)
 
 
 @functools.cache
-def damper_force(scalar: type, law: Law):
+def damper_force(scalar: type, law: Any):
     """Compose the damping force [N] along a spring, positive in tension, for the elongation rate l' [m/s].
 
-    Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The last two have a speed s.
+    Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The last two have a speed s. A law that
+    is a `wp.func` is called where there is a strain, and not by way of this function.
     """
-    name, speed = law
+    name, speed = law if isinstance(law, tuple) else LINEAR
 
     @wp.func
     def force(rate: scalar, damping: scalar) -> scalar:

@@ -61,12 +61,13 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
     """Compose the force density q of a spring: its force on its first particle is −q Δx (report eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
-    gets −F. Another damping law replaces b Δv·Δx̂; without a damper this part is not compiled. Another law of
-    springs replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1); where it bears tension only, so does the damper.
+    gets −F. Another damping law replaces b Δv·Δx̂, one of the user's depends on the strain, too; without a damper
+    this part is not compiled. Another law of springs replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1); where it bears
+    tension only, so does the damper.
     """
     V, (damper, spring) = vector(dim, scalar), laws
     stress = None if spring is None else spring_stress(scalar, spring)
-    slack = laws.slacken
+    slack, own = laws.slacken, laws.own_damper
     linear, damped = damper == LINEAR, damper is not None
     resistance = damper_force(scalar, damper or LINEAR)
     rsqrt, rounded = inverse_root(scalar), product(scalar)
@@ -79,7 +80,11 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
             length = wp.dot(dx, dx) * inverse_length
             pull = rounded(stiffness, rest_length) * stress(length / rest_length - scalar(1.0))
             if wp.static(damped):
-                resisting = resistance(wp.dot(dv, dx) * inverse_length, damping)
+                if wp.static(own is None):
+                    resisting = resistance(wp.dot(dv, dx) * inverse_length, damping)
+                else:
+                    strain = length / rest_length - scalar(1.0)
+                    resisting = own(strain, wp.dot(dv, dx) * inverse_length, damping)
                 if wp.static(slack):
                     if length < rest_length:
                         resisting = scalar(0.0)
@@ -88,7 +93,10 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
         tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density
         if wp.static(linear):
             tension += damping * (wp.dot(dv, dx) * inverse_length)
-        if wp.static(damped and not linear):
+        if wp.static(own is not None):
+            strain = wp.dot(dx, dx) * inverse_length / rest_length - scalar(1.0)
+            tension += own(strain, wp.dot(dv, dx) * inverse_length, damping)
+        if wp.static(damped and not linear and own is None):
             tension += resistance(wp.dot(dv, dx) * inverse_length, damping)
         return stiffness + tension * inverse_length
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from .dampers import LINEAR, Law
+from .dampers import LINEAR
 
 AHEAD, INTERVALS = 0.1, 8
 """Strain on both sides in which the steepest slope is looked for, and how many differences are taken there."""
@@ -18,10 +18,15 @@ WEIGHTS = (0.5688888888888889, 0.4786286704993665, 0.2369268850561891)
 class Laws(NamedTuple):
     """The laws of all connections."""
 
-    damper: Law | None = LINEAR
-    """The law of dampers; None without dampers."""
+    damper: Any = LINEAR
+    """The law of dampers: its name and speed, or a `wp.func`; None without dampers."""
     spring: Any = None
     """The law of springs: its name and numbers, or a `wp.func`; None for one that is linear."""
+
+    @property
+    def own_damper(self) -> Any:
+        """The law of dampers as a `wp.func` of strain, rate and constant; None for one that has a name."""
+        return None if isinstance(self.damper, tuple) else self.damper
 
     @property
     def slacken(self) -> bool:

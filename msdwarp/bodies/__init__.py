@@ -13,7 +13,9 @@ from .dampers import (
     LINEAR as LINEAR,
     CoulombDamper as CoulombDamper,
     Damper as Damper,
+    OwnDamper as OwnDamper,
     QuadraticDamper as QuadraticDamper,
+    UnknownDamper as UnknownDamper,
 )
 from .facets import Facets as Facets, facets_of as facets_of, open_edges as open_edges, sides_of as sides_of
 from .fields import (

@@ -6,6 +6,7 @@ steepest slope of the force, which determines the stable step, is known.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 from .. import checks
 
@@ -20,8 +21,8 @@ class Damper:
         return 1.0
 
     @property
-    def law(self) -> tuple[str, float]:
-        """Name and speed [m/s] of the law, used to compose kernels."""
+    def law(self) -> Any:
+        """What kernels are composed from: the law's name and its speed [m/s], or a `wp.func`."""
         return "linear", 0.0
 
 
@@ -75,6 +76,49 @@ class CoulombDamper(Damper):
     def law(self) -> tuple[str, float]:
         """Name and speed [m/s] of the law."""
         return "coulomb", self.sliding_speed
+
+
+@dataclass(frozen=True)
+class OwnDamper(Damper):
+    """F by a function of your own, of the strain, its connection's rate of lengthening and the constant b.
+
+    Parameters
+    ----------
+    function
+        A `wp.func` of the strain l/l0 − 1, the rate l' [m/s] and b that returns the force [N], positive in
+        tension. It should have the sign of l', or be 0, so that it takes energy away. It is called with float32
+        and with float64 numbers, so its arguments must be annotated `Any`.
+    steepest
+        Upper bound of the slope of the force over the rate, divided by b. The stable step follows it.
+    """
+
+    function: Any = None
+    steepest: float = 1.0  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        checks.own_function("function", self.function, ("strain", "rate", "damping"), "the force [N]")
+        checks.positive("steepest", self.steepest)
+
+    def __repr__(self) -> str:
+        return f"OwnDamper({self.function.key}, {self.steepest:g})"
+
+    @property
+    def law(self) -> Any:
+        """The function."""
+        return self.function
+
+
+@dataclass(frozen=True)
+class UnknownDamper(Damper):
+    """A law that a file does not hold, as it is a function of the user's. Such a system cannot be simulated."""
+
+    @property
+    def law(self) -> Any:
+        """Raise ValueError."""
+        raise ValueError(
+            "damper is UnknownDamper(): the system is from a file, which does not hold a law of one's own; "
+            "give it again by replace(damper=...)"
+        )
 
 
 LINEAR = Damper()

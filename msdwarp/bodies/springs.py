@@ -121,12 +121,7 @@ class OwnSpring(Spring):
     function: Any = None
 
     def __post_init__(self) -> None:
-        adjoint = getattr(self.function, "adj", None)
-        if adjoint is None or len(adjoint.args) != 1 or adjoint.args[0].type is not Any:
-            raise ValueError(
-                f"function is {checks.repr_short(self.function)}; it must be a wp.func (strain: Any) -> the force "
-                "over k l0"
-            )
+        checks.own_function("function", self.function, ("strain",), "the force over k l0")
 
     def __repr__(self) -> str:
         return f"OwnSpring({self.function.key})"

@@ -17,7 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import CONNECTION_FIELDS, LINEAR_SPRING, PARTICLE_FIELDS, TEARING_FIELDS, OwnSpring, System, stored
+from ..bodies import (
+    CONNECTION_FIELDS,
+    LINEAR_SPRING,
+    PARTICLE_FIELDS,
+    TEARING_FIELDS,
+    OwnDamper,
+    OwnSpring,
+    System,
+    stored,
+)
 from ..world import (
     Actuator,
     Collider,
@@ -160,6 +169,8 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             yield from (np.ascontiguousarray(getattr(part, field.name)).tobytes() for field in fields(part))
     constant = np.asarray(with_potential(scene.gravity), dtype=float).tolist()
     yield repr((scene.system.damper, constant)).encode()
+    if isinstance(damper := scene.system.damper, OwnDamper):
+        yield str(damper.function.adj.source).encode()
     if isinstance(spring := scene.system.spring, OwnSpring):
         yield str(spring.function.adj.source).encode()
     elif spring != LINEAR_SPRING:

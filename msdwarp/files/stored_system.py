@@ -16,6 +16,7 @@ from ..bodies import (
     Damper,
     ExponentialSpring,
     LimitedSpring,
+    OwnDamper,
     OwnSpring,
     PolynomialSpring,
     QuadraticDamper,
@@ -23,6 +24,7 @@ from ..bodies import (
     Surface,
     System,
     TensionOnlySpring,
+    UnknownDamper,
     UnknownSpring,
     is_uniform,
 )
@@ -57,10 +59,9 @@ def arrays_of(system: System) -> dict[str, NDArray]:
 def write_system(group: Any, system: System, compress: bool) -> None:
     """Write a system in its starting state."""
     group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
-    damper = (type(system.damper).__name__, asdict(system.damper))
     bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]
-    spring = (type(system.spring).__name__, {} if isinstance(system.spring, OwnSpring) else asdict(system.spring))
-    described = {"damper": damper, "spring": spring, "directions": bodies, "groups": list(system.groups)}
+    laws = {name: _described(getattr(system, name)) for name in ("damper", "spring")}
+    described = {**laws, "directions": bodies, "groups": list(system.groups)}
     store_text(group, "description", json.dumps(described))
     for name, values in arrays_of(system).items():
         store(group, f"system/{name}", np.asarray(values), compress)
@@ -73,6 +74,7 @@ def read_system(file: Any) -> System:
     law, constants = described["damper"]
     spring, numbers = described.get("spring", ("Spring", {}))  # absent in earlier versions
     spring = UnknownSpring() if spring not in SPRINGS else SPRINGS[spring](**numbers)
+    damper = UnknownDamper() if law not in DAMPERS else DAMPERS[law](**constants)
     arrays = dict(_read(part))
     # The stored system may be from a later frame, with springs about to break, which `System` would refuse.
     broken_at = arrays.pop("broken_at", np.inf)
@@ -82,13 +84,17 @@ def read_system(file: Any) -> System:
         **arrays,
         broken_at=0.0,
         connections=load(file[ROOT]["Lines/Connectivity"]).reshape(-1, 2),
-        damper=DAMPERS[law](**constants),
+        damper=damper,
         spring=spring,
         surface=None if surface is None else Surface(**surface),
         **parts,
         directions=tuple({name: slice(*one) for name, one in body.items()} for body in described["directions"]),
         groups={name: load(part[f"groups/{k}"]) for k, name in enumerate(described["groups"])},
     ).replace(broken_at=broken_at)
+
+
+def _described(law: Any) -> tuple[str, dict[str, Any]]:
+    return type(law).__name__, {} if isinstance(law, (OwnSpring, OwnDamper)) else asdict(law)
 
 
 def _read(group: Any) -> Iterator[tuple[str, Any]]:

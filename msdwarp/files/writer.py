@@ -19,7 +19,6 @@ from ..bodies import Frame, System
 from .growing_file import GrowingFile
 from .names import as_json
 from .reading_tables import Columns, ReadingTables, Rows
-from .stored_system import DAMPERS
 from .trajectory import Trajectory
 from .vtkhdf import Layout, Record, Scene
 
@@ -105,8 +104,6 @@ class TrajectoryWriter:
         self.path = Path(path)
         if self.path.suffix != SUFFIX:
             raise ValueError(f"path is {self.path}; its name must end in {SUFFIX}")
-        if type(system.damper).__name__ not in DAMPERS:
-            raise ValueError(f"damper is {system.damper!r}; a file can hold {', '.join(DAMPERS)}")
         self._every = checks.count("every", every, 1)
         if frame_count is not None:
             frame_count = -(-checks.count("frame_count", frame_count, 1) // self._every)

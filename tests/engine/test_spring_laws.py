@@ -16,6 +16,7 @@ from msdwarp import (
     Leapfrog,
     LimitedSpring,
     LinearlyImplicitEuler,
+    OwnDamper,
     OwnSpring,
     PolynomialSpring,
     Scene,
@@ -34,6 +35,11 @@ from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 @wp.func
 def cubic(strain: Any):
     return strain + type(strain)(4.0) * strain * strain * strain
+
+
+@wp.func
+def taut(strain: Any, rate: Any, damping: Any):
+    return damping * (type(strain)(1.0) + type(strain)(3.0) * strain) * rate
 
 
 LAWS = {
@@ -197,6 +203,53 @@ def test_files_hold_the_laws(tmp_path):
             assert read.spring == spring
 
 
+@pytest.mark.parametrize("spring", ["tension", "own", None])
+@pytest.mark.parametrize("body", ["tangle", "box"])
+def test_a_damper_that_knows_the_strain(device, body, spring):
+    # By each algorithm, with a constant of its own for each spring of the tangle.
+    system = BODIES[body].replace(damper=OwnDamper(taut, 4.0))
+    system = system if spring is None else system.replace(spring=LAWS[spring][0])
+    i, j, axis, _, strain, rate = strained(system)
+    acts = (strain > 0) | (spring != "tension")
+    damping = system.damping * (1 + 3 * strain) * rate * acts
+    pull = (
+        system.stiffness * system.rest_length * (strain if spring is None else LAWS[spring][1](strain)) + damping
+    )
+    expected = np.zeros_like(system.position)
+    np.add.at(expected, i, -pull[:, None] * axis)
+    np.add.at(expected, j, pull[:, None] * axis)
+    algorithm = "gather" if body == "tangle" and "stencil" in device else "auto"  # it is no lattice
+    found = evaluate(system, device, "float64", algorithm)
+    assert np.abs(found - expected).max() < 1e-11 * np.abs(pull).max()  # sums of some 26 terms
+    measured = Simulation(system, gravity=0.0, device="cpu", precision="float64", substeps=1, allow_unstable=True)
+    assert measured.measure().dissipated_power == pytest.approx((damping * rate).sum(), rel=1e-11)
+
+
+def test_what_a_damper_takes_follows_from_the_way(plain_device):
+    # m dv/dt = −b (1 + c ε) v, so that m Δv = −b l0 (ε + c ε²/2), wherever the particle is.
+    pair = chain(2, stiffness=0.0, damping=0.6, mass=[np.inf, 0.5]).replace(damper=OwnDamper(taut, 4.0))
+    pair = pair.with_velocity([[0.0, 0, 0], [2.0, 0, 0]])
+    lost = []
+    for substeps in (8, 16):
+        simulation = Simulation(pair, gravity=0.0, substeps=substeps, precision="float64", device=plain_device)
+        simulation.step(30)
+        strain = np.ptp(simulation.frame().position[:, 0]) / pair.rest_length[0] - 1
+        expected = 0.6 / 0.5 * pair.rest_length[0] * (strain + 1.5 * strain**2)
+        lost.append(2.0 - simulation.frame().velocity[1, 0] - expected)
+    assert abs(lost[0]) < 0.02  # h b (1 + c ε)/m = 1/480 of 2 m/s, some times
+    assert lost[1] == pytest.approx(lost[0] / 2, rel=0.1)  # of first order
+
+
+def test_files_do_not_hold_an_own_damper(tmp_path):
+    system, path = chain(3, damping=1.0).replace(damper=OwnDamper(taut, 4.0)), tmp_path / "run.vtkhdf"
+    with TrajectoryWriter(path, system, fps=60.0) as writer:
+        writer.write(Frame(0.0, system.position, system.velocity))
+    read = Trajectory(path).system
+    with pytest.raises(ValueError, match="damper is UnknownDamper"):
+        Simulation(read, device="cpu")
+    assert Simulation(read.replace(damper=system.damper), device="cpu").substeps > 0
+
+
 @wp.func
 def of_float(strain: float):
     return strain
@@ -211,6 +264,8 @@ def of_float(strain: float):
         (lambda: PolynomialSpring((1.0, float("nan"))), "coefficients[1] is nan"),
         (lambda: OwnSpring(lambda e: e), "it must be a wp.func"),
         (lambda: OwnSpring(of_float), "it must be a wp.func (strain: Any)"),
+        (lambda: OwnDamper(cubic), "it must be a wp.func (strain: Any, rate: Any, damping: Any) -> the force [N]"),
+        (lambda: OwnDamper(taut, 0.0), "steepest is 0"),
         (lambda: chain(3).replace(spring="tension"), "spring is 'tension'; it must be a Spring"),
         (lambda: chain(3).replace(spring=TensionOnlySpring(), break_force=5.0), "only linear springs have it"),
         (lambda: chain(3).replace(spring=TensionOnlySpring()) + chain(3), "cannot add a system of Spring()"),

@@ -20,6 +20,7 @@ from msdwarp import (
     Leapfrog,
     LimitedSpring,
     Material,
+    OwnDamper,
     OwnSpring,
     Plane,
     QuadraticDamper,
@@ -40,6 +41,11 @@ FRAMES = 5
 STEP = 1e-6
 """Of central differences, as a share of each parameter: they are cut off at 1e-12 of the loss, and rounded at
 1e-16/1e-6 = 1e-10. The tolerances are 1e-6 of the largest term of the sum, as single terms cancel."""
+
+
+@wp.func
+def taut(strain: Any, rate: Any, damping: Any):
+    return damping * (type(strain)(1.0) + type(strain)(3.0) * strain) * rate
 
 
 @wp.func
@@ -146,6 +152,7 @@ EFFECTS = {
     "tension only": (lambda body: body.replace(spring=TensionOnlySpring()), {}),
     "a strain limit": (lambda body: body.replace(spring=LimitedSpring(0.02, 4.0)), {}),
     "a law of one's own": (lambda body: body.replace(spring=OwnSpring(cubic)), {}),
+    "a damper of one's own": (lambda body: body.replace(damper=OwnDamper(taut, 4.0)), {}),
     "quadratic dampers": (lambda body: body.replace(damper=QuadraticDamper(0.5)), {}),
     "Coulomb dampers": (lambda body: body.replace(damper=CoulombDamper(5.0)), {}),
     "muscles": (lambda body: body, {"loads": [Actuator(lambda t: 0.1 * math.sin(40 * t))]}),
