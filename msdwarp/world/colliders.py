@@ -36,6 +36,15 @@ class Collider:
         A function of time that displaces and rotates it (see `Motion`). It must be smooth, and if a body touches
         the obstacle at the start, its displacement must be 0 at time 0. A function that accepts an array of times,
         as NumPy's do, is called a few times a frame, any other for each substep. By default the obstacle is fixed.
+    stiffness
+        If given, the obstacle is soft: a particle enters it, and is pushed out by a force whose slope over the
+        depth grows from 0 to this stiffness [N/m]. Soft obstacles can be differentiated (docs/gradients.md). They
+        are fixed, and have neither a restitution nor a tangential factor; below `rest_speed` friction is
+        proportional to the speed. None: no particle enters it.
+    ramp
+        Depth at which a soft obstacle has its whole stiffness [m].
+    dissipation
+        c of a soft obstacle [s/m]: at the speed v out of it, the force is max(0, 1 − c v) times that at rest.
     """
 
     restitution: float = 0.5
@@ -43,6 +52,9 @@ class Collider:
     tangential_factor: float = 0.0
     rest_speed: float = 0.01
     motion: Motion | None = None
+    stiffness: float | None = None
+    ramp: float = 0.01
+    dissipation: float = 0.0
 
     places: ClassVar[tuple[str, ...]] = ()
     """Names of the points that define it [m], which `geometry` calls a and b."""
@@ -56,6 +68,9 @@ class Collider:
         checks.non_negative("rest_speed", self.rest_speed)
         if self.motion is not None and not callable(self.motion):
             raise ValueError(f"motion is {checks.repr_short(self.motion)}; it must be a function of time")
+        checks.positive("ramp", self.ramp)
+        checks.non_negative("dissipation", self.dissipation)
+        self._check_softness()
         for name in self.places:
             object.__setattr__(self, name, checks.point(name, getattr(self, name)))
         if len(self.places) == 2:
@@ -67,6 +82,19 @@ class Collider:
                 )
         for name in self.lengths:
             checks.positive(name, getattr(self, name))
+
+    def _check_softness(self) -> None:
+        """Raise ValueError if what a soft obstacle has, or lacks, does not fit."""
+        if self.stiffness is None:
+            if self.dissipation:
+                raise ValueError(f"dissipation is {self.dissipation:g}; only an obstacle with a stiffness has it")
+            return
+        checks.positive("stiffness", self.stiffness)
+        checks.non_negative("friction", self.friction)
+        if self.motion is not None:
+            raise ValueError("motion is given, and so is stiffness; a soft obstacle is fixed")
+        if self.friction:
+            checks.positive("rest_speed", self.rest_speed)
 
     def __repr__(self) -> str:
         # Place and size first, then the fields of all colliders; defaults are left out.
@@ -119,7 +147,7 @@ class Plane(Collider):
         Direction out of the obstacle, any length, as many coordinates as the particles have; by default upwards.
     offset
         Distance of the plane from the origin along the normal [m].
-    restitution, friction, tangential_factor, rest_speed, motion
+    restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
 
@@ -160,7 +188,7 @@ class Sphere(Collider):
         Its centre [m].
     radius
         Its radius [m].
-    restitution, friction, tangential_factor, rest_speed, motion
+    restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
 
@@ -185,7 +213,7 @@ class Box(Collider):
         Its edges [m].
     turn
         Rotation vector about its centre [rad], shape [3]; in two dimensions an angle; in one dimension unused.
-    restitution, friction, tangential_factor, rest_speed, motion
+    restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
 
@@ -224,7 +252,7 @@ class Capsule(Collider):
         The ends of the line [m].
     radius
         Its radius [m].
-    restitution, friction, tangential_factor, rest_speed, motion
+    restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
 
@@ -252,7 +280,7 @@ class Cone(Collider):
         Middle of its base [m].
     radius
         Radius of the base [m].
-    restitution, friction, tangential_factor, rest_speed, motion
+    restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
 

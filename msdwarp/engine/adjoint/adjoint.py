@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from ...kernels.adjoint import SUMMING, Wanted, force_adjoint, kick_adjoint, squares, widen
 from ...kernels.basis import vector
+from ...kernels.colliders import soft_adjoint
 from ...kernels.springs import CONSTANTS
+from ..collision.soft_colliders import SoftColliders
 from ..device.vector_arrays import in_records
 from ..loads.actuators import ActuatedSprings
 from ..loads.external_work import Work
@@ -20,14 +22,14 @@ from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
 from .spring_adjoints import GatherAdjoint, spring_adjoint
 
-DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, Steady, Varying, Weight, Work)
+DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, SoftColliders, Steady, Varying, Weight, Work)
 """Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
 WORDS = {
     "AngleSprings": "angles, of a rod that bends",
     "AttachmentSprings": "attachments",
     "BodyContact": "contact between bodies",
     "CellVolumes": "cells, of a material with a Poisson's ratio",
-    "Colliders": "obstacles",
+    "Colliders": "obstacles without a stiffness",
     "DivisionPlanes": "contact between bodies",
     "Drives": "prescribed motions",
     "EmbeddedVertices": "loads on an embedded surface",
@@ -71,6 +73,10 @@ class Adjoint:
                 assert one.members is not None
                 member = wp.array(np.flatnonzero(one.members), dtype=int, device=device)
                 self._fields.append((force_adjoint(model.dim, model.scalar, one.function), member))
+        soft = next((one for one in assembly.all if isinstance(one, SoftColliders)), None)
+        self._soft, self._soft_kernel = soft, None
+        if soft is not None:
+            self._soft_kernel = soft_adjoint(model.dim, model.scalar, soft.kinds, "mass" in names)
         self._totals = {}
         for name in names & set(CONSTANTS):
             self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
@@ -103,6 +109,11 @@ class Adjoint:
         for kernel, member in self._fields:
             inputs = [member, self._scene.time, stage, x, v, self._phi, self.by_x, self.by_v]
             wp.launch(kernel, len(member), inputs, device=model.device)
+
+        if self._soft is not None:
+            inputs = [self._soft.data, model.inverse_mass, x, v, self._phi, self.by_x, self.by_v]
+            inputs += [self._by_inverse_mass]
+            wp.launch(self._soft_kernel, model.particle_count, inputs, device=model.device)
 
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
         """Add host values of shape [particle_count, d] to derivatives."""

@@ -36,7 +36,7 @@ def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -
 
     Returns
     -------
-        Depths [m], below 0 outside, shape [collider_count, count].
+        Depths [m], below 0 outside, shape [collider_count, count]; −inf in a soft one, which may be entered.
     """
     dim = position.shape[1]
     data: Any = solids(dim, wp.float64)()
@@ -44,6 +44,9 @@ def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -
     found: Any = wp.zeros(len(position), dtype=wp.float64, device="cpu")
     depths = np.empty((len(colliders), len(position)))
     for k, collider in enumerate(colliders):
+        if collider.stiffness is not None:
+            depths[k] = -np.inf
+            continue
         turn, shift = collider.pose(0.0, dim)
         places: Any = wp.array((position - shift) @ turn, dtype=vector(dim, wp.float64), device="cpu")
         wp.launch(distances(dim), len(position), [data, k, places], [found], device="cpu")

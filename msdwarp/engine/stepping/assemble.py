@@ -32,6 +32,7 @@ from ...world import (
 from ..collision.body_contact import BodyContact
 from ..collision.colliders import Colliders
 from ..collision.penetration_depth import start_depths, touching
+from ..collision.soft_colliders import SoftColliders
 from ..collision.surface_contact import SurfaceContact, surface_contact_of
 from ..loads.actuators import actuators_of
 from ..loads.attachments import attachments_of
@@ -69,18 +70,31 @@ class Surroundings(NamedTuple):
     settles: bool = False
     """Whether the system is led to equilibrium."""
 
+    @property
+    def hard_colliders(self) -> list[Collider]:
+        """The obstacles that no particle enters."""
+        return [one for one in self.colliders if one.stiffness is None]
+
     def asks_for(self, *quantities: str) -> bool:
         """Return whether a probe measures one of these quantities, or all contact forces are requested."""
         return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
 def _colliders(model: Model, around: Surroundings) -> Colliders | None:
-    if not around.colliders:
+    if not around.hard_colliders:
         return None
     spared = None
     if any(isinstance(one, Contact) and one.surface_colliders for one in around.loads):
         spared = behind_surfaces(model.system)
-    return Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE), spared)
+    return Colliders(model, around.hard_colliders, around.collider_rule, around.asks_for(CONTACT_FORCE), spared)
+
+
+def _soft_colliders(model: Model, around: Surroundings) -> SoftColliders | None:
+    if len(around.hard_colliders) == len(around.colliders):
+        return None
+    if around.asks_for(CONTACT_FORCE):
+        raise ValueError("contact forces are asked for, and colliders has soft ones, which do not have them yet")
+    return SoftColliders(model, around.colliders)
 
 
 def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
@@ -100,6 +114,7 @@ def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]] = [
     _colliders,
+    _soft_colliders,
     lambda model, around: Plasticity(model) if model.system.yields else None,
     lambda model, around: Fracture(model) if model.system.tears else None,
     lambda model, around: drives_of(model, around.loads),
@@ -143,7 +158,7 @@ class Assembly:
         self.surface_contact: SurfaceContact | None = None
         if self.colliders is not None and self.body_contact is not None:
             self.surface_contact = surface_contact_of(
-                model, self.colliders, self.body_contact, around.colliders, around.loads
+                model, self.colliders, self.body_contact, around.hard_colliders, around.loads
             )
         self.all += [self.surface_contact] if self.surface_contact is not None else []
         planes = self.body_contact.planes if self.body_contact is not None else None
@@ -229,6 +244,11 @@ def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> 
 
     Raises ValueError if the scene has a feature that ensembles lack, or a number exceeds the precision's range.
     """
+    for k, one in enumerate(options.get("colliders", ())):
+        if one.stiffness is not None:
+            raise ValueError(
+                f"colliders[{k}] has a stiffness; worlds of an ensemble cannot have soft obstacles yet"
+            )
     for k, one in enumerate(options.get("loads", ())):
         if isinstance(one, Contact) and one.surface_colliders:
             raise ValueError("contact has surface_colliders=True, which worlds of an ensemble cannot have yet")

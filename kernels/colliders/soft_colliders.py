@@ -1,0 +1,197 @@
+"""Soft obstacles: they push particles out by a force that begins without a slope, and can be differentiated.
+
+At depth d an obstacle of stiffness k and ramp δ presses with f(d) = k d²/(2δ) up to d = δ, and with k (d − δ/2)
+beyond: the slope grows from 0 to k. The normal force is N = f max(0, 1 − c v·n) with the dissipation c (Hunt and
+Crossley, Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42 (1975) 440-445), and
+friction −μ N u/√(|u|² + s²) with the velocity u along the surface. The speed s is the obstacle's `rest_speed`, and
+2 μ N Δt/m where that is more: friction then brakes by at most half of u in a substep Δt.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..compensation import state_types
+from ..effect import ForceTerm
+from ..records import records
+from .signed_distance import signed_distance, solids
+
+
+class SoftTerm(NamedTuple):
+    """The device side of soft obstacles."""
+
+    piece: ForceTerm
+    """The force term, for the kernels of a scene."""
+    add_blocks: Any
+    """Kernel, over particles, that adds to the blocks for the stability bound (`Effect.add_blocks`)."""
+    measure: Any
+    """Kernel, over worlds and particles, that writes the stored energy [J] and the dissipated power [W]."""
+
+
+@functools.cache
+def soft_data(dim: int, scalar: type):
+    """Compose the struct of soft obstacles."""
+    Solids = solids(dim, scalar)
+
+    @wp.struct
+    class SoftData:
+        count: int
+        solids: Solids
+        dt: scalar  # length of a substep [s]
+        # Of each obstacle, shape [count]:
+        stiffness: wp.array(dtype=scalar)  # k [N/m]
+        ramp: wp.array(dtype=scalar)  # δ [m]
+        dissipation: wp.array(dtype=scalar)  # c [s/m]
+        friction: wp.array(dtype=scalar)  # μ
+        rest_speed: wp.array(dtype=scalar)  # [m/s]
+
+    return SoftData
+
+
+@functools.cache
+def soft_force(dim: int, scalar: type, kinds: tuple[str, ...]):
+    """Compose wp.func (data, p, x, v, w) -> force of obstacle p on a particle of inverse mass w [N]."""
+    V, SoftData = vector(dim, scalar), soft_data(dim, scalar)
+    distance_from = signed_distance(dim, scalar, kinds)
+    zero, one, half, two = (scalar(number) for number in (0.0, 1.0, 0.5, 2.0))
+
+    @wp.func
+    def push(data: SoftData, p: int, x: V, v: V, w: scalar) -> V:
+        found = distance_from(data.solids, p, x)
+        normal = V()
+        for k in range(wp.static(dim)):
+            normal[k] = found[k]
+        depth = wp.max(-found[wp.static(dim)], zero)
+        ramp = data.ramp[p]
+        within = wp.min(depth, ramp)
+        leaving = wp.dot(v, normal)
+        pressing = data.stiffness[p] * (depth - within + half * within * within / ramp)
+        pressing = pressing * wp.max(one - data.dissipation[p] * leaving, zero)
+        along = v - leaving * normal
+        grip = data.friction[p] * pressing
+        slow = two * grip * data.dt * w
+        speed = wp.sqrt(wp.dot(along, along) + data.rest_speed[p] * data.rest_speed[p] + slow * slow)
+        return pressing * normal - (grip / speed) * along
+
+    return push
+
+
+@functools.cache
+def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, ...]) -> SoftTerm:
+    """Compose the soft obstacles of a scene, which are of these kinds."""
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    Data, push, load = soft_data(dim, scalar), soft_force(dim, scalar, kinds), records(dim, scalar).load
+    distance_from = signed_distance(dim, scalar, kinds)
+    Block: Any = wp.types.matrix((dim, dim), wp.float64)
+
+    def force(SceneData: Any):
+        @wp.func
+        def push_out(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
+            x_i = load(x, i)
+            if wp.static(compensated):
+                x_i = x_i - load(compensation.x, i)
+            v_i = load(v, i)
+            total = V()
+            for p in range(scene.soft.count):
+                if distance_from(scene.soft.solids, p, x_i)[wp.static(dim)] < scalar(0.0):
+                    total += push(scene.soft, p, x_i, v_i, scene.inverse_mass[i])
+            return total
+
+        return push_out
+
+    @kernel
+    def add_soft_blocks(
+        stiffness: wp.float64,  # largest of all obstacles [N/m]
+        damped: wp.float64,  # 1 if any dissipates, else 0
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
+        # Out, one block a particle, shape [particle_count]:
+        stiffness_block: wp.array(dtype=Block),  # [N/m]
+        damping_block: wp.array(dtype=Block),  # [N s/m]
+    ):
+        i = wp.tid()
+        w = wp.float64(inverse_mass[i])
+        if w > wp.float64(0.0):
+            b = damped * wp.sqrt(stiffness / w)
+            for c in range(wp.static(dim)):
+                stiffness_block[i][c, c] += wp.float64(0.5) * stiffness
+                damping_block[i][c, c] += wp.float64(0.5) * b
+
+    @kernel
+    def measure_soft(
+        data: Data,
+        inverse_mass: wp.array2d(dtype=scalar),  # [1/kg], shape [rows, particle_count]
+        stride: int,  # from one world to the next, in particles
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        # Out, shape [worlds, particle_count]:
+        energy: wp.array2d(dtype=wp.float64),
+        power: wp.array2d(dtype=wp.float64),
+    ):
+        world, i = wp.tid()
+        w = inverse_mass[world % inverse_mass.shape[0], i]
+        stored = wp.float64(0.0)
+        lost = wp.float64(0.0)
+        if w > scalar(0.0):
+            x_i = x[world * stride + i]
+            v_i = v[world * stride + i]
+            for p in range(data.count):
+                depth = -wp.float64(distance_from(data.solids, p, x_i)[wp.static(dim)])
+                if depth > wp.float64(0.0):
+                    ramp = wp.float64(data.ramp[p])
+                    a = wp.min(depth, ramp)
+                    e = depth - a
+                    k = wp.float64(data.stiffness[p])
+                    stored += k * (a * a * a / (wp.float64(6.0) * ramp) + wp.float64(0.5) * e * depth)
+                    springing = push(data, p, x_i, V(), w)  # at rest it only presses
+                    lost += wp.float64(wp.dot(springing - push(data, p, x_i, v_i, w), v_i))
+        energy[world, i] = stored
+        power[world, i] = lost
+
+    return SoftTerm(ForceTerm("soft", Data, force=force), add_soft_blocks, measure_soft)
+
+
+@functools.cache
+def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool):
+    """Compose the kernel, over particles, that adds (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of soft obstacles to derivatives."""
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    Data, push = soft_data(dim, scalar), soft_force(dim, scalar, kinds)
+
+    @wp.func
+    def projected(data: Data, p: int, x: V, v: V, w: scalar, phi: V) -> scalar:
+        return wp.dot(push(data, p, x, v, w), phi)
+
+    # In Warp 1.19 a function that a kernel calls before its `wp.grad` has no adjoint: nothing else calls `push`.
+    @kernel
+    def add_soft_adjoint(
+        data: Data,
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
+        # State, at which the force was evaluated:
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        phi: wp.array(dtype=V),  # derivative by the force on each particle
+        # In and out, derivatives by:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
+    ):
+        i = wp.tid()
+        x_i = load(x, i)
+        v_i = load(v, i)
+        phi_i = load(phi, i)
+        w = inverse_mass[i]
+        sum_x = V()
+        sum_v = V()
+        sum_w = scalar(0.0)
+        for p in range(data.count):
+            _data, _p, of_x, of_v, of_w, _phi = wp.grad(projected)(data, p, x_i, v_i, w, phi_i)
+            sum_x += of_x
+            sum_v += of_v
+            sum_w += of_w
+        store(by_x, i, load(by_x, i) + sum_x)
+        store(by_v, i, load(by_v, i) + sum_v)
+        if wp.static(by_mass):
+            by_inverse_mass[i] = by_inverse_mass[i] + w * sum_w
+
+    return add_soft_adjoint

@@ -1,0 +1,62 @@
+"""SoftColliders: obstacles that push particles out by a force, on a device."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.colliders import KINDS, soft_colliders
+from ...world import Collider
+from ..device.device import upload_fields
+from ..model.effect import Effect, summed
+from ..model.model import Model
+from .penetration_depth import describe
+
+NUMBERS = ("stiffness", "ramp", "dissipation", "friction", "rest_speed")
+
+
+class SoftColliders(Effect):
+    """The soft obstacles among the colliders of a scene: those that have a stiffness."""
+
+    conserves = True
+
+    def __init__(self, model: Model, colliders: Sequence[Collider]) -> None:
+        for k, one in enumerate(colliders):
+            if one.stiffness is not None and (wrong := one.fits(model.dim)):
+                raise ValueError(f"colliders[{k}].{wrong}")
+        soft = [one for one in colliders if one.stiffness is not None]
+        self._model = model
+        self.kinds = tuple(sorted({type(one).__name__ for one in soft}, key=KINDS.index))
+        """The kinds of obstacles, as in `msdwarp.kernels.colliders`."""
+        self._composed = soft_colliders(model.dim, model.scalar, model.compensated, self.kinds)
+        self.piece = self._composed.piece
+        data = self.data = self.piece.Data()
+        data.count = len(soft)
+        describe(data.solids, soft, model.dim, model.scalar, model.device)
+        numbers = {name: np.array([getattr(one, name) for one in soft], dtype=np.float64) for name in NUMBERS}
+        upload_fields(data, model.device, **numbers)
+        self._stiffness = float(numbers["stiffness"].max())
+        self._damped = float(numbers["dissipation"].any())
+
+    def begin(self, substeps: int, dt: float) -> None:
+        """Take over the length of substeps, which bounds friction."""
+        self.data.dt = dt
+
+    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+        """Add half of the largest stiffness to each particle, wherever it is: it may be in contact soon.
+
+        Where a collider dissipates, a particle that hits it at the speed 1/c has at most the damping √(k m).
+        """
+        model = self._model
+        table = model.table("inverse_mass")
+        inputs = [self._stiffness, self._damped, table[world % table.shape[0]]]
+        wp.launch(
+            self._composed.add_blocks, model.particle_count, inputs, [stiffness, damping], device=model.device
+        )
+
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the stored energy [J], and the power that dissipation and friction take [W]."""
+        model = self._model
+        inputs = [self.data, model.table("inverse_mass"), model.stride, x, v]
+        return summed(model, self._composed.measure, model.particle_count, inputs)
