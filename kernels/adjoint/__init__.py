@@ -1,5 +1,11 @@
 """Adjoints of the launches of a substep: derivatives of a loss, from its end to its start."""
 
 from .forces import force_adjoint as force_adjoint
-from .kick import SUMMING as SUMMING, kick_adjoint as kick_adjoint, squares as squares, widen as widen
+from .kick import (
+    SUMMING as SUMMING,
+    add_given as add_given,
+    kick_adjoint as kick_adjoint,
+    squares as squares,
+    widen as widen,
+)
 from .springs import Wanted as Wanted, gather_adjoint as gather_adjoint, stencil_adjoint as stencil_adjoint

@@ -33,11 +33,17 @@ def force_adjoint(dim: int, scalar: type, function: Any):
         # In and out, derivatives by:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
+        begin: int,  # members of this launch
+        end: int,
+        threads: int,  # of the launch
     ):
-        i = member[wp.tid()]
-        phi_i = load(phi, i)
-        of_x, of_v, _t, _i, _phi = wp.grad(projected)(load(x, i), load(v, i), time[stage], i, phi_i)
-        store(by_x, i, load(by_x, i) + of_x)
-        store(by_v, i, load(by_v, i) + of_v)
+        k = begin + wp.tid()
+        while k < end:
+            i = member[k]
+            phi_i = load(phi, i)
+            of_x, of_v, _t, _i, _phi = wp.grad(projected)(load(x, i), load(v, i), time[stage], i, phi_i)
+            store(by_x, i, load(by_x, i) + of_x)
+            store(by_v, i, load(by_v, i) + of_v)
+            k += threads
 
     return add_force_adjoint

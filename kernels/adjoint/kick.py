@@ -36,10 +36,12 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
         by_gravity_of: wp.array(dtype=V),  # by that of each particle
         # Out:
         phi: wp.array(dtype=V),
+        begin: int,  # particles of this launch
+        end: int,
         threads: int,  # of the launch
     ):
-        i = wp.tid()
-        while i < inverse_mass.shape[0]:
+        i = begin + wp.tid()
+        while i < end:
             w = inverse_mass[i]
             back = load(by_v, i) + drift * load(by_x, i)
             store(by_v, i, back)
@@ -53,6 +55,19 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
             i += threads
 
     return lead_back
+
+
+@functools.cache
+def add_given(dim: int, scalar: type):
+    """Compose the kernel, over particles, that adds given vectors to others."""
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+
+    @kernel
+    def add_vectors(given: wp.array(dtype=V), total: wp.array(dtype=V)):  # `given` may be no records
+        i = wp.tid()
+        store(total, i, load(total, i) + given[i])
+
+    return add_vectors
 
 
 @functools.cache

@@ -67,26 +67,30 @@ def linear_adjoint(dim: int, scalar: type, damped: bool):
     """Compose the gradient of `projected_force` of the report's spring by hand: half the operations.
 
     It returns (∂/∂Δx, ∂/∂Δv, along, stretch, rate) with along = ψ·axis, from which those by the constants follow.
+    With u = 1/|Δx| the force is −q Δx, q = k − (k l0 − b l') u, so ∂(ψ·F)/∂Δx = −q ψ − (ψ·Δx) ∂q/∂Δx.
     """
     V, tiny, rsqrt = vector(dim, scalar), TINY[scalar], inverse_root(scalar)
 
     @wp.func
     def adjoint(dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
-        inverse = rsqrt(wp.dot(dx, dx) + scalar(tiny))
-        axis = inverse * dx
-        along = wp.dot(psi, axis)
-        stretch = wp.dot(dx, axis) - rest_length * (scalar(1.0) + strain)
-        tension = stiffness * stretch
+        square = wp.dot(dx, dx)
+        inverse = rsqrt(square + scalar(tiny))
+        along = wp.dot(psi, dx) * inverse
+        rest = rest_length * (scalar(1.0) + strain)
+        pull = stiffness * rest
+        bent = along * inverse
         rate = scalar(0.0)
         by_dv = V()
-        by_dx = -(along * stiffness) * axis
         if wp.static(damped):
-            rate = wp.dot(dv, axis)
-            tension += damping * rate
-            by_dx -= (inverse * along * damping) * (dv - rate * axis)
-            by_dv = -(along * damping) * axis
-        by_dx -= (inverse * tension) * (psi - along * axis)
-        return by_dx, by_dv, along, stretch, rate
+            rate = wp.dot(dv, dx) * inverse
+            held = damping * rate
+            by_dv = -(damping * bent) * dx
+            q = stiffness - (pull - held) * inverse
+            by_dx = -q * psi - (bent * inverse * (pull - held - held)) * dx - (damping * bent) * dv
+        else:
+            q = stiffness - pull * inverse
+            by_dx = -q * psi - (bent * inverse * pull) * dx
+        return by_dx, by_dv, along, square * inverse - rest, rate
 
     return adjoint
 
@@ -190,10 +194,12 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
         by_rest_length: wp.array(dtype=scalar),  # shape [connection_count]
         by_stiffness: wp.array(dtype=scalar),
         by_damping: wp.array(dtype=scalar),
+        begin: int,  # particles of this launch
+        end: int,
         threads: int,  # of the launch
     ):
-        i = wp.tid()
-        while i < x.shape[0]:
+        i = begin + wp.tid()
+        while i < end:
             x_i = load(x, i)
             phi_i = load(phi, i)
             v_i = V()
@@ -204,8 +210,8 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
             sum_v = V()
             part = i / wp.static(SLICE)
             slot = first[part] + i % wp.static(SLICE)
-            end = first[part + 1]
-            while slot < end:
+            last = first[part + 1]
+            while slot < last:
                 c = connection[slot]
                 if c >= 0:
                     j = other[slot]
@@ -261,10 +267,12 @@ def stencil_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted):
         by_rest_length: wp.array(dtype=scalar),
         by_stiffness: wp.array(dtype=scalar),
         by_damping: wp.array(dtype=scalar),
+        begin: int,  # particles of this launch
+        end: int,
         threads: int,  # of the launch
     ):
-        i = wp.tid()
-        while i < x.shape[0]:
+        i = begin + wp.tid()
+        while i < end:
             x_i = load(x, i)
             phi_i = load(phi, i)
             v_i = V()

@@ -175,23 +175,28 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool):
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
         by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
+        begin: int,  # particles of this launch
+        end: int,
+        threads: int,  # of the launch
     ):
-        i = wp.tid()
-        x_i = load(x, i)
-        v_i = load(v, i)
-        phi_i = load(phi, i)
-        w = inverse_mass[i]
-        sum_x = V()
-        sum_v = V()
-        sum_w = scalar(0.0)
-        for p in range(data.count):
-            _data, _p, of_x, of_v, of_w, _phi = wp.grad(projected)(data, p, x_i, v_i, w, phi_i)
-            sum_x += of_x
-            sum_v += of_v
-            sum_w += of_w
-        store(by_x, i, load(by_x, i) + sum_x)
-        store(by_v, i, load(by_v, i) + sum_v)
-        if wp.static(by_mass):
-            by_inverse_mass[i] = by_inverse_mass[i] + w * sum_w
+        i = begin + wp.tid()
+        while i < end:
+            x_i = load(x, i)
+            v_i = load(v, i)
+            phi_i = load(phi, i)
+            w = inverse_mass[i]
+            sum_x = V()
+            sum_v = V()
+            sum_w = scalar(0.0)
+            for p in range(data.count):
+                _data, _p, of_x, of_v, of_w, _phi = wp.grad(projected)(data, p, x_i, v_i, w, phi_i)
+                sum_x += of_x
+                sum_v += of_v
+                sum_w += of_w
+            store(by_x, i, load(by_x, i) + sum_x)
+            store(by_v, i, load(by_v, i) + sum_v)
+            if wp.static(by_mass):
+                by_inverse_mass[i] = by_inverse_mass[i] + w * sum_w
+            i += threads
 
     return add_soft_adjoint

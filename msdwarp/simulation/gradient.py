@@ -93,6 +93,8 @@ class Differentiated:
         Names of the derivatives that are asked for.
     energy_limit
         See `Simulation`.
+    threads
+        Number of CPU threads that share a frame.
     """
 
     def __init__(
@@ -104,12 +106,13 @@ class Differentiated:
         fps: float,
         wanted: Iterable[str],
         energy_limit: float,
+        threads: int = 1,
     ) -> None:
         self._model, self._fps, self._start = assembly.model, fps, start
         state = starting_state(self._model.system, assembly, method.method_state, start, fps)
         self._given_v = state.empty_vectors(1)[0]
         wp.copy(self._given_v, state.v)
-        dynamics = Dynamics(assembly)
+        dynamics = Dynamics(assembly, threads=threads)
         self._stepping = Stepping(
             dynamics, state, method, [choice], energy_limit=energy_limit, blocks="auto", time=start
         )
@@ -198,7 +201,11 @@ class Differentiated:
         """Take frame k again, and lead back through it; the first also through the shift of velocities."""
         self._restart(k)
         self._dynamics.begin_frame(float(self._times[k]))
-        if self._model.device.is_cuda:
+        partition = self._dynamics.partition
+        if partition is not None:
+            self._graph = self._graph or partition.record(self._launch_back)
+            self._graph.replay()
+        elif self._model.device.is_cuda:
             self._graph = self._graph or record(self._launch_back, self._model.device)
             wp.capture_launch(self._graph)
         else:
@@ -339,5 +346,6 @@ class Differentiable(Present):
         # At the start velocities are those given; later they are read, half a substep after the method's own.
         system = self.system if self.stepping.at_start else self.snapshot()
         start = (self.time, self.fps, names, self._energy_limit)
-        run = Differentiated(assemble(system, **around), method, self.choice, *start)
+        assembly = assemble(system, **around)
+        run = Differentiated(assembly, method, self.choice, *start, self.stepping.dynamics.threads)
         return run, run.forward(count)

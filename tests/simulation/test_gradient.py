@@ -147,6 +147,20 @@ def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_devic
 
 
 SOFT = {"stiffness": 300.0, "dissipation": 0.5, "friction": 0.4, "rest_speed": 0.05}
+
+
+def test_threads_share_the_way_back():
+    # With a soft obstacle and a force, each of which is led back by parts, too.
+    body, found = block(), []
+    plane, force = Plane((0.1, 0, 1), -0.1, **SOFT), Force(soft_floor)
+    for threads in (1, 2):
+        run = simulation(body, colliders=[plane], loads=[force], threads=threads, device="cpu")
+        found.append(run.gradient(loss, FRAMES, by=NAMES))
+    for name in NAMES:  # the threads sum forces in another order
+        scale = np.abs(found[0][name]).max()
+        np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-10 * scale)
+
+
 EFFECTS = {
     "no dampers": (lambda body: body.replace(damping=0.0), {}),
     "an exponential law": (lambda body: body.replace(spring=ExponentialSpring(8.0)), {}),

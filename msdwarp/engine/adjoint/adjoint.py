@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import SUMMING, Wanted, force_adjoint, kick_adjoint, squares, widen
+from ...kernels.adjoint import SUMMING, Wanted, add_given, force_adjoint, kick_adjoint, squares, widen
 from ...kernels.basis import vector
 from ...kernels.colliders import soft_adjoint
 from ...kernels.springs import CONSTANTS
@@ -85,7 +85,9 @@ class Adjoint:
         if "gravity" in names:
             self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
-        self._threads = model.particle_count if device.is_cuda else 1  # on a CPU each would copy its arguments
+        self._aside: tuple[wp.array, ...] = ()
+        # Strains sum over springs in any order, which threads of a CPU cannot share.
+        self._partition = None if own.strain else dynamics.partition
 
     def clear(self) -> None:
         """Set all derivatives to 0."""
@@ -99,35 +101,49 @@ class Adjoint:
         `seconds` is the length of the kick and `drift` that of the drift [s]; `stage` is the stage of a frame at
         which the forces are.
         """
-        model = self._model
+        model, count = self._model, self._model.particle_count
         inputs = [drift, seconds, model.inverse_mass, model.gravity, v, v_out, self.by_x, self.by_v]
-        inputs += [self._by_inverse_mass, self._by_gravity, self._phi, self._threads]
-        wp.launch(self._kick, self._threads, inputs, device=model.device)
-        inputs = [*self._springs.inputs(stage), x, v, self._phi, self.by_x, self.by_v]
-        inputs += [*self._own.values(), self._threads]
-        wp.launch(self._springs.kernel, self._threads, inputs, device=model.device)
+        self._launch(self._kick, count, [*inputs, self._by_inverse_mass, self._by_gravity, self._phi])
+        state = [x, v, self._phi, self.by_x, self.by_v]
+        self._launch(self._springs.kernel, count, [*self._springs.inputs(stage), *state, *self._own.values()])
         for kernel, member in self._fields:
-            inputs = [member, self._scene.time, stage, x, v, self._phi, self.by_x, self.by_v]
-            wp.launch(kernel, len(member), inputs, device=model.device)
-
+            self._launch(kernel, len(member), [member, self._scene.time, stage, *state])
         if self._soft is not None:
-            inputs = [self._soft.data, model.inverse_mass, x, v, self._phi, self.by_x, self.by_v]
-            inputs += [self._by_inverse_mass]
-            wp.launch(self._soft_kernel, model.particle_count, inputs, device=model.device)
+            inputs = [self._soft.data, model.inverse_mass, *state, self._by_inverse_mass]
+            self._launch(self._soft_kernel, count, inputs)
+
+    def _launch(self, kernel: Any, count: int, inputs: list[Any]) -> None:
+        """Launch a kernel over particles, or over parts of them if CPU threads share a frame."""
+        device, partition = self._model.device, self._partition
+        if partition is None or not partition.is_recording:
+            threads = count if device.is_cuda else 1  # on a CPU each would copy its arguments
+            wp.launch(kernel, threads, [*inputs, 0, count, threads], device=device)
+            return
+
+        def launch_part(k: int, parts: int) -> None:
+            part = [k * count // parts, (k + 1) * count // parts, 1]
+            wp.launch(kernel, 1, [*inputs, *part], device=device)
+
+        partition.launch_parts(launch_part)
 
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
         """Add host values of shape [particle_count, d] to derivatives."""
-        to.assign(to.numpy() + values.astype(self._model.dtype))
+        model = self._model
+        given = wp.array(values, dtype=model.vector, device=model.device)
+        wp.launch(add_given(model.dim, model.scalar), len(given), [given, to], device=model.device)
 
     @contextmanager
     def aside(self, by_v: NDArray[np.float64]) -> Iterator[None]:
         """Lead back the derivatives `by_v` alone, and then add the others again."""
-        x, v = (np.array(one.numpy()) for one in (self.by_x, self.by_v))  # on a CPU numpy() is a view
-        self.by_x.zero_()
-        self.by_v.assign(by_v.astype(self._model.dtype))
+        model, own = self._model, (self.by_x, self.by_v)
+        self._aside = self._aside or model.vectors_together(2)
+        for array, kept in zip(own, self._aside, strict=True):
+            wp.copy(kept, array)
+            array.zero_()
+        self.add(self.by_v, by_v)
         yield
-        for array, before in ((self.by_x, x), (self.by_v, v)):
-            array.assign(array.numpy() + before)
+        for array, kept in zip(own, self._aside, strict=True):
+            wp.launch(add_given(model.dim, model.scalar), len(array), [kept, array], device=model.device)
 
     def measure(self, row: int, rows: int) -> None:
         """Launch the sizes of both derivatives by the state, into a row of `sizes`."""

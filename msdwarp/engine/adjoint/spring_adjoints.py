@@ -1,5 +1,6 @@
 """The adjoint of spring forces on a device: by a table of neighbours, or for a uniform lattice without one."""
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.adjoint import Wanted, gather_adjoint, stencil_adjoint
 from ...kernels.springs import CONSTANTS, stencil_rows
 from ..loads.actuators import ActuatedSprings
+from ..model.lattice import Lattice, NotALattice, find_lattice
 from ..model.model import Model
 from ..springs.force_algorithms import neighbour_table, records_of_three
 
@@ -50,9 +52,7 @@ class GatherAdjoint:
 class StencilAdjoint:
     """The same for a uniform lattice without ties and actuators: neighbours are at constant offsets."""
 
-    def __init__(self, model: Model, wanted: Wanted) -> None:
-        lattice = model.lattice
-        assert lattice is not None
+    def __init__(self, model: Model, wanted: Wanted, lattice: Lattice) -> None:
         self._lattice, self._model = lattice, model
         self.kernel = stencil_adjoint(model.dim, model.scalar, model.laws, wanted)
         self.entries = len(lattice.steps) * model.particle_count
@@ -77,7 +77,9 @@ def spring_adjoint(
     model: Model, wanted: Wanted, actuated: ActuatedSprings | None
 ) -> GatherAdjoint | StencilAdjoint:
     """Return the adjoint of a system's springs in its fastest form."""
-    lattice = model.lattice
-    if lattice is not None and lattice.uniform and not len(lattice.ties) and actuated is None:
-        return StencilAdjoint(model, wanted)
+    if actuated is None:
+        with suppress(NotALattice):
+            lattice = model.lattice or find_lattice(model.system)
+            if lattice.uniform and not len(lattice.ties):
+                return StencilAdjoint(model, wanted, lattice)
     return GatherAdjoint(model, wanted, actuated)
