@@ -72,12 +72,15 @@ def add_given(dim: int, scalar: type):
 
 @functools.cache
 def widen(dtype: type, wide: type):
-    """Compose the kernel that adds numbers, or vectors, to others of float64."""
+    """Compose the kernel that adds numbers, or vectors, to others of float64, and sets them to 0."""
+
+    zero = wp.constant(getattr(dtype, "_wp_scalar_type_", dtype)(0.0))
 
     @kernel
     def add_widened(narrow: wp.array(dtype=dtype), total: wp.array(dtype=wide)):
         i = wp.tid()
         total[i] = total[i] + wide(narrow[i])
+        narrow[i] = dtype(zero)
 
     return add_widened
 

@@ -169,7 +169,6 @@ class Adjoint:
             if name == "gravity":
                 kinds = (model.vector, vector(model.dim, wp.float64))
             wp.launch(widen(*kinds), len(total), [narrow, total], device=model.device)
-            narrow.zero_()
 
     def take_strains(self) -> NDArray[np.float64]:
         """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0."""
