@@ -73,7 +73,6 @@ def add_given(dim: int, scalar: type):
 @functools.cache
 def widen(dtype: type, wide: type):
     """Compose the kernel that adds numbers, or vectors, to others of float64, and sets them to 0."""
-
     zero = wp.constant(getattr(dtype, "_wp_scalar_type_", dtype)(0.0))
 
     @kernel
