@@ -114,7 +114,7 @@ class Newton:
         return self.here.particle_q.numpy().astype(np.float64)
 
 
-def newton_model(newton, body, device: str, colours=None, by_particle: bool = False):
+def newton_model(newton, body, device: str, colours=None, by_particle: bool = False, requires_grad: bool = False):
     """Return newton's model of a body; the builder's lists are given as whole arrays, for a body may be large.
 
     Springs are in the order of the system's connections, direction after direction, in which atomics seldom wait
@@ -136,7 +136,7 @@ def newton_model(newton, body, device: str, colours=None, by_particle: bool = Fa
     builder.spring_control = np.zeros(c, np.float32)
     if colours is not None:
         builder.set_coloring(colours)
-    return builder.finalize(device=device)
+    return builder.finalize(device=device, requires_grad=requires_grad)
 
 
 class Taichi:
