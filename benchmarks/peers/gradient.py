@@ -164,30 +164,25 @@ def of_taichi(body: Body, device: str) -> Run:
 CODES = {"msdwarp": of_msdwarp, "newton": of_newton, "Taichi": of_taichi}
 
 
-def measure(n: int, device: str, repeats: int) -> list[dict[str, Any]]:
-    """Return a row for each code."""
-    body = body_of(n)
-    act, read, _ = of_msdwarp(body, device, "float64")
-    act()
-    exact, rows = read(), []
-    for name, make in CODES.items():
-        row = {"n": n, "code": name, "milliseconds": np.nan, "memory_mb": np.nan, "difference": np.nan, "note": ""}
-        try:
-            act, read, memory = make(body, device)
+def measure(name: str, body: Body, exact: NDArray, device: str, repeats: int) -> dict[str, Any]:
+    """Return a code's row."""
+    row = {"n": body.shape[0], "code": name, "milliseconds": np.nan, "memory_mb": np.nan, "difference": np.nan}
+    row["note"] = ""
+    try:
+        act, read, memory = CODES[name](body, device)
+        act()
+        taken = []
+        for _ in range(repeats):
+            begun = time.perf_counter()
             act()
-            taken = []
-            for _ in range(repeats):
+            if name != "Taichi":  # it waits by itself, and leaves Warp's context
                 wp.synchronize_device(device)
-                begun = time.perf_counter()
-                act()
-                wp.synchronize_device(device)
-                taken.append(time.perf_counter() - begun)
-            difference = np.linalg.norm(read() - exact) / np.linalg.norm(exact)
-            row |= {"milliseconds": 1e3 * np.median(taken), "memory_mb": memory / 2**20, "difference": difference}
-        except Exception as error:  # a peer that is not installed, or has no room, has a row that says so
-            row["note"] = f"{type(error).__name__}: {error}"[:80]
-        rows.append(row)
-    return rows
+            taken.append(time.perf_counter() - begun)
+        difference = np.linalg.norm(read() - exact) / np.linalg.norm(exact)
+        row |= {"milliseconds": 1e3 * np.median(taken), "memory_mb": memory / 2**20, "difference": difference}
+    except Exception as error:  # a peer that is not installed, or has no room, has a row that says so
+        row["note"] = f"{type(error).__name__}: {error}"[:80]
+    return row
 
 
 def main() -> None:
@@ -195,10 +190,17 @@ def main() -> None:
     options = arguments(__doc__.splitlines()[0])
     path = options.folder / "peers_gradient.csv"
     if not options.plot_only:
-        rows = []
-        for n in SIZES[:1] if options.quick else SIZES if options.device != "cpu" else SIZES[:2]:
-            rows += measure(n, options.device, 1 if options.quick else REPEATS)
-            write_csv(path, rows, machine(options.device))
+        rows, exact = [], {}
+        sizes = SIZES[:1] if options.quick else SIZES if options.device != "cpu" else SIZES[:2]
+        for n in sizes:
+            act, exact[n], _ = of_msdwarp(body_of(n), options.device, "float64")
+            act()
+            exact[n] = exact[n]()
+        line = machine(options.device)
+        for name in CODES:  # Taichi is the last: it takes the device's context from Warp
+            for n in sizes:
+                rows.append(measure(name, body_of(n), exact[n], options.device, 1 if options.quick else REPEATS))
+                write_csv(path, sorted(rows, key=lambda row: row["n"]), line)
     _, rows = read_csv(path)
     table(f"Value and gradient of {STEPS} steps", list(rows[0]), [list(row.values()) for row in rows])
 

@@ -8,4 +8,10 @@ from .kick import (
     squares as squares,
     widen as widen,
 )
-from .springs import Wanted as Wanted, gather_adjoint as gather_adjoint, stencil_adjoint as stencil_adjoint
+from .springs import (
+    Neighbours as Neighbours,
+    Wanted as Wanted,
+    in_lattice as in_lattice,
+    in_table as in_table,
+    springs_adjoint as springs_adjoint,
+)

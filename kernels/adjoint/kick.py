@@ -5,10 +5,41 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
+from ..lanes import WARP
 from ..records import records
+from ..springs.lanes import lane_of, sum_over_lanes
 
 SUMMING = 8192
 """Threads that sum squares."""
+
+
+@functools.cache
+def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
+    """Compose wp.func that returns φ = s back/m, the derivative by the force on particle i of inverse mass w.
+
+    `back` is the derivative by the velocity after a kick of s seconds, and `push` its s F/m. The function adds to
+    the derivatives by 1/m, times 1/m, and by gravity.
+    """
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+
+    @wp.func
+    def lead_back(
+        i: int,
+        kick: scalar,
+        w: scalar,
+        back: V,
+        push: V,
+        by_inverse_mass: wp.array(dtype=scalar),
+        by_gravity_of: wp.array(dtype=V),
+    ) -> V:
+        if w > scalar(0.0):
+            if wp.static(by_mass):
+                by_inverse_mass[i] = by_inverse_mass[i] + wp.dot(back, push)
+            if wp.static(by_gravity):
+                store(by_gravity_of, i, load(by_gravity_of, i) + kick * back)
+        return (kick * w) * back
+
+    return lead_back
 
 
 @functools.cache
@@ -18,10 +49,11 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     Given those by x' and v' it adds h ∂/∂x' to the one by v', which then is that by v as far as forces do not
     depend on v, and writes φ = s ∂/∂v' /m, the derivative by the force on each particle.
     """
-    V, load, store = vector(dim, scalar), records(dim, scalar).load, records(dim, scalar).store
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    lead_back = kick_back(dim, scalar, by_mass, by_gravity)
 
     @kernel
-    def lead_back(
+    def lead_kick_back(
         drift: scalar,  # h, 0 without a drift [s]
         kick: scalar,  # s [s]
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
@@ -42,19 +74,15 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     ):
         i = begin + wp.tid()
         while i < end:
-            w = inverse_mass[i]
             back = load(by_v, i) + drift * load(by_x, i)
+            push = V()
+            if wp.static(by_mass):
+                push = (load(v_out, i) - load(v, i)) - kick * gravity
             store(by_v, i, back)
-            store(phi, i, (kick * w) * back)
-            if w > scalar(0.0):
-                if wp.static(by_mass):
-                    push = (load(v_out, i) - load(v, i)) - kick * gravity  # s F/m
-                    by_inverse_mass[i] = by_inverse_mass[i] + wp.dot(back, push)
-                if wp.static(by_gravity):
-                    store(by_gravity_of, i, load(by_gravity_of, i) + kick * back)
+            store(phi, i, lead_back(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
             i += threads
 
-    return lead_back
+    return lead_kick_back
 
 
 @functools.cache
@@ -88,6 +116,7 @@ def widen(dtype: type, wide: type):
 def squares(dim: int, scalar: type):
     """Compose the kernel that adds the squares of two arrays of vectors to a row of sums."""
     V, load = vector(dim, scalar), records(dim, scalar).load
+    lane_here, sum_of_warp = lane_of(WARP), sum_over_lanes(2, wp.float64, WARP)
 
     @kernel
     def add_squares(
@@ -107,7 +136,9 @@ def squares(dim: int, scalar: type):
             a += wp.float64(wp.dot(x, x))
             b += wp.float64(wp.dot(v, v))
             i += wp.static(SUMMING)
-        wp.atomic_add(sums, row, 0, a)
-        wp.atomic_add(sums, row, 1, b)
+        own = sum_of_warp(wp.vec2d(a, b))
+        if lane_here() == 0:
+            wp.atomic_add(sums, row, 0, own[0])
+            wp.atomic_add(sums, row, 1, own[1])
 
     return add_squares

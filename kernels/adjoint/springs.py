@@ -6,7 +6,7 @@ velocities. So the adjoint of a gather is a gather: no atomics, and sums in a fi
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -14,8 +14,10 @@ from ..basis import kernel, vector
 from ..records import records
 from ..springs.dampers import LINEAR, damper_force
 from ..springs.gather import SLICE
+from ..springs.lanes import sum_over_lanes
 from ..springs.law import TINY, inverse_root
 from ..springs.spring_laws import Laws, spring_stress
+from .kick import kick_back
 
 
 class Wanted(NamedTuple):
@@ -119,71 +121,142 @@ def derivatives(dim: int, scalar: type, laws: Laws):
     return derive
 
 
-@functools.cache
-def keeping(scalar: type, wanted: Wanted):
-    """Compose the function that adds to the derivatives by entry c of the constants that are wanted."""
-    Numbers = wp.array(dtype=scalar)
+class Neighbours(NamedTuple):
+    """How the adjoint finds the springs of a particle."""
 
-    @wp.func
-    def keep(
-        c: int,
-        by_rest_length: scalar,
-        by_stiffness: scalar,
-        by_damping: scalar,
-        rest_length: Numbers,
-        stiffness: Numbers,
-        damping: Numbers,
-    ):
-        if wp.static(wanted.rest_length):
-            rest_length[c] = rest_length[c] + by_rest_length
-        if wp.static(wanted.stiffness):
-            stiffness[c] = stiffness[c] + by_stiffness
-        if wp.static(wanted.damping):
-            damping[c] = damping[c] + by_damping
-
-    return keep
+    Table: Any
+    """Struct type of the table."""
+    range_of: Any
+    """wp.func (table, i) -> (first, step, last): the slots of particle i."""
+    look: Any
+    """wp.func (table, i, slot) -> (whether it holds a spring, its other particle, its entry among constants)."""
+    spring_of: Any
+    """wp.func (table, slot, c) -> rest length, stiffness and damping of entry c."""
+    owns: Any
+    """wp.func (table, i, slot, c) -> whether particle i writes the derivatives by entry c."""
+    strain_of: Any = None
+    """wp.func (table, stage, c) -> the strain of an actuator; None without actuators."""
+    add_strain: Any = None
+    """wp.func (table, stage, c, s): add s to the derivative by that strain."""
 
 
 @functools.cache
-def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated: bool):
-    """Compose the kernel, over particles, of the adjoint of spring forces, by a table of neighbours.
+def in_table(scalar: type, damped: bool) -> Neighbours:
+    """Return neighbours that are found in a table, for every system (see `springs.gather`)."""
+    Three = vector(3, scalar)
 
-    The constants' derivatives are written by the first particle of a spring. Those by strains of actuators are
-    sums over their springs, by atomics.
-    """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    damped, own = laws.damper is not None, any(wanted)
-    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
+    @wp.struct
+    class Table:
+        first: wp.array(dtype=int)
+        other: wp.array(dtype=int)
+        connection: wp.array(dtype=int)
+        connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
+        rest_length: wp.array(dtype=scalar)  # [m], shape [connection_count]
+        stiffness: wp.array(dtype=scalar)  # [N/m]
+        damping: wp.array(dtype=scalar)  # in the units of the law
+        column: wp.array(dtype=int)  # of `strain` for each connection, −1 without an actuator
+        strain: wp.array2d(dtype=scalar)  # of actuators, in each stage of a frame
+        by_strain: wp.array2d(dtype=scalar)  # derivatives, in and out
 
     @wp.func
-    def strain_of(column: wp.array(dtype=int), strain: wp.array2d(dtype=scalar), stage: int, c: int) -> scalar:
+    def range_of(table: Table, i: int):
+        part = i / wp.static(SLICE)
+        return table.first[part] + i % wp.static(SLICE), wp.static(SLICE), table.first[part + 1]
+
+    @wp.func
+    def look(table: Table, i: int, slot: int):
+        c = table.connection[slot]
+        return c >= 0, table.other[slot], c
+
+    @wp.func
+    def spring_of(table: Table, slot: int, c: int) -> Three:
+        b = scalar(0.0)
+        if wp.static(damped):
+            b = table.damping[c]
+        return Three(table.rest_length[c], table.stiffness[c], b)
+
+    @wp.func
+    def owns(table: Table, i: int, slot: int, c: int) -> bool:
+        return table.connections[c][0] == i
+
+    @wp.func
+    def strain_of(table: Table, stage: int, c: int) -> scalar:
         s = scalar(0.0)
-        if column[c] >= 0:
-            s = strain[stage, column[c]]
+        if table.column[c] >= 0:
+            s = table.strain[stage, table.column[c]]
         return s
 
     @wp.func
-    def add_strain(
-        column: wp.array(dtype=int), by_strain: wp.array2d(dtype=scalar), stage: int, c: int, by_s: scalar
-    ):
-        if wp.static(wanted.strain):
-            if column[c] >= 0:
-                wp.atomic_add(by_strain, stage, column[c], by_s)
+    def add_strain(table: Table, stage: int, c: int, by_s: scalar):
+        if table.column[c] >= 0:
+            wp.atomic_add(table.by_strain, stage, table.column[c], by_s)
+
+    return Neighbours(Table, range_of, look, spring_of, owns, strain_of, add_strain)
+
+
+@functools.cache
+def in_lattice(scalar: type) -> Neighbours:
+    """Return the neighbours in a uniform lattice, which need no table.
+
+    The derivatives by constants have an entry for each direction from each particle: d · particle_count + i.
+    """
+    Three = vector(3, scalar)
+
+    @wp.struct
+    class Table:
+        mask: wp.array(dtype=wp.uint32)  # neighbours of each particle, as bits
+        offset: wp.array(dtype=int)  # to the neighbour of each bit, shape [2 directions]
+        constants: wp.array(dtype=Three)  # rest length, stiffness and damping, shape [2 directions]
+
+    @wp.func
+    def range_of(table: Table, i: int):
+        return 0, 1, table.offset.shape[0]
+
+    @wp.func
+    def look(table: Table, i: int, slot: int):
+        exists = (table.mask[i] & (wp.uint32(1) << wp.uint32(slot))) != wp.uint32(0)
+        return exists, i + table.offset[slot], slot * table.mask.shape[0] + i
+
+    @wp.func
+    def spring_of(table: Table, slot: int, c: int) -> Three:
+        return table.constants[slot]
+
+    @wp.func
+    def owns(table: Table, i: int, slot: int, c: int) -> bool:
+        return 2 * slot < table.offset.shape[0]
+
+    return Neighbours(Table, range_of, look, spring_of, owns)
+
+
+@functools.cache
+def springs_adjoint(
+    dim: int,
+    scalar: type,
+    laws: Laws,
+    wanted: Wanted,
+    neighbours: Neighbours,
+    lanes: int,
+    by_mass: bool,
+    by_gravity: bool,
+    actuated: bool,
+):
+    """Compose the kernel, over particles and their lanes, of the adjoint of spring forces.
+
+    Each lane takes every n-th neighbour (see `springs.lanes`). The constants' derivatives are written by one of a
+    spring's particles. Those by strains of actuators are sums over their springs, by atomics.
+
+    Then it leads derivatives back through the kick and drift of the substep before: `kick` has its arguments.
+    """
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    damped, own = laws.damper is not None, any(wanted)
+    derive, lead_back = derivatives(dim, scalar, laws), kick_back(dim, scalar, by_mass, by_gravity)
+    sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
+    Table, range_of, look, spring_of, owns, strain_of, add_strain = neighbours
 
     @kernel
-    def add_gather_adjoint(
-        # The table of neighbours, see `springs.gather`:
-        first: wp.array(dtype=int),
-        other: wp.array(dtype=int),
-        connection: wp.array(dtype=int),
-        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        rest_length: wp.array(dtype=scalar),  # [m], shape [connection_count]
-        stiffness: wp.array(dtype=scalar),  # [N/m]
-        damping: wp.array(dtype=scalar),  # in the units of the law
-        column: wp.array(dtype=int),  # of `strain` for each connection, −1 without an actuator
-        strain: wp.array2d(dtype=scalar),  # of actuators, in each stage of a frame
+    def add_springs_adjoint(
+        table: Table,
         stage: int,
-        by_strain: wp.array2d(dtype=scalar),  # derivatives, in and out
         # State, at which the forces were evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
@@ -194,11 +267,21 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
         by_rest_length: wp.array(dtype=scalar),  # shape [connection_count]
         by_stiffness: wp.array(dtype=scalar),
         by_damping: wp.array(dtype=scalar),
+        # The substep before, for `kick_back`; 0 for none:
+        drift: scalar,
+        kick: scalar,
+        inverse_mass: wp.array(dtype=scalar),
+        gravity: V,
+        v_before: wp.array(dtype=V),
+        by_inverse_mass: wp.array(dtype=scalar),
+        by_gravity_of: wp.array(dtype=V),
+        phi_before: wp.array(dtype=V),
         begin: int,  # particles of this launch
         end: int,
-        threads: int,  # of the launch
+        threads: int,  # of the launch, over lanes
     ):
-        i = begin + wp.tid()
+        lane = wp.tid() % wp.static(lanes)
+        i = begin + wp.tid() / wp.static(lanes)
         while i < end:
             x_i = load(x, i)
             phi_i = load(phi, i)
@@ -208,100 +291,44 @@ def gather_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, actuated:
                 v_i = load(v, i)
             sum_x = V()
             sum_v = V()
-            part = i / wp.static(SLICE)
-            slot = first[part] + i % wp.static(SLICE)
-            last = first[part + 1]
+            slot, step, last = range_of(table, i)
+            slot += lane * step
             while slot < last:
-                c = connection[slot]
-                if c >= 0:
-                    j = other[slot]
+                exists, j, c = look(table, i, slot)
+                if exists:
+                    spring = spring_of(table, slot, c)
                     if wp.static(damped):
                         dv = v_i - load(v, j)
-                    b = scalar(0.0)
-                    if wp.static(damped):
-                        b = damping[c]
                     s = scalar(0.0)
                     if wp.static(actuated):
-                        s = strain_of(column, strain, stage, c)
+                        s = strain_of(table, stage, c)
                     by_dx, by_dv, by_rest, by_k, by_b, by_s = derive(
-                        x_i - load(x, j), dv, phi_i - load(phi, j), rest_length[c], stiffness[c], b, s
+                        x_i - load(x, j), dv, phi_i - load(phi, j), spring[0], spring[1], spring[2], s
                     )
                     sum_x += by_dx
                     sum_v += by_dv
                     if wp.static(own):
-                        if connections[c][0] == i:
-                            keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
-                            add_strain(column, by_strain, stage, c, by_s)
-                slot += wp.static(SLICE)
-            store(by_x, i, load(by_x, i) + sum_x)
-            if wp.static(damped):
-                store(by_v, i, load(by_v, i) + sum_v)
-            i += threads
+                        if owns(table, i, slot, c):
+                            if wp.static(wanted.rest_length):
+                                by_rest_length[c] = by_rest_length[c] + by_rest
+                            if wp.static(wanted.stiffness):
+                                by_stiffness[c] = by_stiffness[c] + by_k
+                            if wp.static(wanted.damping):
+                                by_damping[c] = by_damping[c] + by_b
+                            if wp.static(wanted.strain):
+                                add_strain(table, stage, c, by_s)
+                slot += wp.static(lanes) * step
+            sum_x = load(by_x, i) + sum_of_lanes(sum_x)
+            sum_v = load(by_v, i) + sum_of_lanes(sum_v)
+            if lane == 0:
+                store(by_x, i, sum_x)
+                w = inverse_mass[i]
+                back = sum_v + drift * sum_x
+                push = V()
+                if wp.static(by_mass):
+                    push = (load(v, i) - load(v_before, i)) - kick * gravity
+                store(by_v, i, back)
+                store(phi_before, i, lead_back(i, kick, w, back, push, by_inverse_mass, by_gravity_of))
+            i += threads / wp.static(lanes)
 
-    return add_gather_adjoint
-
-
-@functools.cache
-def stencil_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted):
-    """Compose the kernel of the same for a uniform lattice, whose neighbours need no table.
-
-    The derivatives by constants have an entry for each direction from each particle: d · particle_count + i.
-    """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    damped, own = laws.damper is not None, any(wanted)
-    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
-    Three = vector(3, scalar)
-
-    @kernel
-    def add_stencil_adjoint(
-        mask: wp.array(dtype=wp.uint32),  # neighbours of each particle, as bits
-        offset: wp.array(dtype=int),  # to the neighbour of each bit, shape [2 directions]
-        constants: wp.array(dtype=Three),  # rest length, stiffness and damping, shape [2 directions]
-        # State, at which the forces were evaluated:
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        phi: wp.array(dtype=V),  # derivative by the force on each particle
-        # In and out, derivatives by:
-        by_x: wp.array(dtype=V),
-        by_v: wp.array(dtype=V),
-        by_rest_length: wp.array(dtype=scalar),
-        by_stiffness: wp.array(dtype=scalar),
-        by_damping: wp.array(dtype=scalar),
-        begin: int,  # particles of this launch
-        end: int,
-        threads: int,  # of the launch
-    ):
-        i = begin + wp.tid()
-        while i < end:
-            x_i = load(x, i)
-            phi_i = load(phi, i)
-            v_i = V()
-            dv = V()
-            if wp.static(damped):
-                v_i = load(v, i)
-            sum_x = V()
-            sum_v = V()
-            neighbours = mask[i]
-            for k in range(offset.shape[0]):  # not unrolled: that takes a GPU three times as long
-                if (neighbours & (wp.uint32(1) << wp.uint32(k))) != wp.uint32(0):
-                    j = i + offset[k]
-                    spring = constants[k]
-                    if wp.static(damped):
-                        dv = v_i - load(v, j)
-                    dx = x_i - load(x, j)
-                    psi = phi_i - load(phi, j)
-                    by_dx, by_dv, by_rest, by_k, by_b, _strain = derive(
-                        dx, dv, psi, spring[0], spring[1], spring[2], scalar(0.0)
-                    )
-                    sum_x += by_dx
-                    sum_v += by_dv
-                    if wp.static(own):
-                        if 2 * k < offset.shape[0]:
-                            c = k * x.shape[0] + i
-                            keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
-            store(by_x, i, load(by_x, i) + sum_x)
-            if wp.static(damped):
-                store(by_v, i, load(by_v, i) + sum_v)
-            i += threads
-
-    return add_stencil_adjoint
+    return add_springs_adjoint

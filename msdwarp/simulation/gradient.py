@@ -185,7 +185,8 @@ class Differentiated:
                 self._dynamics.hold(float(self._times[k]))
                 v_out = kicked(self._dynamics, self._tape.state, self._lag, self._v_read)
                 with adjoint.aside(by_v):
-                    adjoint.kick(0.0, self._lag, self._tape.x(0), self._tape.v(0), v_out, 0)
+                    x, v = self._tape.states[0]
+                    adjoint.kick(0.0, self._lag, x, v, v_out, 0)
                 self._keep_strains(k)
             else:
                 adjoint.add(adjoint.by_v, by_v)
@@ -194,7 +195,7 @@ class Differentiated:
 
     def _restart(self, k: int) -> None:
         """Write the state at the start of frame k to the start of the tape."""
-        copy_vectors((self._tape.x(0), self._tape.v(0)), self._checkpoints[k])
+        copy_vectors(self._tape.states[0], self._checkpoints[k])
         self._tape.go_to(0)
 
     def _lead_back(self, k: int) -> None:
@@ -229,10 +230,8 @@ class Differentiated:
 
     def _launch_back(self) -> None:
         """Launch a frame's substeps, and their adjoints from the last to the first."""
-        tape, h = self._tape, self._h
-        tape.launch()
-        for n in reversed(range(self._substeps)):
-            self._adjoint.kick(h, h, tape.x(n), tape.v(n), tape.v(n + 1), n)
+        self._tape.launch()
+        self._adjoint.frame(self._h, self._tape.states)
         self._adjoint.add_up()
 
     def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:

@@ -1,6 +1,6 @@
 """Adjoint: leads derivatives of a loss back through the launches of substeps."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -8,7 +8,16 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import SUMMING, Wanted, add_given, force_adjoint, kick_adjoint, squares, widen
+from ...kernels.adjoint import (
+    SUMMING,
+    Wanted,
+    add_given,
+    force_adjoint,
+    kick_adjoint,
+    springs_adjoint,
+    squares,
+    widen,
+)
 from ...kernels.basis import vector
 from ...kernels.colliders import soft_adjoint
 from ...kernels.springs import CONSTANTS
@@ -20,8 +29,10 @@ from ..loads.forces import ForceField, Steady, Varying, Weight
 from ..springs.extra_springs import ExtraSprings
 from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
-from .spring_adjoints import GatherAdjoint, spring_adjoint
+from .spring_adjoints import InTable, springs_of_particles
 
+LANES, MOST_WITH_LANES = 8, 20_000
+"""GPU threads that share a particle, in bodies of up to so many particles."""
 DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, SoftColliders, Steady, Varying, Weight, Work)
 """Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
 WORDS = {
@@ -59,9 +70,14 @@ class Adjoint:
         self._model, device = model, model.device
         actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
         own = Wanted(*(name in names for name in Wanted._fields))
-        self.by_x, self.by_v, self._phi, self._by_gravity = model.vectors_together(4)
-        self._springs = spring_adjoint(model, own, actuated)
-        self._kick = kick_adjoint(model.dim, model.scalar, "mass" in names, "gravity" in names)
+        self.by_x, self.by_v, self._phi, self._next_phi, self._by_gravity = model.vectors_together(5)
+        self._springs = springs_of_particles(model, actuated)
+        others = "mass" in names, "gravity" in names
+        self._kick = kick_adjoint(model.dim, model.scalar, *others)
+        few = device.is_cuda and model.particle_count <= MOST_WITH_LANES
+        self._lanes = LANES if few else 1
+        kinds = (model.dim, model.scalar, model.laws, own, self._springs.neighbours, self._lanes)
+        self._pull = springs_adjoint(*kinds, *others, actuated is not None)
         self._own = {
             name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
             for name in CONSTANTS
@@ -77,6 +93,7 @@ class Adjoint:
         self._soft, self._soft_kernel = soft, None
         if soft is not None:
             self._soft_kernel = soft_adjoint(model.dim, model.scalar, soft.kinds, "mass" in names)
+        self._only_springs = soft is None and not self._fields
         self._totals = {}
         for name in names & set(CONSTANTS):
             self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
@@ -85,6 +102,7 @@ class Adjoint:
         if "gravity" in names:
             self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
+        self._given = wp.empty(model.particle_count, dtype=model.vector, device=device)
         self._aside: tuple[wp.array, ...] = ()
         # Strains sum over springs in any order, which threads of a CPU cannot share.
         self._partition = None if own.strain else dynamics.partition
@@ -101,22 +119,55 @@ class Adjoint:
         `seconds` is the length of the kick and `drift` that of the drift [s]; `stage` is the stage of a frame at
         which the forces are.
         """
-        model, count = self._model, self._model.particle_count
+        self._lead_kick_back(drift, seconds, v, v_out)
+        self._lead_forces_back(x, v, stage)
+
+    def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
+        """Lead derivatives back through the substeps of h seconds of a frame.
+
+        `states` are the positions and velocities before each substep, and at the frame's end. Where only springs
+        act, one launch leads back through the forces of a substep and then through the kick of the one before.
+        """
+        last = len(states) - 1
+        self._lead_kick_back(h, h, states[-2][1], states[-1][1])
+        for n in reversed(range(last)):
+            x, v = states[n]
+            before = states[n - 1][1] if n else None
+            if self._only_springs:
+                self._lead_forces_back(x, v, n, h, before)
+            else:
+                self._lead_forces_back(x, v, n)
+                if before is not None:
+                    self._lead_kick_back(h, h, before, v)
+
+    def _lead_kick_back(self, drift: float, seconds: float, v: wp.array, v_out: wp.array) -> None:
+        """Lead derivatives back through a kick and a drift; write those by the forces of the kick."""
+        model = self._model
         inputs = [drift, seconds, model.inverse_mass, model.gravity, v, v_out, self.by_x, self.by_v]
-        self._launch(self._kick, count, [*inputs, self._by_inverse_mass, self._by_gravity, self._phi])
-        state = [x, v, self._phi, self.by_x, self.by_v]
-        self._launch(self._springs.kernel, count, [*self._springs.inputs(stage), *state, *self._own.values()])
+        inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
+        self._launch(self._kick, model.particle_count, inputs)
+
+    def _lead_forces_back(
+        self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: wp.array | None = None
+    ) -> None:
+        """Lead derivatives by forces back to (x, v), and through the kick from `v_before` to v, if it is given."""
+        model, count, state = self._model, self._model.particle_count, [x, v, self._phi, self.by_x, self.by_v]
+        h, v_before = (0.0, v) if v_before is None else (h, v_before)
+        kick = [h, h, model.inverse_mass, model.gravity, v_before, self._by_inverse_mass, self._by_gravity]
+        inputs = [self._springs.table, stage, *state, *self._own.values(), *kick, self._next_phi]
+        self._launch(self._pull, count, inputs, self._lanes)
         for kernel, member in self._fields:
             self._launch(kernel, len(member), [member, self._scene.time, stage, *state])
         if self._soft is not None:
             inputs = [self._soft.data, model.inverse_mass, *state, self._by_inverse_mass]
             self._launch(self._soft_kernel, count, inputs)
+        self._phi, self._next_phi = self._next_phi, self._phi
 
-    def _launch(self, kernel: Any, count: int, inputs: list[Any]) -> None:
+    def _launch(self, kernel: Any, count: int, inputs: list[Any], lanes: int = 1) -> None:
         """Launch a kernel over particles, or over parts of them if CPU threads share a frame."""
         device, partition = self._model.device, self._partition
         if partition is None or not partition.is_recording:
-            threads = count if device.is_cuda else 1  # on a CPU each would copy its arguments
+            threads = count * lanes if device.is_cuda else 1  # on a CPU each would copy its arguments
             wp.launch(kernel, threads, [*inputs, 0, count, threads], device=device)
             return
 
@@ -129,8 +180,8 @@ class Adjoint:
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
         """Add host values of shape [particle_count, d] to derivatives."""
         model = self._model
-        given = wp.array(values, dtype=model.vector, device=model.device)
-        wp.launch(add_given(model.dim, model.scalar), len(given), [given, to], device=model.device)
+        self._given.assign(values.astype(model.dtype))
+        wp.launch(add_given(model.dim, model.scalar), len(to), [self._given, to], device=model.device)
 
     @contextmanager
     def aside(self, by_v: NDArray[np.float64]) -> Iterator[None]:
@@ -172,7 +223,7 @@ class Adjoint:
 
     def take_strains(self) -> NDArray[np.float64]:
         """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0."""
-        assert isinstance(self._springs, GatherAdjoint)
+        assert isinstance(self._springs, InTable)
         return self._springs.take_strains()
 
     def found(self) -> dict[str, NDArray[np.float64]]:

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import Wanted, gather_adjoint, stencil_adjoint
+from ...kernels.adjoint import in_lattice, in_table
 from ...kernels.springs import CONSTANTS, stencil_rows
 from ..loads.actuators import ActuatedSprings
 from ..model.lattice import Lattice, NotALattice, find_lattice
@@ -15,28 +15,33 @@ from ..model.model import Model
 from ..springs.force_algorithms import neighbour_table, records_of_three
 
 
-class GatherAdjoint:
-    """Sums over the neighbours of each particle, found in a table; for every system."""
+class InTable:
+    """The springs of each particle in a table, for every system."""
 
-    def __init__(self, model: Model, wanted: Wanted, actuated: ActuatedSprings | None) -> None:
+    def __init__(self, model: Model, actuated: ActuatedSprings | None) -> None:
         self._model, self._actuated = model, actuated
-        self.kernel = gather_adjoint(model.dim, model.scalar, model.laws, wanted, actuated is not None)
+        self.neighbours = in_table(model.scalar, model.laws.damper is not None)
+        self.entries = model.connection_count
+        """Entries of the derivatives by a constant."""
         column = np.full(model.connection_count if actuated is not None else 1, -1, dtype=np.int32)
         if actuated is not None:
             column[actuated.connection] = actuated.column
-        self.entries = model.connection_count
-        """Entries of the derivatives by a constant."""
-        self._table = [*neighbour_table(model), model.connections, *(getattr(model, name) for name in CONSTANTS)]
-        self._table.append(wp.array(model.ordered(column), dtype=int, device=model.device))
-        self._no_strain = wp.zeros((1, 1), dtype=model.scalar, device=model.device)
-        self._by_strain = self._no_strain
-        if actuated is not None:
-            self._by_strain = wp.zeros(actuated.data.strain.shape, dtype=model.scalar, device=model.device)
+        shape = (1, 1) if actuated is None else actuated.data.strain.shape
+        self._by_strain = wp.zeros(shape, dtype=model.scalar, device=model.device)
+        table = self._table = self.neighbours.Table()
+        table.first, table.other, table.connection = neighbour_table(model)
+        table.connections = model.connections
+        for name in CONSTANTS:
+            setattr(table, name, getattr(model, name))
+        table.column = wp.array(model.ordered(column), dtype=int, device=model.device)
+        table.strain = table.by_strain = self._by_strain
 
-    def inputs(self, stage: int) -> list[Any]:
-        """Return the first arguments of `kernel` for forces at a stage of a frame."""
-        strain = self._no_strain if self._actuated is None else self._actuated.data.strain
-        return [*self._table, strain, stage, self._by_strain]
+    @property
+    def table(self) -> Any:
+        """The struct that kernels read."""
+        if self._actuated is not None:
+            self._table.strain = self._actuated.data.strain
+        return self._table
 
     def take_strains(self) -> NDArray[np.float64]:
         """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0."""
@@ -49,22 +54,19 @@ class GatherAdjoint:
         return self._model.in_system_order(values)
 
 
-class StencilAdjoint:
-    """The same for a uniform lattice without ties and actuators: neighbours are at constant offsets."""
+class InLattice:
+    """The springs of a uniform lattice without ties and actuators: neighbours are at constant offsets."""
 
-    def __init__(self, model: Model, wanted: Wanted, lattice: Lattice) -> None:
+    def __init__(self, model: Model, lattice: Lattice) -> None:
         self._lattice, self._model = lattice, model
-        self.kernel = stencil_adjoint(model.dim, model.scalar, model.laws, wanted)
+        self.neighbours = in_lattice(model.scalar)
         self.entries = len(lattice.steps) * model.particle_count
         bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
         offset, constants = (one[np.argsort(bits)] for one in lattice.neighbours())
-        mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
-        offsets = wp.array(offset, dtype=int, device=model.device)
-        self._table = [mask, offsets, records_of_three(model, constants)]
-
-    def inputs(self, _stage: int) -> list[Any]:
-        """Return the first arguments of `kernel`."""
-        return self._table
+        self.table = self.neighbours.Table()
+        self.table.mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
+        self.table.offset = wp.array(offset, dtype=int, device=model.device)
+        self.table.constants = records_of_three(model, constants)
 
     def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives by the constants of connections, in the system's order."""
@@ -73,13 +75,11 @@ class StencilAdjoint:
         return result
 
 
-def spring_adjoint(
-    model: Model, wanted: Wanted, actuated: ActuatedSprings | None
-) -> GatherAdjoint | StencilAdjoint:
-    """Return the adjoint of a system's springs in its fastest form."""
+def springs_of_particles(model: Model, actuated: ActuatedSprings | None) -> InTable | InLattice:
+    """Return how the springs of each particle are found fastest."""
     if actuated is None:
         with suppress(NotALattice):
             lattice = model.lattice or find_lattice(model.system)
             if lattice.uniform and not len(lattice.ties):
-                return StencilAdjoint(model, wanted, lattice)
-    return GatherAdjoint(model, wanted, actuated)
+                return InLattice(model, lattice)
+    return InTable(model, actuated)

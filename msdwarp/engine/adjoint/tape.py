@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Sequence
 
-import warp as wp
-
 from ..model.state import State
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Solve, Stage
@@ -29,8 +27,9 @@ class Tape:
         self.state = State(model)
         """The state that stages read and write: rows of the tape, one after the other."""
         instant = self.state.state_in
-        pairs = [model.vectors_together(2) for _ in range(substeps + 1)]
-        self._instants = [instant._replace(x=x, v=v) for x, v in pairs]
+        self.states = [model.vectors_together(2) for _ in range(substeps + 1)]
+        """Positions [m] and the method's velocities [m/s] before each substep, and at the end."""
+        self._instants = [instant._replace(x=x, v=v) for x, v in self.states]
         self._stages = []
         for k in range(substeps):
             self.go_to(k)
@@ -39,14 +38,6 @@ class Tape:
     def go_to(self, substep: int) -> None:
         """Make the start of a substep the current state."""
         self.state.state_in, self.state.state_out = self._instants[substep : substep + 2]
-
-    def x(self, substep: int) -> wp.array:
-        """Return the positions before a substep [m]."""
-        return self._instants[substep].x
-
-    def v(self, substep: int) -> wp.array:
-        """Return the method's velocities before a substep [m/s]."""
-        return self._instants[substep].v
 
     def launch(self) -> None:
         """Launch all substeps of a frame, from the first state of the tape."""
