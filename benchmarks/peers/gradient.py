@@ -86,15 +86,17 @@ def of_newton(body: Body, device: str) -> Run:
         tape.backward(grads={states[-1].particle_q: last})
 
     launch()
-    act: Callable[[], Any] = launch
+    graph = None
     if device != "cpu":
-        tape.zero()
         with wp.ScopedCapture(device=device) as capture:
-            tape.zero()
             launch()
         graph = capture.graph
 
-        def act() -> None:
+    def act() -> None:
+        tape.zero()
+        if graph is None:
+            launch()
+        else:
             wp.capture_launch(graph)
 
     arrays = [one for state in states for one in (state.particle_q, state.particle_qd, state.particle_f)]

@@ -229,6 +229,31 @@ def in_lattice(scalar: type) -> Neighbours:
 
 
 @functools.cache
+def keeping(scalar: type, wanted: Wanted):
+    """Compose the function that adds to the derivatives by entry c of the constants that are wanted."""
+    Numbers = wp.array(dtype=scalar)
+
+    @wp.func
+    def keep(
+        c: int,
+        by_rest_length: scalar,
+        by_stiffness: scalar,
+        by_damping: scalar,
+        rest_length: Numbers,
+        stiffness: Numbers,
+        damping: Numbers,
+    ):
+        if wp.static(wanted.rest_length):
+            rest_length[c] = rest_length[c] + by_rest_length
+        if wp.static(wanted.stiffness):
+            stiffness[c] = stiffness[c] + by_stiffness
+        if wp.static(wanted.damping):
+            damping[c] = damping[c] + by_damping
+
+    return keep
+
+
+@functools.cache
 def springs_adjoint(
     dim: int,
     scalar: type,
@@ -250,6 +275,7 @@ def springs_adjoint(
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
     derive, lead_back = derivatives(dim, scalar, laws), kick_back(dim, scalar, by_mass, by_gravity)
+    keep = keeping(scalar, wanted)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
     Table, range_of, look, spring_of, owns, strain_of, add_strain = neighbours
 
@@ -309,12 +335,7 @@ def springs_adjoint(
                     sum_v += by_dv
                     if wp.static(own):
                         if owns(table, i, slot, c):
-                            if wp.static(wanted.rest_length):
-                                by_rest_length[c] = by_rest_length[c] + by_rest
-                            if wp.static(wanted.stiffness):
-                                by_stiffness[c] = by_stiffness[c] + by_k
-                            if wp.static(wanted.damping):
-                                by_damping[c] = by_damping[c] + by_b
+                            keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
                             if wp.static(wanted.strain):
                                 add_strain(table, stage, c, by_s)
                 slot += wp.static(lanes) * step
