@@ -336,8 +336,9 @@ def springs_adjoint(
                     if wp.static(own):
                         if owns(table, i, slot, c):
                             keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
-                            if wp.static(wanted.strain):
-                                add_strain(table, stage, c, by_s)
+                    if wp.static(wanted.strain):
+                        if owns(table, i, slot, c):
+                            add_strain(table, stage, c, by_s)
                 slot += wp.static(lanes) * step
             sum_x = load(by_x, i) + sum_of_lanes(sum_x)
             sum_v = load(by_v, i) + sum_of_lanes(sum_v)
