@@ -31,8 +31,8 @@ from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
 from .spring_adjoints import InTable, springs_of_particles
 
-LANES, MOST_WITH_LANES = 8, 20_000
-"""GPU threads that share a particle, in bodies of up to so many particles."""
+MOST_LANES, MOST_THREADS = 16, 80_000
+"""Most threads of a GPU that share a particle, and in all where they do: more would wait for each other (H100)."""
 DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, SoftColliders, Steady, Varying, Weight, Work)
 """Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
 WORDS = {
@@ -74,8 +74,9 @@ class Adjoint:
         self._springs = springs_of_particles(model, actuated)
         others = "mass" in names, "gravity" in names
         self._kick = kick_adjoint(model.dim, model.scalar, *others)
-        few = device.is_cuda and model.particle_count <= MOST_WITH_LANES
-        self._lanes = LANES if few else 1
+        self._lanes = MOST_LANES if device.is_cuda else 1
+        while self._lanes > 1 and self._lanes * model.particle_count > MOST_THREADS:
+            self._lanes //= 2
         kinds = (model.dim, model.scalar, model.laws, own, self._springs.neighbours, self._lanes)
         self._pull = springs_adjoint(*kinds, *others, actuated is not None)
         self._own = {
