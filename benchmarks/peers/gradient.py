@@ -64,7 +64,7 @@ def of_msdwarp(body: Body, device: str, precision: str = "float32") -> Run:
 
     count, c = body.system.particle_count, body.system.connection_count
     # States: a checkpoint a frame, and the tape of one; derivatives; constants of springs in both precisions.
-    memory = 32.0 * count * (FRAMES + 1 + SUBSTEPS + 1) + 64.0 * count + 12.0 * c
+    memory = 32.0 * count * (FRAMES + 1 + SUBSTEPS + 1) + 92.0 * count + 12.0 * c
     return both, lambda: run.found(["position"])["position"], memory
 
 
