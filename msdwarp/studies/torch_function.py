@@ -21,7 +21,8 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
         How many frames.
     options
         Tensors for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or "gravity" in place of
-        the system's; gradients are led back to those that require them. Others are arguments of `Simulation`.
+        the system's; gradients are led back to those that require them. One number may stand for all connections or
+        particles; gravity is a vector. Others are arguments of `Simulation`.
 
     Returns
     -------
@@ -39,6 +40,11 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
     checks.instance("system", system, System, "chain(5)")
     names = [name for name in GRADIENT_NAMES if isinstance(options.get(name), torch.Tensor)]
     tensors = [options.pop(name) for name in names]
+    for name, one in zip(names, tensors, strict=True):
+        if name == "gravity" and tuple(one.shape) != (system.dim,):
+            raise ValueError(
+                f"gravity has shape {tuple(one.shape)}; it must be a vector, of shape ({system.dim},)"
+            )
 
     def on_host(tensor: Any) -> Any:
         return tensor.detach().cpu().numpy().astype(np.float64)
@@ -57,7 +63,8 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
             ctx.run.backward(*map(on_host, by_frames))
             found = ctx.run.found(names)
             return tuple(
-                torch.as_tensor(found[name].reshape(one.shape), dtype=one.dtype, device=one.device)
+                # One number that stands for all has the sum of their derivatives.
+                torch.as_tensor(found[name], dtype=one.dtype, device=one.device).sum_to_size(one.shape)
                 for name, one in zip(names, tensors, strict=True)
             )
 

@@ -40,3 +40,17 @@ def test_a_loss_in_tensors_finds_a_stiffness():
     steps.step(loss)
     # L-BFGS ends where the loss, which is quadratic here, falls by less than 1e-14 of itself.
     np.testing.assert_allclose(stiffness.detach().numpy(), [60.0, 70.0], rtol=1e-4)
+
+
+def test_one_number_for_all_has_the_sum_of_derivatives():
+    how = {"precision": "float64", "substeps": 8, "device": "cpu"}
+    found = []
+    for shape in ((), (2,)):
+        stiffness = torch.full(shape, 60.0, dtype=torch.float64, requires_grad=True)
+        position, _ = simulate_torch(CHAIN, 4, stiffness=stiffness, **how)
+        position[-1].sum().backward()
+        found.append(stiffness.grad)
+    assert found[0].shape == ()
+    assert float(found[0]) == pytest.approx(float(found[1].sum()), rel=1e-12)
+    with pytest.raises(ValueError, match="gravity has shape"):
+        simulate_torch(CHAIN, 4, gravity=torch.tensor(9.82), **how)
