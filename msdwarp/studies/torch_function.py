@@ -21,8 +21,8 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
         How many frames.
     options
         Tensors for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or "gravity" in place of
-        the system's; gradients are led back to those that require them. One number may stand for all connections or
-        particles; gravity is a vector. Others are arguments of `Simulation`.
+        the system's; gradients are led back to those that require them. One number may stand for all connections
+        or particles; gravity is a vector. Others are arguments of `Simulation`.
 
     Returns
     -------

@@ -103,7 +103,7 @@ class Adjoint:
         if "gravity" in names:
             self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
-        self._given = wp.empty(model.particle_count, dtype=model.vector, device=device)
+        self._given: Any = wp.zeros(model.particle_count, dtype=model.vector, device=device)
         self._aside: tuple[wp.array, ...] = ()
         # Strains sum over springs in any order, which threads of a CPU cannot share.
         self._partition = None if own.strain else dynamics.partition
