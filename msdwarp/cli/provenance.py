@@ -178,8 +178,8 @@ def _parts(scene: Scene) -> Iterator[bytes]:
     if callable(scene.gravity):
         yield gravity_at(scene.gravity, times, dim).tobytes()
     for collider in scene.colliders:
-        absent = {"motion"} if collider.stiffness is not None else {"motion", "stiffness", "ramp", "dissipation"}
-        held = {one.name: getattr(collider, one.name) for one in fields(collider) if one.name not in absent}
+        left_out = {"motion"} if collider.stiffness is not None else {"motion", "stiffness", "ramp", "dissipation"}
+        held = {one.name: getattr(collider, one.name) for one in fields(collider) if one.name not in left_out}
         yield repr((type(collider).__name__, held)).encode()
         if collider.motion is not None:
             yield from _poses(lambda time, of=collider: of.pose(time, dim), times)
