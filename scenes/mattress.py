@@ -19,7 +19,7 @@ def lower(time: float) -> tuple[float, float, float]:
 def build(
     *, stiffness: float = 500.0, damping: float = 3.0, mass: float = 0.01, yield_strain: float = 0.03
 ) -> Scene:
-    """Drop a mattress of 25 × 13 × 5 particles, two metres long, then a ball of nine kilograms on it.
+    """Drop a mattress of 25 × 13 × 5 particles, two metres long, then a ball of nine and a half kilograms on it.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def build(
     mattress = mattress.replace(yield_strain=yield_strain, relaxation_time=0.05, largest_plastic_strain=0.6)
     ball = from_mesh(icosphere(0.28, 2), across=5, damping=1.0)
     # Being heavier, it is stiffer at the same step: beside foam it is as good as rigid.
-    ball = match_stiffness(ball.replace(mass=9.0 / ball.particle_count), mattress)
+    ball = match_stiffness(ball.replace(mass=9.5 / ball.particle_count), mattress)
     mattress = mattress.rotate(0.7, axis=(0.3, 1, 0)).translate((0, 0, 1.0)).named("mattress")
     return Scene(
         system=mattress + ball.translate((-1.2, 0, 2.4)).named("ball"),
