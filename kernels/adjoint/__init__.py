@@ -1,9 +1,10 @@
 """Adjoints of the launches of a substep: derivatives of a loss, from its end to its start."""
 
-from .forces import force_adjoint as force_adjoint
+from .elements import add_elements as add_elements, elements_adjoint as elements_adjoint
 from .kick import (
     SUMMING as SUMMING,
     add_given as add_given,
+    forget as forget,
     kick_adjoint as kick_adjoint,
     squares as squares,
     widen as widen,

@@ -99,6 +99,28 @@ def add_given(dim: int, scalar: type):
 
 
 @functools.cache
+def forget(dim: int, scalar: type):
+    """Compose the kernel, over members, that sets their vectors to 0."""
+    V, store = vector(dim, scalar), records(dim, scalar).store
+
+    @kernel
+    def set_to_zero(
+        member: wp.array(dtype=int),
+        # Out:
+        values: wp.array(dtype=V),
+        begin: int,  # members of this launch
+        end: int,
+        threads: int,  # of the launch
+    ):
+        k = begin + wp.tid()
+        while k < end:
+            store(values, member[k], V())
+            k += threads
+
+    return set_to_zero
+
+
+@functools.cache
 def widen(dtype: type, wide: type):
     """Compose the kernel that adds numbers, or vectors, to others of float64, and sets them to 0."""
     zero = wp.constant(getattr(dtype, "_wp_scalar_type_", dtype)(0.0))

@@ -5,13 +5,25 @@ from .attachments import attachments as attachments
 from .drives import driven as driven
 from .forces import (
     function_force as function_force,
+    function_projection as function_projection,
     steady_force as steady_force,
     varying_force as varying_force,
     weight_force as weight_force,
 )
-from .pressure import gas_law as gas_law, gas_pressure as gas_pressure, given_pressure as given_pressure
+from .pressure import (
+    gas_adjoint as gas_adjoint,
+    gas_law as gas_law,
+    gas_pressure as gas_pressure,
+    given_pressure as given_pressure,
+    given_projection as given_projection,
+)
 from .surface_triangles import mix_vertices as mix_vertices, mixed_vertices as mixed_vertices
-from .wind import wind_on_faces as wind_on_faces, wind_on_particles as wind_on_particles
+from .wind import (
+    projection_on_faces as projection_on_faces,
+    projection_on_particles as projection_on_particles,
+    wind_on_faces as wind_on_faces,
+    wind_on_particles as wind_on_particles,
+)
 from .work import (
     NOTHING as NOTHING,
     add_work as add_work,

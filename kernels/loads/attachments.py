@@ -20,6 +20,8 @@ class Attachments(NamedTuple):
     """Kernel, over members, that adds to the blocks for the stability bound (`Effect.add_blocks`)."""
     measure: Any
     """Kernel, over members, that writes the stored energy [J] and the dissipated power [W] of each."""
+    projected: Any
+    """φ·F of an attachment, for `adjoint.elements`."""
 
 
 @functools.cache
@@ -127,6 +129,17 @@ def attachments(
 
         return attachment
 
+    Rows: Any = wp.types.matrix((1, dim), scalar)
+
+    @wp.func
+    def projected(
+        attached: Attached, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+    ) -> scalar:
+        row = int(0)
+        if wp.static(moving):
+            row = stage
+        return wp.dot(pull(attached, row, e, x[0], v[0]), phi[0])
+
     @kernel
     def add_attachment_blocks(
         attached: Attached,
@@ -183,4 +196,4 @@ def attachments(
         power[w, m] = lost_power
 
     piece = ForceTerm("attached", Attached, force=force, selective=True, timed=moving)
-    return Attachments(piece, add_attachment_blocks, measure_attached)
+    return Attachments(piece, add_attachment_blocks, measure_attached, projected)

@@ -94,3 +94,15 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
         return function_of_place
 
     return ForceTerm(f"function_force_{number}", Nothing, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
+def function_projection(dim: int, scalar: type, function: Any):
+    """Compose φ·F of a particle on which a function acts, for `adjoint.elements`."""
+    Rows: Any = wp.types.matrix((1, dim), scalar)
+
+    @wp.func
+    def projected(data: Nothing, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
+        return wp.dot(function(x[0], v[0], time, i), phi[0])
+
+    return projected

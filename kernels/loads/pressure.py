@@ -131,3 +131,94 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
             over[w, gas] = scalar(of_gas[0] * wp.pow(part, -of_gas[3]) - of_gas[1])
 
     return find_pressure
+
+
+@functools.cache
+def given_projection(dim: int, scalar: type, Pressed: Any):
+    """Compose φ·F of a triangle under a given pressure, for `adjoint.elements`."""
+    Rows: Any = wp.types.matrix((3, dim), scalar)
+
+    @wp.func
+    def projected(data: Pressed, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
+        sixth = scalar(1.0) / scalar(6.0)
+        return (
+            data.value[stage, data.of[t]]
+            * sixth
+            * wp.dot(wp.cross(x[1] - x[0], x[2] - x[0]), phi[0] + phi[1] + phi[2])
+        )
+
+    return projected
+
+
+@functools.cache
+def gas_adjoint(dim: int, scalar: type):
+    """Compose (Gases, projected, kernel) of the adjoint of gases: φ·F of a triangle, and what that needs.
+
+    With S = Σ a·φ over a gas' triangles and their mean φ, φ·F = p S: its derivative is p ∂S/∂x + p' S ∂V/∂x.
+    The kernel sums S and V for each gas, by a block.
+    """
+    V, load = vector(dim, scalar), records(dim, scalar).load
+    Rows: Any = wp.types.matrix((3, dim), scalar)
+
+    @wp.struct
+    class Gases:
+        of: wp.array(dtype=int)  # gas of each triangle
+        over: wp.array(dtype=scalar)  # excess pressure p of each gas [Pa]
+        slope: wp.array(dtype=scalar)  # p' S
+        origin: wp.array(dtype=V)  # a point of each gas, from which volumes are measured [m]
+
+    @wp.func
+    def projected(data: Gases, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
+        g = data.of[t]
+        sixth = scalar(1.0) / scalar(6.0)
+        doubled = wp.cross(x[1] - x[0], x[2] - x[0])
+        a = x[0] - data.origin[g]
+        volume = wp.dot(a, wp.cross(x[1] - data.origin[g], x[2] - data.origin[g]))
+        return sixth * (data.over[g] * wp.dot(doubled, phi[0] + phi[1] + phi[2]) + data.slope[g] * volume)
+
+    @wp.func
+    def mean(
+        values: wp.array(dtype=V), part: wp.array2d(dtype=int), share: wp.array2d(dtype=scalar), row: int
+    ) -> V:
+        total = V()
+        for m in range(part.shape[1]):
+            total += share[row, m] * load(values, part[row, m])
+        return total
+
+    @kernel
+    def find_slopes(
+        particle: wp.array2d(dtype=int),  # as for `adjoint.elements`
+        weight: wp.array2d(dtype=scalar),
+        ends: wp.array(dtype=int),  # where the triangles around each gas begin, shape [gas_count + 1]
+        numbers: wp.array(dtype=wp.vec4d),  # as in `gas_law`
+        x: wp.array(dtype=V),
+        phi: wp.array(dtype=V),
+        # Out:
+        data: Gases,
+    ):
+        g = wp.tid() / wp.block_dim()
+        thread = wp.tid() % wp.block_dim()
+        origin = mean(x, particle, weight, 3 * ends[g])
+        volume = wp.float64(0.0)
+        along = wp.float64(0.0)
+        t = ends[g] + thread
+        while t < ends[g + 1]:
+            a = mean(x, particle, weight, 3 * t) - origin
+            b = mean(x, particle, weight, 3 * t + 1) - origin
+            c = mean(x, particle, weight, 3 * t + 2) - origin
+            push = mean(phi, particle, weight, 3 * t)
+            push += mean(phi, particle, weight, 3 * t + 1) + mean(phi, particle, weight, 3 * t + 2)
+            volume += wp.float64(wp.dot(a, wp.cross(b, c)))
+            along += wp.float64(wp.dot(wp.cross(b - a, c - a), push))
+            t += wp.block_dim()
+        volume = wp.tile_extract(wp.tile_sum(wp.tile(volume)), 0) / wp.float64(6.0)
+        along = wp.tile_extract(wp.tile_sum(wp.tile(along)), 0) / wp.float64(6.0)
+        if thread == 0:
+            of_gas = numbers[g]
+            part = wp.max(volume / of_gas[2], wp.float64(1e-6))
+            inside = of_gas[0] * wp.pow(part, -of_gas[3])
+            data.over[g] = scalar(inside - of_gas[1])
+            data.slope[g] = scalar(-of_gas[3] * inside / (part * of_gas[2]) * along)
+            data.origin[g] = origin
+
+    return Gases, projected, find_slopes

@@ -33,6 +33,24 @@ def _blows(dim: int, scalar: type, function: Any):
 
 
 @functools.cache
+def _force_on_face(dim: int, scalar: type):
+    """Compose push(drag, lift, u, a): the force on a triangle of `wind_on_faces`."""
+    V = vector(dim, scalar)
+
+    @wp.func
+    def push(drag: scalar, lift: scalar, u: V, a: V) -> V:
+        through = wp.dot(u, a)
+        force = -drag * wp.abs(through) * u
+        speed = wp.length(u)
+        area = wp.length(a)
+        if lift * speed * area > scalar(0.0):
+            force -= lift * through / area * (speed * a - through / speed * u)
+        return force
+
+    return push
+
+
+@functools.cache
 def wind_on_faces(
     dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, any_closed: bool = False
 ) -> ForceTerm:
@@ -55,6 +73,7 @@ def wind_on_faces(
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
     Winds, air = _blows(dim, scalar, function)
+    push = _force_on_face(dim, scalar)
 
     @wp.struct
     class WindOnFaces:
@@ -63,16 +82,6 @@ def wind_on_faces(
         wind: wp.array(dtype=int)  # index of the wind on each triangle, shape [triangle_count]
         if any_closed:
             closed: wp.array(dtype=bool)  # whether its surface is closed, shape [triangle_count]
-
-    @wp.func
-    def push(drag: scalar, lift: scalar, u: V, a: V) -> V:
-        through = wp.dot(u, a)
-        force = -drag * wp.abs(through) * u
-        speed = wp.length(u)
-        area = wp.length(a)
-        if lift * speed * area > scalar(0.0):
-            force -= lift * through / area * (speed * a - through / speed * u)
-        return force
 
     def force(SceneData: Any):
         @wp.func
@@ -102,6 +111,30 @@ def wind_on_faces(
 
 
 @functools.cache
+def projection_on_faces(dim: int, scalar: type, WindOnFaces: Any, function: Any, any_closed: bool):
+    """Compose φ·F of a triangle in the wind, for `adjoint.elements`."""
+    Rows: Any = wp.types.matrix((3, dim), scalar)
+    _Winds, air = _blows(dim, scalar, function)
+    push = _force_on_face(dim, scalar)
+
+    @wp.func
+    def projected(
+        data: WindOnFaces, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+    ) -> scalar:
+        third = scalar(1.0) / scalar(3.0)
+        w = data.wind[t]
+        a = scalar(0.5) * wp.cross(x[1] - x[0], x[2] - x[0])
+        u = third * (v[0] + v[1] + v[2]) - air(data.winds, third * (x[0] + x[1] + x[2]), time, stage, w)
+        along = third * wp.dot(push(data.winds.drag[w], data.winds.lift[w], u, a), phi[0] + phi[1] + phi[2])
+        if wp.static(any_closed):
+            if data.closed[t] and wp.dot(u, a) < scalar(0.0):
+                along = scalar(0.0)
+        return along
+
+    return projected
+
+
+@functools.cache
 def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> ForceTerm:
     """Return the term of wind on particles: −½ ρ C_d A |u| u on a particle of area A."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
@@ -124,3 +157,20 @@ def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) 
         return blow
 
     return ForceTerm("drag", WindOnParticles, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
+def projection_on_particles(dim: int, scalar: type, WindOnParticles: Any, function: Any):
+    """Compose φ·F of a particle in the wind, for `adjoint.elements`."""
+    Rows: Any = wp.types.matrix((1, dim), scalar)
+    _Winds, air = _blows(dim, scalar, function)
+
+    @wp.func
+    def projected(
+        data: WindOnParticles, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+    ) -> scalar:
+        w = data.wind[i]
+        u = v[0] - air(data.winds, x[0], time, stage, w)
+        return -data.winds.drag[w] * data.area[i] * wp.length(u) * wp.dot(u, phi[0])
+
+    return projected

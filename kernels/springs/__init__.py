@@ -10,11 +10,13 @@ from .angles import (
     angle_blocks as angle_blocks,
     angle_energies as angle_energies,
     angle_forces as angle_forces,
+    angle_projection as angle_projection,
 )
 from .cell_volumes import (
     cell_blocks as cell_blocks,
     cell_energies as cell_energies,
     cell_forces as cell_forces,
+    cell_projection as cell_projection,
     cell_table as cell_table,
     cell_volumes as cell_volumes,
 )

@@ -101,6 +101,23 @@ def angle_forces(dim: int, scalar: type, compensated: bool, damped: bool) -> For
 
 
 @functools.cache
+def angle_projection(dim: int, scalar: type, AngleTable: Any):
+    """Compose φ·F of an angle, for `adjoint.elements`."""
+    bend = bending_force(dim, scalar)
+    Rows: Any = wp.types.matrix((3, dim), scalar)
+
+    @wp.func
+    def projected(
+        angles: AngleTable, n: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+    ) -> scalar:
+        stiffness, damping = angles.stiffness[n], angles.damping[n]
+        on_a, on_c = bend(x[1] - x[0], x[2] - x[1], v[1] - v[0], v[2] - v[1], stiffness, damping)
+        return wp.dot(on_a, phi[0] - phi[1]) + wp.dot(on_c, phi[2] - phi[1])
+
+    return projected
+
+
+@functools.cache
 def angle_energies(dim: int, scalar: type, AngleTable: Any):
     """Compose the kernel, over worlds and angles, of the stored energy and dissipated power of each angle."""
     V, Row = vector(dim, scalar), vector(dim, wp.float64)

@@ -205,6 +205,37 @@ def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bo
 
 
 @functools.cache
+def cell_projection(dim: int, scalar: type, solid: bool, flat: bool, damped: bool):
+    """Compose φ·F of a cell, for `adjoint.elements`."""
+    CellTable: Any = cell_table(scalar)
+    Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
+    pressure_of, corners = cell_pressure(scalar, damped), 8 if solid else 4
+
+    @wp.func
+    def projected(
+        cells: CellTable, c: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+    ) -> scalar:
+        used = wp.static(corners)
+        is_flat = cells.corners[c, wp.static(corners - 1)] < 0 or wp.static(not solid)
+        if is_flat:
+            used = 4
+        points = Rows()
+        for k in range(wp.static(corners)):
+            if k < used:
+                points[k] = x[k] - x[0]
+        volume, gradient = geometry(points, is_flat)
+        rate = scalar(0.0)
+        along = scalar(0.0)
+        for k in range(wp.static(corners)):
+            if k < used:
+                rate += wp.dot(v[k], gradient[k])
+                along += wp.dot(phi[k], gradient[k])
+        return -pressure_of(cells, c, volume, rate) * along
+
+    return projected
+
+
+@functools.cache
 def cell_energies(dim: int, scalar: type, solid: bool, flat: bool):
     """Compose the kernel, over worlds and cells, of the stored energy and dissipated power of each cell."""
     V, Row = vector(dim, scalar), vector(dim, wp.float64)

@@ -172,6 +172,7 @@ class Differentiated:
             self._add(k, by_x, by_v)
             added[k] = math.hypot(_norm(by_x), self._fps * _norm(by_v))
             adjoint.measure(k, count + 1)
+        adjoint.forget_driven(adjoint.by_x, adjoint.by_v)
         adjoint.add_up()
         most = np.maximum.accumulate(added[::-1])[::-1]
         return np.hypot(*(adjoint.sizes() * [1.0, self._fps]).T) / np.where(most > 0, most, np.inf)

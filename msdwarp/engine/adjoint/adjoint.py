@@ -1,6 +1,6 @@
 """Adjoint: leads derivatives of a loss back through the launches of substeps."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,7 +12,7 @@ from ...kernels.adjoint import (
     SUMMING,
     Wanted,
     add_given,
-    force_adjoint,
+    forget,
     kick_adjoint,
     springs_adjoint,
     squares,
@@ -24,32 +24,28 @@ from ...kernels.springs import CONSTANTS
 from ..collision.soft_colliders import SoftColliders
 from ..device.vector_arrays import in_records
 from ..loads.actuators import ActuatedSprings
+from ..loads.drives import Drives
 from ..loads.external_work import Work
-from ..loads.forces import ForceField, Steady, Varying, Weight
+from ..loads.forces import Steady, Varying, Weight
+from ..loads.surface_triangles import EmbeddedVertices
 from ..springs.extra_springs import ExtraSprings
 from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
+from .element_adjoints import ElementAdjoints
 from .spring_adjoints import InTable, springs_of_particles
 
 MOST_LANES, MOST_THREADS = 16, 80_000
 """Most threads of a GPU that share a particle, and in all where they do: more would wait for each other (H100)."""
-DIFFERENTIABLE = (ActuatedSprings, ExtraSprings, ForceField, SoftColliders, Steady, Varying, Weight, Work)
-"""Effects whose forces are those of springs or of single particles, or do not depend on the motion."""
+GIVEN = (Drives, Steady, Varying, Weight, Work)
+DIFFERENTIABLE = (ActuatedSprings, EmbeddedVertices, ExtraSprings, SoftColliders, *GIVEN)
+"""Effects, beside those with `elements`, that have an adjoint, or whose forces do not depend on the motion."""
 WORDS = {
-    "AngleSprings": "angles, of a rod that bends",
-    "AttachmentSprings": "attachments",
+    "AttachmentSprings": "mouse springs",
     "BodyContact": "contact between bodies",
-    "CellVolumes": "cells, of a material with a Poisson's ratio",
     "Colliders": "obstacles without a stiffness",
     "DivisionPlanes": "contact between bodies",
-    "Drives": "prescribed motions",
-    "EmbeddedVertices": "loads on an embedded surface",
     "Fire": "a system that is led to equilibrium",
     "Fracture": "connections that break",
-    "Gases": "enclosed gases",
-    "GivenPressures": "pressure",
-    "OnFaces": "wind",
-    "OnParticles": "wind",
     "Plasticity": "connections that yield",
     "SurfaceContact": "contact between bodies",
 }
@@ -84,17 +80,20 @@ class Adjoint:
             for name in CONSTANTS
         }
         self._by_inverse_mass = wp.zeros(model.particle_count, dtype=model.scalar, device=device)
-        self._scene, self._fields = dynamics.scene, list[tuple[Any, wp.array]]()
-        for one in assembly.all:
-            if isinstance(one, ForceField):
-                assert one.members is not None
-                member = wp.array(np.flatnonzero(one.members), dtype=int, device=device)
-                self._fields.append((force_adjoint(model.dim, model.scalar, one.function), member))
+        each = [one.elements() for one in assembly.all]
+        time = getattr(dynamics.scene, "time", None)  # None if no force depends on it
+        time = wp.zeros(1, dtype=model.scalar, device=device) if time is None else time
+        about = time, self._launch, self._launch_once
+        self._elements = [ElementAdjoints(model, one, *about) for one in each if one is not None]
         soft = next((one for one in assembly.all if isinstance(one, SoftColliders)), None)
         self._soft, self._soft_kernel = soft, None
         if soft is not None:
             self._soft_kernel = soft_adjoint(model.dim, model.scalar, soft.kinds, "mass" in names)
-        self._only_springs = soft is None and not self._fields
+        drives = next((one for one in assembly.all if isinstance(one, Drives)), None)
+        self._driven: wp.array | None = None
+        if drives is not None:
+            self._driven = wp.array(np.flatnonzero(drives.data.entry.numpy() >= 0), dtype=int, device=device)
+        self._only_springs = soft is None and drives is None and not self._elements
         self._totals = {}
         for name in names & set(CONSTANTS):
             self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
@@ -121,7 +120,15 @@ class Adjoint:
         which the forces are.
         """
         self._lead_kick_back(drift, seconds, v, v_out)
+        self.forget_driven(self._phi)
         self._lead_forces_back(x, v, stage)
+
+    def forget_driven(self, *each: wp.array) -> None:
+        """Set vectors of driven particles to 0: their motion is given, whatever came before."""
+        if self._driven is not None:
+            for array in each:
+                inputs = [self._driven, array]
+                self._launch(forget(self._model.dim, self._model.scalar), len(self._driven), inputs)
 
     def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
         """Lead derivatives back through the substeps of h seconds of a frame.
@@ -130,6 +137,7 @@ class Adjoint:
         act, one launch leads back through the forces of a substep and then through the kick of the one before.
         """
         last = len(states) - 1
+        self.forget_driven(self.by_x, self.by_v)
         self._lead_kick_back(h, h, states[-2][1], states[-1][1])
         for n in reversed(range(last)):
             x, v = states[n]
@@ -138,6 +146,7 @@ class Adjoint:
                 self._lead_forces_back(x, v, n, h, before)
             else:
                 self._lead_forces_back(x, v, n)
+                self.forget_driven(self.by_x, self.by_v)
                 if before is not None:
                     self._lead_kick_back(h, h, before, v)
 
@@ -157,8 +166,8 @@ class Adjoint:
         kick = [h, h, model.inverse_mass, model.gravity, v_before, self._by_inverse_mass, self._by_gravity]
         inputs = [self._springs.table, stage, *state, *self._own.values(), *kick, self._next_phi]
         self._launch(self._pull, count, inputs, self._lanes)
-        for kernel, member in self._fields:
-            self._launch(kernel, len(member), [member, self._scene.time, stage, *state])
+        for one in self._elements:
+            one.lead_back(x, v, self._phi, self.by_x, self.by_v, stage)
         if self._soft is not None:
             inputs = [self._soft.data, model.inverse_mass, *state, self._by_inverse_mass]
             self._launch(self._soft_kernel, count, inputs)
@@ -177,6 +186,14 @@ class Adjoint:
             wp.launch(kernel, 1, [*inputs, *part], device=device)
 
         partition.launch_parts(launch_part)
+
+    def _launch_once(self, launch: Callable[[], None]) -> None:
+        """Call `launch`, by one of the CPU threads that share a frame."""
+        partition = self._partition
+        if partition is None or not partition.is_recording:
+            launch()
+        else:
+            partition.launch_parts(lambda k, parts: launch() if k == 0 else None)
 
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
         """Add host values of shape [particle_count, d] to derivatives."""
@@ -246,7 +263,8 @@ class Adjoint:
 
 def without_adjoint(assembly: Assembly) -> list[str]:
     """Return the effects of a scene whose forces have no adjoint, in words."""
-    found = [WORDS[type(one).__name__] for one in assembly.all if not isinstance(one, DIFFERENTIABLE)]
+    without = [one for one in assembly.all if not isinstance(one, DIFFERENTIABLE) and one.elements() is None]
+    found = [WORDS[type(one).__name__] for one in without]
     muscles = [one.connection for one in assembly.all if isinstance(one, ActuatedSprings)]
     if any(len(np.unique(one)) < len(one) for one in muscles):
         found.append("connections with several actuators")

@@ -12,7 +12,7 @@ from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..device.frame_tables import Tables
-from ..model.effect import summed
+from ..model.effect import Elements, summed
 from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
@@ -159,6 +159,14 @@ class AttachmentSprings(FrameTables):
         """Add half of each attachment's stiffness and damping: the bound doubles blocks, for springs' two ends."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
+
+    def elements(self) -> Elements | None:
+        """Return the attachments; None if there are mouse springs."""
+        if self._hands:
+            return None
+        first = self.data.first.numpy()
+        particle = np.repeat(np.arange(len(first) - 1), np.diff(first))
+        return Elements(self.data, self._composed.projected, particle[:, None])
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Σ k (|x − p| − l0)²/2 [J] and Σ b |v − u|² [W], with the carriers' poses at the frame's end.

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...kernels.loads import function_force, steady_force, varying_force, weight_force
+from ...kernels.loads import function_force, function_projection, steady_force, varying_force, weight_force
 from ...world import Falling, Force, Load
 from ..device.device import upload_fields
-from ..model.effect import Effect
+from ..model.effect import Effect, Elements
 from ..model.model import Model
 from ..model.stage_tables import StageTables, exchanged
 
@@ -100,6 +100,10 @@ class ForceField(Effect):
 
     def __init__(self, model: Model, force: Force, number: int) -> None:
         self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)
-        self.function = force.force
-        """wp.func (x, v, t, i) -> force on particle i [N]."""
+        self._projected = function_projection(model.dim, model.scalar, force.force)
         self.data, self.members = self.piece.Data(), force.particles(model.system)
+        self._on = np.flatnonzero(self.members)
+
+    def elements(self) -> Elements:
+        """Return the particles that the force acts on."""
+        return Elements(self.data, self._projected, self._on[:, None])

@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.loads import gas_law, gas_pressure, given_pressure
+from ...kernels.loads import gas_adjoint, gas_law, gas_pressure, given_pressure, given_projection
 from ...world import EnclosedGas, Load, Pressure, volume
 from ..device.device import upload_fields
-from ..model.effect import Effect
+from ..model.effect import Effect, Elements
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 from .surface_triangles import EmbeddedVertices, Faces, area_vectors
@@ -71,6 +71,16 @@ class GivenPressures(SurfacePressure, StageTables):
         """Return each pressure at each time [Pa], shape [time_count, count]."""
         return np.stack([one.at(times, name) for name, one in self.named], axis=1)
 
+    def elements(self) -> Elements:
+        """Return the triangles."""
+        model, faces = self._model, self._faces
+        return Elements(
+            self.data,
+            given_projection(model.dim, model.scalar, self.data._cls),
+            faces.corner,
+            faces.facets,
+        )
+
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to the largest pressures of a frame."""
         self._add(stiffness, self._turning(x.numpy(), np.abs(self.now).max(axis=0)))
@@ -99,6 +109,21 @@ class Gases(SurfacePressure):
         inputs = [self.data.faces.corner, self._ends, self._numbers, x, compensation.x, stride]
         count, out = model.worlds * len(self._gases) * threads, [self.data.value]
         wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
+
+    def elements(self) -> Elements:
+        """Return the triangles, whose gases are summed first."""
+        model, faces, count = self._model, self._faces, len(self._gases)
+        Data, project, kernel = gas_adjoint(model.dim, model.scalar)
+        data: Any = Data()
+        upload_fields(data, model.device, of=faces.of, over=np.zeros(count), slope=np.zeros(count))
+        data.origin = wp.zeros(count, dtype=model.vector, device=model.device)
+        threads = THREADS if model.device.is_cuda else 1
+
+        def prepare(particle: wp.array, weight: wp.array, x: wp.array, phi: wp.array) -> None:
+            inputs = [particle, weight, self._ends, self._numbers, x, phi, data]
+            wp.launch(kernel, count * threads, inputs, device=model.device, block_dim=threads)
+
+        return Elements(data, project, faces.corner, faces.facets, prepare)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to gases.

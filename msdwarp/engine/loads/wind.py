@@ -7,10 +7,15 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.loads import wind_on_faces, wind_on_particles
+from ...kernels.loads import (
+    projection_on_faces,
+    projection_on_particles,
+    wind_on_faces,
+    wind_on_particles,
+)
 from ...world import Load, Wind
 from ..device.device import upload_fields
-from ..model.effect import Effect
+from ..model.effect import Effect, Elements
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 from .surface_triangles import Faces, area_vectors
@@ -40,7 +45,8 @@ class WindEffect(StageTables):
             raise ValueError(
                 f"{places[0]} is a function of place; it must then be the only wind on surfaces, or on particles"
             )
-        function = winds[0][1].velocity if places else None
+        function = self.function = winds[0][1].velocity if places else None
+        """wp.func (x, t) -> velocity of the air [m/s]; None if it is the same everywhere."""
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, function, **how)
         self.data = piece.Data()
         for name in ("drag", "lift"):
@@ -81,7 +87,7 @@ class OnFaces(WindEffect):
 
     def __init__(self, model: Model, winds: Named) -> None:
         faces = self._faces = Faces([one.facets(model.system) for _, one in winds], model.particle_count)
-        closed = bool(faces.closed.any())
+        closed = self._closed = bool(faces.closed.any())
         super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, any_closed=closed)
         self.data.faces = faces.on(model, type(self.data.faces))
         upload_fields(self.data, model.device, wind=faces.of, **({"closed": faces.closed} if closed else {}))
@@ -92,6 +98,13 @@ class OnFaces(WindEffect):
         faces = self._faces
         area = np.linalg.norm(area_vectors(faces.corner, faces.facets.points(x.numpy())), axis=1)
         damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
+
+    def elements(self) -> Elements:
+        """Return the triangles."""
+        model, faces = self._model, self._faces
+        kinds = model.dim, model.scalar, self.data._cls
+        project = projection_on_faces(*kinds, self.function, self._closed)
+        return Elements(self.data, project, faces.corner, faces.facets)
 
 
 class OnParticles(WindEffect):
@@ -112,3 +125,9 @@ class OnParticles(WindEffect):
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
         """Add the slope of each particle's drag over its speed [N s/m]."""
         damping += self._resistance(v, self._area, self._number)
+
+    def elements(self) -> Elements:
+        """Return the particles."""
+        model = self._model
+        project = projection_on_particles(model.dim, model.scalar, self.data._cls, self.function)
+        return Elements(self.data, project, np.flatnonzero(self._area)[:, None])

@@ -1,12 +1,13 @@
 """Effect: the base class of everything that acts in a scene beside springs, dampers and gravity."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...bodies import Facets
 from ...kernels.colliders import ColliderTerm
 from ...kernels.effect import ForceTerm
 from ...world import Load
@@ -42,6 +43,21 @@ class Steps(NamedTuple):
         """Return the times of all force evaluations in the frame that begins at `start` [s], and of its end."""
         stages = np.arange(self.substeps)[:, None] + np.asarray(self.stage_times)
         return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
+
+
+class Elements(NamedTuple):
+    """Groups of points that exert forces on each other, or feel one alone, for gradients."""
+
+    data: Any
+    """The struct that `projected` reads."""
+    projected: Any
+    """wp.func that returns φ·F of an element, see `kernels.adjoint.elements_adjoint`."""
+    points: NDArray[np.integer]
+    """The points of each element, -1 for none, shape [element_count, k]: numbers of particles, or of vertices."""
+    vertices: Facets | None = None
+    """The vertices, if points are these."""
+    prepare: Callable[..., None] | None = None
+    """Function (particle, weight, x, φ) that launches what must precede; see `elements_adjoint` for the first."""
 
 
 def summed(
@@ -206,6 +222,9 @@ class Effect:
 
         It is for forces that depend on speeds, at positions x and velocities v.
         """
+
+    def elements(self) -> Elements | None:
+        """Return its forces as those of elements, for gradients; None if they are none."""
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the energy that the effect stores [J] and the power that it dissipates [W], by world."""

@@ -4,10 +4,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.springs import angle_blocks, angle_energies, angle_forces
+from ...kernels.springs import angle_blocks, angle_energies, angle_forces, angle_projection
 from ..device.csr import rows
 from ..device.device import upload_fields
-from ..model.effect import Effect, summed
+from ..model.effect import Effect, Elements, summed
 from ..model.model import Model
 
 
@@ -19,7 +19,7 @@ class AngleSprings(Effect):
     def __init__(self, model: Model) -> None:
         angles = model.system.angles
         assert angles is not None
-        self._model, self._count = model, len(angles)
+        self._model, self._count, self._particles = model, len(angles), angles.particles
         for name in ("stiffness", "damping"):
             model.check_range(getattr(angles, name), f"angles.{name}")
         damped = bool(angles.damping.any())
@@ -42,6 +42,10 @@ class AngleSprings(Effect):
         """Add half of a bound of the angles' stiffness and damping: the bound doubles blocks."""
         outputs = [stiffness, damping]
         wp.launch(angle_blocks(*self._kinds), self._count, [self.data, x], outputs, device=self._model.device)
+
+    def elements(self) -> Elements:
+        """Return the angles."""
+        return Elements(self.data, angle_projection(*self._kinds), self._particles)
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Σ 2 K tan²(θ/2) [J] and Σ D θ'² [W]."""

@@ -11,6 +11,7 @@ from ...kernels.springs import (
     cell_blocks,
     cell_energies,
     cell_forces,
+    cell_projection,
     cell_table,
     cell_volumes,
     lattice_pressures,
@@ -19,7 +20,7 @@ from ...kernels.springs import (
 from ..device.csr import rows
 from ..device.device import scalar_array, upload_fields
 from ..device.launcher import Launcher
-from ..model.effect import Effect, summed
+from ..model.effect import Effect, Elements, summed
 from ..model.model import Model
 
 FACES_ON_CPU = False
@@ -54,8 +55,9 @@ class CellVolumes(Effect):
             numbers = getattr(cells, name)
             model.check_range(numbers, f"cells.{name}")
             setattr(self._table, name, scalar_array(numbers, model.scalar, model.device))
-        damped = bool(cells.damping.any())
-        corner, cell = np.nonzero(cells.corners[:, :corner_count].T != NONE)
+        damped = self._damped = bool(cells.damping.any())
+        self._corners = cells.corners[:, :corner_count]
+        corner, cell = np.nonzero(self._corners.T != NONE)
         order, first = rows(cells.corners[cell, corner], model.particle_count)
         self.members = np.diff(first) > 0
         everywhere = bool(self.members.all())
@@ -114,6 +116,12 @@ class CellVolumes(Effect):
         inputs = [self._table, table[world % table.shape[0]], x]
         kernel = cell_blocks(model.dim, model.scalar, *self._kind)
         wp.launch(kernel, self._count, inputs, [stiffness, damping], device=model.device)
+
+    def elements(self) -> Elements:
+        """Return the cells."""
+        model, (solid, flat) = self._model, self._kind
+        project = cell_projection(model.dim, model.scalar, solid, flat, self._damped)
+        return Elements(self._table, project, self._corners)
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Σ V₀ w [J] and Σ c V̇²/V₀ [W]."""

@@ -1,0 +1,107 @@
+"""The adjoint of forces that a few points exert on each other, such as the corners of a triangle or of a cell.
+
+A point is a particle, or a weighted mean of particles. Warp differentiates φ·F, the sum over the points of an
+element; each element writes its derivatives, and each particle then adds up those of its points in a fixed order.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..records import records
+
+
+def element_rows(points: int, dim: int, scalar: type):
+    """Return Warp's type of matrices with a row for each point of an element."""
+    return wp.types.matrix((points, dim), scalar)
+
+
+@functools.cache
+def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: Any):
+    """Compose the kernel, over elements, that writes ∂(φ·F)/∂x and ∂(φ·F)/∂v of each point.
+
+    `project` is a wp.func (data, e, i, time, stage, x, v, φ) -> φ·F of element e, whose first point is particle i,
+    with a row of x, v and φ for each point.
+    """
+    V, load = vector(dim, scalar), records(dim, scalar).load
+    Rows = element_rows(points, dim, scalar)
+
+    @kernel
+    def lead_elements_back(
+        data: Data,
+        particle: wp.array2d(dtype=int),  # of point k of element e in row e · points + k; -1 for no particle
+        weight: wp.array2d(dtype=scalar),  # of these particles in the point
+        time: wp.array(dtype=scalar),  # of each stage of a frame [s]; a single one if no force depends on it
+        stage: int,
+        # State, at which the force was evaluated:
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        phi: wp.array(dtype=V),  # derivative by the force on each particle
+        # Out, in the same rows:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        begin: int,  # elements of this launch
+        end: int,
+        threads: int,  # of the launch
+    ):
+        e = begin + wp.tid()
+        while e < end:
+            places = Rows()
+            rates = Rows()
+            phis = Rows()
+            for k in range(wp.static(points)):
+                row = e * wp.static(points) + k
+                for m in range(particle.shape[1]):
+                    i = particle[row, m]
+                    if i >= 0:
+                        share = weight[row, m]
+                        places[k] = places[k] + share * load(x, i)
+                        rates[k] = rates[k] + share * load(v, i)
+                        phis[k] = phis[k] + share * load(phi, i)
+            first = particle[e * wp.static(points), 0]
+            _d, _e, _i, _t, _s, of_x, of_v, _phi = wp.grad(project)(
+                data, e, first, time[wp.min(stage, time.shape[0] - 1)], stage, places, rates, phis
+            )
+            for k in range(wp.static(points)):
+                by_x[e * wp.static(points) + k] = of_x[k]
+                by_v[e * wp.static(points) + k] = of_v[k]
+            e += threads
+
+    return lead_elements_back
+
+
+@functools.cache
+def add_elements(dim: int, scalar: type):
+    """Compose the kernel, over particles that have any points, that adds up the derivatives by these points."""
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+
+    @kernel
+    def add_points(
+        member: wp.array(dtype=int),  # the particles
+        first: wp.array(dtype=int),  # row starts of `entry`, shape [member count + 1]
+        entry: wp.array(dtype=int),  # rows of the points of each particle
+        weight: wp.array(dtype=scalar),  # of the particle in each point
+        of_x: wp.array(dtype=V),
+        of_v: wp.array(dtype=V),
+        # In and out, derivatives by:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        begin: int,  # members of this launch
+        end: int,
+        threads: int,  # of the launch
+    ):
+        m = begin + wp.tid()
+        while m < end:
+            i = member[m]
+            sum_x = load(by_x, i)
+            sum_v = load(by_v, i)
+            for n in range(first[m], first[m + 1]):
+                sum_x += weight[n] * of_x[entry[n]]
+                sum_v += weight[n] * of_v[entry[n]]
+            store(by_x, i, sum_x)
+            store(by_v, i, sum_v)
+            m += threads
+
+    return add_points

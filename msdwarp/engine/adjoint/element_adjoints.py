@@ -1,0 +1,70 @@
+"""The adjoint of an effect whose forces are those of elements, on a device."""
+
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from ...kernels.adjoint import add_elements, elements_adjoint
+from ..device.csr import rows
+from ..model.effect import Elements
+from ..model.model import Model
+
+
+class ElementAdjoints:
+    """Adds derivatives by the forces of an effect's elements to those by the state.
+
+    Parameters
+    ----------
+    model
+        The system.
+    elements
+        The elements of the effect.
+    time
+        The time of each stage of a frame [s].
+    launch
+        Function (kernel, count, inputs) that launches a kernel over `count` items; it adds `begin`, `end` and
+        `threads` to the inputs.
+    launch_once
+        Function that calls another, which launches kernels, once.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        elements: Elements,
+        time: wp.array,
+        launch: Callable[..., None],
+        launch_once: Callable[[Callable[[], None]], None],
+    ) -> None:
+        device, scalar, vertices = model.device, model.scalar, elements.vertices
+        self._elements, self._time, self._launch, self._launch_once = elements, time, launch, launch_once
+        self._count, size = elements.points.shape
+        points = elements.points.ravel()
+        particle, weight = points[:, None], np.ones((len(points), 1))
+        if vertices is not None:
+            particle, weight = vertices.particle[points], vertices.weight[points]
+        self._particle = wp.array(particle, dtype=int, device=device)
+        self._weight = wp.array(weight, dtype=scalar, device=device)
+        row, column = np.nonzero((particle >= 0) & (weight != 0))
+        order, first = rows(particle[row, column], model.particle_count)
+        member = np.flatnonzero(np.diff(first))
+        self._table = [
+            wp.array(each, dtype=int, device=device)
+            for each in (member, first[np.append(member, model.particle_count)], row[order])
+        ]
+        self._table.append(wp.array(weight[row, column][order], dtype=scalar, device=device))
+        self._by = [wp.zeros(len(points), dtype=model.vector, device=device) for _ in range(2)]
+        self._lead = elements_adjoint(model.dim, scalar, size, elements.data._cls, elements.projected)
+        self._add = add_elements(model.dim, scalar)
+
+    def lead_back(
+        self, x: wp.array, v: wp.array, phi: wp.array, by_x: wp.array, by_v: wp.array, stage: int
+    ) -> None:
+        """Launch what adds (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of the forces at (x, v) in a stage of a frame."""
+        elements, parts = self._elements, [self._particle, self._weight]
+        prepare = elements.prepare
+        if prepare is not None:
+            self._launch_once(lambda: prepare(*parts, x, phi))
+        self._launch(self._lead, self._count, [elements.data, *parts, self._time, stage, x, v, phi, *self._by])
+        self._launch(self._add, len(self._table[0]), [*self._table, *self._by, by_x, by_v])
