@@ -114,6 +114,7 @@ if _typing.TYPE_CHECKING:
         FitResult as FitResult,
         TrackedPoints as TrackedPoints,
         fit as fit,
+        simulate_jax as simulate_jax,
         simulate_torch as simulate_torch,
         sweep as sweep,
     )
@@ -160,7 +161,7 @@ _ROOMS = {
         "viscoelastic"
     ),
     "simulation": "Ensemble Frames Gradient GroupMean Simulation SimulationDiverged",
-    "studies": "FitResult TrackedPoints fit simulate_torch sweep",
+    "studies": "FitResult TrackedPoints fit simulate_jax simulate_torch sweep",
     "world": (
         "Actuator Attachment Box Capsule Cone Contact EnclosedGas Force Look Plane PrescribedMotion Pressure "
         "Probe Scene Sphere Wind at"

@@ -5,6 +5,7 @@ from .fit import fit as fit
 from .fit_result import FitResult as FitResult
 from .grid import as_scalar as as_scalar, check_size as check_size, points as points, values_of as values_of
 from .history import particle_energies as particle_energies, system_in as system_in, write_history as write_history
+from .jax_function import simulate_jax as simulate_jax
 from .measured import TrackedPoints as TrackedPoints
 from .sweep import complete as complete, sweep as sweep
 from .sweep_ensembles import ENSEMBLE as ENSEMBLE, ensemble_summary as ensemble_summary

@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import checks
 from ..bodies import System
-from ..simulation import GRADIENT_NAMES, Simulation
+from .given_arrays import differentiated, split_arrays
 
 
 def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, Any]:
@@ -38,13 +38,7 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
     """
     torch: Any = importlib.import_module("torch")
     checks.instance("system", system, System, "chain(5)")
-    names = [name for name in GRADIENT_NAMES if isinstance(options.get(name), torch.Tensor)]
-    tensors = [options.pop(name) for name in names]
-    for name, one in zip(names, tensors, strict=True):
-        if name == "gravity" and tuple(one.shape) != (system.dim,):
-            raise ValueError(
-                f"gravity has shape {tuple(one.shape)}; it must be a vector, of shape ({system.dim},)"
-            )
+    names, tensors = split_arrays(system, options, torch.Tensor)
 
     def on_host(tensor: Any) -> Any:
         return tensor.detach().cpu().numpy().astype(np.float64)
@@ -52,10 +46,8 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
     class Run(torch.autograd.Function):
         @staticmethod
         def forward(ctx: Any, *given: Any) -> Any:
-            values = {name: on_host(one) for name, one in zip(names, given, strict=True)}
-            around = {"gravity": values.pop("gravity")} if "gravity" in values else {}
-            simulation = Simulation(system.replace(**values), **options, **around)
-            ctx.run, found = simulation.differentiated(frames, names)
+            values = dict(zip(names, map(on_host, given), strict=True))
+            ctx.run, found = differentiated(system, frames, values, options)
             return tuple(torch.from_numpy(one.astype(np.float64)) for one in (found.position, found.velocity))
 
         @staticmethod

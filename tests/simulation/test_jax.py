@@ -1,0 +1,83 @@
+"""Simulations as functions of JAX: its own check of gradients, and what is told of wrong values."""
+
+import gc
+
+import numpy as np
+import pytest
+
+from msdwarp import Leapfrog, Simulation, System, simulate_jax
+
+jax = pytest.importorskip("jax")
+test_util = pytest.importorskip("jax.test_util")
+PAIR = {"connections": [[0, 1], [1, 2]], "stiffness": [50.0, 80.0], "damping": 0.2, "rest_length": [0.9, 0.4]}
+CHAIN = System(position=[[0.0, 0, 1], [1.0, 0, 1], [1.4, 0.2, 1]], mass=[0.3, 0.5, 0.4], **PAIR)
+NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass")
+HOW = {"integrator": Leapfrog(), "precision": "float64", "substeps": 4}
+
+
+@pytest.fixture(autouse=True)
+def float64():
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_gradients_pass_the_check_of_jax(compiled, plain_device):
+    arrays = [jax.numpy.array(getattr(CHAIN, name)) for name in NAMES] + [jax.numpy.array([0.1, 0.0, -9.8])]
+
+    def run(*given):
+        named = dict(zip((*NAMES, "gravity"), given, strict=True))
+        return simulate_jax(CHAIN, 2, **named, **HOW, device=plain_device)
+
+    # Its differences are over 1e-5 of the arguments, so they are right to some 1e-9 of the largest derivatives.
+    how = {"order": 1, "modes": ["rev"], "eps": 1e-5, "atol": 1e-6, "rtol": 1e-5}
+    test_util.check_grads(jax.jit(run) if compiled else run, arrays, **how)
+
+
+def test_frames_are_those_of_the_simulation(plain_device):
+    position, velocity = simulate_jax(CHAIN, 3, mass=jax.numpy.array(0.5), **HOW, device=plain_device)
+    simulation = Simulation(CHAIN.replace(mass=0.5), **HOW, device=plain_device)
+    simulation.step(3)
+    assert position.shape == (4, 3, 3)
+    np.testing.assert_array_equal(position[-1], simulation.frame().position)
+    np.testing.assert_array_equal(velocity[-1], simulation.frame().velocity)
+
+
+def test_one_number_for_all_has_the_sum_of_derivatives():
+    def end(stiffness):
+        return simulate_jax(CHAIN, 4, stiffness=stiffness, **HOW, device="cpu")[0][-1].sum()
+
+    one, two = (jax.grad(end)(jax.numpy.full(shape, 60.0)) for shape in ((), (2,)))
+    assert one.shape == ()
+    assert float(one) == pytest.approx(float(two.sum()), rel=1e-12)
+
+
+def test_a_loop_keeps_nothing():
+    def kept() -> int:
+        """Return how many functions of past calls are alive."""
+        gc.collect()
+        return sum(getattr(one, "__name__", "") == "take_frames" for one in gc.get_objects())
+
+    def end(stiffness):
+        return simulate_jax(CHAIN, 2, stiffness=stiffness, **HOW, device="cpu")[0][-1].sum()
+
+    before, step = kept(), jax.value_and_grad(end)
+    for _ in range(3):
+        step(jax.numpy.array([50.0, 80.0]))
+    assert kept() == before
+
+
+def test_wrong_values_are_told():
+    with pytest.raises(ValueError, match="gravity has shape"):
+        simulate_jax(CHAIN, 4, gravity=jax.numpy.array(9.82), device="cpu")
+    with pytest.raises(ValueError, match="frames is 0"):
+        simulate_jax(CHAIN, 0, device="cpu")
+
+    def run(mass):
+        return simulate_jax(CHAIN, 2, mass=mass, device="cpu")
+
+    with pytest.raises(ValueError, match=r"mass is .*; it must be"):
+        run(jax.numpy.array(-1.0))
+    with pytest.raises(jax.errors.JaxRuntimeError, match=r"mass is .*; it must be"):
+        jax.block_until_ready(jax.jit(run)(jax.numpy.array(-1.0)))
