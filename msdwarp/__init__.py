@@ -111,9 +111,11 @@ if _typing.TYPE_CHECKING:
         SimulationDiverged as SimulationDiverged,
     )
     from .studies import (
+        FieldFit as FieldFit,
         FitResult as FitResult,
         TrackedPoints as TrackedPoints,
         fit as fit,
+        fit_field as fit_field,
         simulate_jax as simulate_jax,
         simulate_torch as simulate_torch,
         sweep as sweep,
@@ -161,7 +163,7 @@ _ROOMS = {
         "viscoelastic"
     ),
     "simulation": "Ensemble Frames Gradient GroupMean Simulation SimulationDiverged",
-    "studies": "FitResult TrackedPoints fit simulate_jax simulate_torch sweep",
+    "studies": "FieldFit FitResult TrackedPoints fit fit_field simulate_jax simulate_torch sweep",
     "world": (
         "Actuator Attachment Box Capsule Cone Contact EnclosedGas Force Look Plane PrescribedMotion Pressure "
         "Probe Scene Sphere Wind at"

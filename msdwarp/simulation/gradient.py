@@ -207,11 +207,9 @@ class Differentiated:
         if partition is not None:
             self._graph = self._graph or partition.record(self._launch_back)
             self._graph.replay()
-        elif self._model.device.is_cuda:
+        else:
             self._graph = self._graph or record(self._launch_back, self._model.device)
             wp.capture_launch(self._graph)
-        else:
-            self._launch_back()
         if k == 0 and self._lag:
             x, v = self._checkpoints[0]
             self._dynamics.hold(float(self._times[0]))

@@ -110,16 +110,19 @@ class Channel:
         `frames`, shape [frame_count, worlds, ...], begins with frame 0. Between frames there is a cubic spline;
         after the last frame its value stays.
         """
-        place = np.minimum(self.time * fps, len(frames) - 1)
-        if (np.abs(place - np.round(place)) < ON_FRAME).all():
-            found = frames[np.round(place).astype(int)]
-        else:
-            from scipy.interpolate import CubicSpline
-
-            found = CubicSpline(np.arange(len(frames)), frames, axis=0)(place)
+        found = interpolated(frames, np.minimum(self.time * fps, len(frames) - 1))
         if self.entry is not None:  # [rows, worlds, particles, d]
             found = found[np.arange(len(found)), :, self.entry]
         return np.moveaxis(found.reshape(len(found), frames.shape[1], -1), 0, 1)
+
+
+def interpolated(frames: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of frames, along the first axis, at places between them: by a cubic spline."""
+    if (np.abs(place - np.round(place)) < ON_FRAME).all():
+        return frames[np.round(place).astype(int)]
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(np.arange(len(frames)), frames, axis=0)(place)
 
 
 def channels_of(measured: Any, scene: Scene, noise: Any) -> list[Channel]:
