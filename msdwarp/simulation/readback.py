@@ -101,22 +101,11 @@ class Taken:
         self._released = False
 
     def arrived(self) -> tuple[Frame, NDArray | None]:
-        """Wait for the frame, in any thread, and return it: equal to `Simulation.frame` at its time.
+        """Wait for the frame, in any thread; return it, equal to `Simulation.frame` at its time, and the strain.
 
-        The arrays are overwritten by a later frame once this one has been released.
-
-        Returns
-        -------
-        frame
-            Time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
-        strain
-            Length / rest length − 1 of the system's connections, shape [connection_count]: computed in float64
-            from the device's numbers, and rounded to the simulation's. None if it was not requested.
-
-        Raises
-        ------
-        RuntimeError
-            If the device has failed meanwhile.
+        The strain of the system's connections, shape [connection_count], is computed in float64 from the device's
+        numbers, and rounded to the simulation's; it is None if it was not requested. The arrays are overwritten by
+        a later frame once this one has been released. RuntimeError is raised if the device has failed meanwhile.
         """
         self._buffers.wait()
         arrays = self._buffers.on_host

@@ -1,6 +1,6 @@
 """Stepping: advances the worlds on a device frame by frame."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -46,33 +46,14 @@ class Stepping:
     Any change of these creates a new `Stepping`, so callers never see a partial change. In an ensemble worlds that
     diverge are frozen, and the others continue.
 
-    Parameters
-    ----------
-    dynamics, method
-        The equation of motion, and how it is integrated.
-    state
-        The moving state, with velocities at the time of the positions.
-    choices
-        The substeps that each world needs, or one choice for equal worlds. All worlds take the largest number.
-    energy_limit, blocks
-        See `Simulation`. For an ensemble `blocks` is the number of threads of a world.
-    watch_energy
-        Whether a `StepController` reads the energy balance of frames.
-    baseline
-        The reference for energies; by default that of the current state.
-    time
-        Time of the state [s].
+    `state` has velocities at the time of the positions. `choices` are the substeps that each world needs, or one
+    choice for equal worlds: all take the largest number, `choice`, to which `integrator` is fitted. For
+    `energy_limit` and `blocks` see `Simulation`; in an ensemble `blocks` is the number of threads of a world. With
+    `watch_energy` a `StepController` reads the energy balance of frames. `baseline` is the reference for energies,
+    by default that of the state, whose time is `time` [s].
 
-    Attributes
-    ----------
-    assembly, model, state, dynamics, stepper, watch, frozen
-        Parts from `msdwarp.engine`. `frozen` freezes worlds; it is None outside of ensembles.
-    choice
-        The substeps that all worlds take.
-    integrator
-        The method, fitted to these substeps.
-    contact_forces
-        Sums the contact forces of a frame; None if nobody reads them.
+    `frozen` freezes worlds; it is None outside of ensembles. `contact_forces` sums those of a frame; it is None if
+    nobody reads them.
     """
 
     def __init__(
@@ -260,7 +241,8 @@ class Stepping:
         contact = self.assembly.body_contact
         kind = summed, self.stepper.takes_contact_along, contact and contact.recorded_for
         if kind not in graphs and (partition is not None or not self._unrecorded):
-            graphs[kind] = self._record(partial(self._launch_frame, track), partition)
+            launch = partial(self._launch_frame, track)
+            graphs[kind] = record(launch, self.model.device) if partition is None else partition.record(launch)
         self.dynamics.begin_frame(time)
         if kind not in graphs:
             self._unrecorded -= 1
@@ -291,10 +273,6 @@ class Stepping:
         self._tracks.ahead = None
         self.backup.restore()
         self.begin_at(self._frame_start)
-
-    def _record(self, launch: Callable[[], None], partition: Any = None) -> Any:
-        """Record launches as a graph, or as one graph per CPU thread."""
-        return record(launch, self.model.device) if partition is None else partition.record(launch)
 
     def _launch_frame(self, track: Track) -> None:
         """Launch the substeps of a frame, and then the checks and sensors at its end."""
@@ -329,7 +307,7 @@ class Stepping:
             self._unsummed -= 1
             sums.launch(found)
         else:
-            self._balance_graph = self._balance_graph or self._record(partial(sums.launch, found))
+            self._balance_graph = self._balance_graph or record(partial(sums.launch, found), self.model.device)
             wp.capture_launch(self._balance_graph)
         found.mark()
         return sums.balance(found.read())
