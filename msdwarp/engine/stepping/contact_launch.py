@@ -42,13 +42,8 @@ class ContactLaunch:
 
     def launch(self, substeps: int, first: int) -> None:
         """Take substeps from number `first` of a frame on."""
-        dynamics, effect = self._dynamics, self._effect
-        model, composition, neighbors, planes = (
-            dynamics.model,
-            dynamics.composition,
-            effect.neighbors,
-            effect.planes,
-        )
+        dynamics, effect, model = self._dynamics, self._effect, self._dynamics.model
+        neighbors, planes, triangles = effect.neighbors, effect.planes, effect.surfaces.triangles
         dynamics.go_to_substep(first)
         numbers, pairs, h = ContactNumbers(model.scalar)(), NearPairs(model.scalar)(), effect.steps.dt
         numbers.more, numbers.beyond, numbers.farthest = neighbors.margins
@@ -56,24 +51,11 @@ class ContactLaunch:
         numbers.ahead = AHEAD * h
         if planes is not None:
             pairs, numbers.apart = planes.pairs, planes.apart
-        lanes = effect.lanes(effect.surfaces.triangles)
-        parts = ContactParts(
-            effect.surfaces.triangles,
-            effect.history.overlapping_at_start,
-            effect.limits_now,
-            planes is not None,
-            lanes,
-        )
-        kernel, threads = persistent_contact(composition, self._method, parts, CLUSTER), CLUSTER * MOST_THREADS
+        kinds = triangles, effect.history.overlapping_at_start, effect.limits_now, planes is not None
+        parts, threads = ContactParts(*kinds, effect.lanes(triangles)), CLUSTER * MOST_THREADS
+        kernel = persistent_contact(dynamics.composition, self._method, parts, CLUSTER)
         inputs = [dynamics.scene, self._steps, substeps, model.connection_count, threads, first + 1]
-        inputs += [
-            *effect.on_device,
-            pairs,
-            numbers,
-            neighbors.buffer,
-            neighbors.flags,
-            effect.nothing,
-        ]
+        inputs += [*effect.on_device, pairs, numbers, neighbors.buffer, neighbors.flags, effect.nothing]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 
 

@@ -25,15 +25,9 @@ Blocks = tuple[int, int] | Literal["auto"] | None
 class Stepper:
     """Takes substeps with a launch per stage or, if launches would dominate the time, with one launch for all.
 
-    Parameters
-    ----------
-    stages
-        Function that returns the stages of a substep from the current `state.state_in`.
-    after_substep
-        Function that launches measurements after each substep, given its index in the frame; None for none.
-    blocks
-        See `Blocks`; None for a launch per stage, "auto" for the faster option. For an ensemble, the threads of a
-        world's block.
+    `stages` returns the stages of a substep from the current `state.state_in`. `after_substep` launches
+    measurements after each substep, given its index in the frame. `blocks` is None for a launch per stage, and
+    "auto" for the faster option; for an ensemble it is the number of threads of a world's block.
     """
 
     def __init__(

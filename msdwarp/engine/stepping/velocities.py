@@ -11,12 +11,8 @@ from .stages import Stage
 class Velocities:
     """Shifts velocities between the time of the positions and the method's own time.
 
-    Parameters
-    ----------
-    lag
-        Time by which the method's velocities lag behind positions [s]; negative if time runs backwards.
-    staggered
-        Whether velocities are given and read at the time of the positions; otherwise they are not shifted.
+    The method's velocities lag behind positions by `lag` [s], which is negative if time runs backwards. Unless
+    they are `staggered`, velocities are given and read at the method's time, and are not shifted.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float, staggered: bool) -> None:
