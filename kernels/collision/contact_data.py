@@ -135,9 +135,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
 
     @wp.struct
     class ContactHistory:
-        tangential_displacement: wp.array2d(
-            dtype=V
-        )  # of each point along contact_body [m], shape [HISTORY, point_count]
+        tangential_displacement: wp.array2d(dtype=V)  # along contact_body [m], shape [HISTORY, point_count]
         contact_body: wp.array2d(dtype=int)  # body that the point touches, −1: none
         initial_overlap: wp.array(dtype=scalar)  # overlap at the start that is still allowed [m]
         overlap_release_speed: scalar  # rate at which initial_overlap shrinks [m/s]

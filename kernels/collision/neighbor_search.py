@@ -147,12 +147,9 @@ def entries(scalar: type, lanes: int, worlds: bool):
     """
     Data, SearchedRow = BodyContactData(scalar, worlds), Row(scalar)
     (_, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
-    ballot, least_of, least_number = (
-        ballot_of_lanes(lanes),
-        least_of_lanes(scalar, lanes),
-        least_of_lanes(int, lanes),
-    )
-    wait, zero, doubt, far = wait_for_lanes(lanes), scalar(0.0), scalar(1.01), scalar(FAR)
+    least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
+    ballot, wait = ballot_of_lanes(lanes), wait_for_lanes(lanes)
+    zero, doubt, far = scalar(0.0), scalar(1.01), scalar(FAR)
 
     @wp.func
     def enter(data: Data, before: SearchedRow, facet: int, lane: int) -> SearchedRow:

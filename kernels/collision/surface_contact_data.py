@@ -42,9 +42,7 @@ def SurfaceContactData(scalar: type, moving: bool):
         stiffness: wp.array(dtype=scalar)  # of each sample on it [N/m]
         whole: wp.array(dtype=scalar)  # of all samples around a vertex [N/m]
         slack: wp.array(dtype=scalar)  # smaller depths are rounding errors [m]
-        tangential_displacement: wp.array2d(
-            dtype=V
-        )  # of each facet along contact_body [m], shape [HISTORY, facet_count]
+        tangential_displacement: wp.array2d(dtype=V)  # along contact_body [m], shape [HISTORY, facet_count]
         contact_body: wp.array2d(dtype=int)  # obstacle that the facet touches, −1: none
         way: wp.array2d(dtype=V)  # normal of the entry side if the facet is deep, else 0
         level: wp.array2d(dtype=scalar)  # offset of the entry side along `way`, in the obstacle's given pose [m]

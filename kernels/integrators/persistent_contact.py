@@ -128,10 +128,8 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     advance, load = by_first_lane(composition, method)
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
     place = as_function(place_vertices(dim, scalar, composition.compensated))
-    search, composed = (
-        search_in_launch(scalar, parts.inner),
-        (scalar, parts.overlapping_at_start, parts.lanes),
-    )
+    search = search_in_launch(scalar, parts.inner)
+    composed = scalar, parts.overlapping_at_start, parts.lanes
     if parts.triangles:
         count_touches = as_function(count_contacts(*composed))
         evaluate = as_function(evaluate_contact(*composed, False, parts.limited))

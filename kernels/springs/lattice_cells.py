@@ -32,9 +32,7 @@ def lattice_cells(scalar: type):
         table: CellTable  # the numbers of each cell
         lower: wp.array(dtype=int)  # first corner of each cell, shape [cell_count]
         margin: int  # entries of `pressure` before the first particle, and behind the last
-        pressure: wp.array(
-            dtype=scalar
-        )  # of the cell whose first corner is a particle [Pa], 0 without; of all worlds
+        pressure: wp.array(dtype=scalar)  # of cells [Pa], by their first corner, 0 without; of all worlds
 
     return LatticeCells
 
