@@ -160,10 +160,7 @@ class BodyContact(WithHistory):
     def _release_initial_overlap(self) -> None:
         """Find points that start inside other bodies, and allow their overlap, which then shrinks.
 
-        Raises
-        ------
-        ValueError
-            If bodies in an ensemble overlap, whose worlds have no depenetration.
+        ValueError is raised if bodies in an ensemble overlap, whose worlds have no depenetration.
         """
         model, surfaces, data = self._model, self.surfaces.on_host, self._data
         x = model.vectors()

@@ -27,23 +27,10 @@ COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 class Colliders(Effect):
     """Keeps the particles of a model out of obstacles, fixed or moving.
 
-    Parameters
-    ----------
-    model
-        The system on a device.
-    colliders
-        Obstacles, in the order in which they act on a particle; at least one.
-    rule
-        The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`.
-    contact_forces
-        Whether the forces of obstacles on particles are summed, in `data.impulse`.
-    spared
-        Which particles obstacles ignore, shape [particle_count]; see `SurfaceContact`. None: none of them.
-
-    Raises
-    ------
-    ValueError
-        If an entry is no collider, or does not fit into the system's space.
+    `colliders`, at least one, act on a particle in their order, by the `rule` "coulomb" or "report"; see
+    `msdwarp.kernels.colliders.contact_rule`. With `contact_forces` the forces of obstacles on particles are
+    summed, in `data.impulse`. `spared` has the particles that obstacles ignore, shape [particle_count]; see
+    `SurfaceContact`. ValueError is raised if an entry is no collider, or does not fit into the system's space.
     """
 
     def __init__(
@@ -76,22 +63,10 @@ class Colliders(Effect):
         inside, self.leads_out = _deepest(model, colliders, free), rule == "coulomb"
         self._deepest = inside if self.leads_out else 0.0
         self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
-        self.piece = ColliderTerm(
-            *collider_contact(
-                *(model.dim, model.scalar, rule, kinds, contact_forces),
-                Needed(
-                    self._bounces,
-                    several=len(colliders) > 1,
-                    overlapping_at_start=self._deepest > 0.0,
-                    spares=spares,
-                ),
-                self.moves,
-            ),
-            moving=self.moves,
-            contact_forces=contact_forces,
-            overlapping_at_start=self._deepest > 0.0,
-            spares=spares,
-        )
+        some = {"overlapping_at_start": self._deepest > 0.0, "spares": spares}
+        needed = Needed(self._bounces, several=len(colliders) > 1, **some)
+        contact = collider_contact(model.dim, model.scalar, rule, kinds, contact_forces, needed, self.moves)
+        self.piece = ColliderTerm(*contact, moving=self.moves, contact_forces=contact_forces, **some)
         self.contact_forces = contact_forces
         data = self.data = self.piece.Colliders()
         if spares:

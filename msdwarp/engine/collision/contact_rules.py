@@ -52,10 +52,8 @@ class ContactRules:
 
     def __init__(self, model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> None:
         self._rules = rules
-        self.thickness, self.stiffness = (
-            np.array([-1.0 if value is None else value for value in values])
-            for values in ([one.thickness for one in rules], [one.stiffness for one in rules])
-        )
+        given = [one.thickness for one in rules], [one.stiffness for one in rules]
+        self.thickness, self.stiffness = (np.array([-1.0 if n is None else n for n in one]) for one in given)
         bodies, body = len(surfaces.closed), surfaces.body_of_particle
         names = sorted({name for one in rules for name in one.groups or ()})
         within = np.zeros((bodies, len(names)), dtype=bool)

@@ -140,10 +140,8 @@ class NeighborList:
         in_order = np.lexsort([on_curve, surfaces.body_of_point]).astype(np.int32)
         data.in_order = each.alike(in_order, int, len(on_host.share))
         data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
-        data.since, data.due = (
-            wp.zeros(1, dtype=float, device=device),
-            wp.full(1, FORCED, dtype=int, device=device),
-        )
+        data.since = wp.zeros(1, dtype=float, device=device)
+        data.due = wp.full(1, FORCED, dtype=int, device=device)
         # A distant facet may come nearer by this much than the search looks, without touching.
         self._more = max(0.0, self._around - thickest)
         self._warp = WARP if device.is_cuda else 1

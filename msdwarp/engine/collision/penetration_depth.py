@@ -32,11 +32,9 @@ def describe(data: Any, colliders: Sequence[Collider], dim: int, scalar: Any, de
 
 
 def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -> NDArray[np.float64]:
-    """Return the depths of points [m], shape [count, dim], in each of several obstacles at the start.
+    """Return the depths of points, shape [count, dim], in each of several obstacles at the start [m].
 
-    Returns
-    -------
-        Depths [m], below 0 outside, shape [collider_count, count]; −inf in a soft one, which may be entered.
+    They are below 0 outside, shape [collider_count, count], and −inf in a soft one, which may be entered.
     """
     dim = position.shape[1]
     data: Any = solids(dim, wp.float64)()
