@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from msdwarp import Frame, Plane, Scene, Simulation, box, sheet
-from msdwarp.live import Browser, Running, Screen, View, screen_for, within_reach
+from msdwarp.live import Browser, Running, Screen, View, Window, within_reach
 
 from ..common import arguments, machine, read_csv, table, write_csv
 
@@ -169,7 +169,7 @@ class Counted:
 
 def of_window(triangles: int, seconds: float) -> dict[str, Any]:
     """Measure the window."""
-    screen = Counted(screen_for(False), seconds)
+    screen = Counted(Window(), seconds)
     as_screen: Screen = screen  # type: ignore[assignment]
     View(Waves(triangles), [as_screen]).run()
     spacing = median(np.diff(screen.times)) if len(screen.times) > 1 else float("nan")

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from .. import checks
 from ..files import Trajectory
-from ..live import Browser, Played, Running, Source, View, screen_for, within_reach
+from ..live import Browser, Played, Running, Source, View, Window, within_reach
 from ..pictures import no_display
 from ..world import Scene
 from .options import Pictures, ViewOptions
@@ -51,8 +51,8 @@ def _view(source: Source, options: ViewOptions, **more: Any) -> View:
     why = None if options.browser else no_display()
     if options.window and why is not None:
         raise ValueError(f"{why}; use --browser")
-    page = options.browser or why is not None
-    screen = screen_for(page, options.host, options.port, options.allow_origin)
+    on_page = options.browser or why is not None
+    screen = Browser(options.host, options.port, options.allow_origin) if on_page else Window()
     return View(source, [screen], paused=options.paused, renderer=options.renderer, **more)
 
 

@@ -13,7 +13,6 @@ from ..world import Contact, MouseSpring, Scene, scene_from_stored
 from .browser import HOST, Browser
 from .handling import within_reach
 from .sources import Played, Running, Source
-from .state import Screen
 from .view import View
 from .window import Window
 
@@ -77,7 +76,7 @@ def view(
         browser = no_display() is not None
     if not browser and not block:
         raise ValueError("block is False; a window must be waited for: add browser=True")
-    screen = screen_for(browser, host, port, allow_origin)
+    screen = Browser(host, port, allow_origin) if browser else Window()
     if isinstance(screen, Browser):
         print(screen.address)
     opened = View(source, [screen], paused=paused)
@@ -87,13 +86,6 @@ def view(
     with contextlib.suppress(KeyboardInterrupt):
         opened.run()
     return opened
-
-
-def screen_for(
-    browser: bool, host: str = HOST, port: int | None = None, allow_origin: Sequence[str] = ()
-) -> Screen:
-    """Return a page or a window."""
-    return Browser(host, port, allow_origin) if browser else Window()
 
 
 def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
