@@ -121,15 +121,12 @@ def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, 
     shifted = tuple(
         {name: slice(part.start + c, part.stop + c) for name, part in body.items()} for body in other["directions"]
     )
+    for name in ("surface", "cells", "angles"):
+        result[name] = one[name] if other[name] is None else other[name].behind(one[name], n)
     return result | {
         "connections": np.concatenate([one["connections"], other["connections"] + np.int32(n)]),
         "damper": (one if one["damping"].any() else other)["damper"],
         "spring": (one if len(one["connections"]) else other)["spring"],
-        "surface": one["surface"] if other["surface"] is None else other["surface"].behind(one["surface"], n),
-        **{
-            name: one[name] if other[name] is None else other[name].behind(one[name], n)
-            for name in ("cells", "angles")
-        },
         "directions": one["directions"] + shifted,
         "groups": groups,
     }

@@ -143,12 +143,8 @@ class System:
     def trusted(cls, **fields: Any) -> Self:
         """Return a system from valid fields, without checking, copying or broadcasting them.
 
-        Parameters
-        ----------
-        fields
-            As for the class, in their full shapes and as float64 or int32. Do not write to the arrays afterwards;
-            they become read-only. position, connections and rest_length are required; the others have the defaults
-            of the class.
+        They have their full shapes, as float64 or int32. Do not write to the arrays afterwards; they become
+        read-only. position, connections and rest_length are required; the others have the defaults of the class.
         """
         system = cls.__new__(cls)
         position, count = fields["position"], len(fields["connections"])
