@@ -107,11 +107,9 @@ def handled(handler: Callable[[int, Any], Any]) -> Iterator[None]:
             signal.signal(number, own)
 
 
-@contextlib.contextmanager
-def at_once() -> Iterator[None]:
+def at_once() -> contextlib.AbstractContextManager[None]:
     """Let signals end the process at once, while nothing needs to be closed or removed."""
-    with handled(leave):
-        yield
+    return handled(leave)
 
 
 @contextlib.contextmanager
