@@ -44,7 +44,7 @@ from .tables_by_world import Repeated
 DAMPING_LIMIT = 0.4
 """Largest rate of all dampers of contacts together, by 1 over the substep, where they are limited."""
 WORTH = 1.2
-"""Dampers are limited where this allows a step longer by this factor: it takes as much computation."""
+"""Dampers are limited where the step can then be longer by this factor, which pays for the computation."""
 OVERLAP = 0.01
 """Overlap at the start, over the spacing, up to which there is no warning."""
 

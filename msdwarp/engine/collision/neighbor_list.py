@@ -48,7 +48,7 @@ from .tables_by_world import Repeated
 MOST_BODIES, MOST_BODIES_ON_GPU = 64, 4096
 """Bodies of a world, up to which all pairs of them are tested; more are searched by a tree."""
 MOST_BY_WARPS, LANES_OF_MANY = 2**15, 8
-"""On a GPU a warp shares a point, a body or a facet in a search; with more points than this, so many threads."""
+"""On a GPU a warp shares a point, a body or a facet in a search; with more points than this, only some threads."""
 MOST_SEARCHING = 2**20
 """Threads on a GPU that search for points: most points of large bodies are near nothing."""
 MORTON_BITS = 16
@@ -56,17 +56,17 @@ MORTON_BITS = 16
 ROOM = 32
 """Facets that a row has room for at first, and bodies near one."""
 ROOM_TO_SPARE = 0.8
-"""Share of it that may be taken."""
+"""Share of the room that may be taken before it grows."""
 MOST_ROOM = 2**30
-"""Numbers in all rows, at most."""
+"""Maximal number of entries in all rows."""
 LEAST_SKIN = 0.25
-"""The skin at first, and at least, by how far off bodies touch."""
+"""Width of the skin at first, and at least, over the distance at which bodies touch."""
 SKIN_BY_WAY = 2.5
-"""The skin by the furthest way of a vertex that lists should allow for: they hold as long as it is more than 2."""
+"""Width of the skin, over the furthest way of a vertex while lists should hold; above 2 they do."""
 WIDEST_SKIN = 0.5
-"""The skin at most, by how far off bodies touch, unless the next is more."""
+"""Largest width of the skin, over the distance at which bodies touch, unless the next limit is wider."""
 SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.2
-"""The skin at most, by the least spacing. A wider one means longer rows and fewer searches."""
+"""Largest width of the skin, over the least spacing. A wider one means longer rows and fewer searches."""
 FARTHEST_WAY = 64.0
 """A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
 MOST_THREADS = 2**14
@@ -74,13 +74,13 @@ MOST_THREADS = 2**14
 MOST_BETWEEN = 32
 """Substeps between two searches for which the skin allows, unless it would become wider than the widest."""
 CHECK_EVERY = 4
-"""Every how many substeps a GPU decides whether to search: a launch that depends on it takes 10 µs.
+"""Substeps from one decision of a GPU whether to search to the next: a launch that depends on it takes 10 µs.
 
-It is every substep if the skin that slower decisions need were wider than the widest, and on a CPU.
+A CPU decides in every substep. So does a GPU if rarer decisions needed a skin wider than the widest.
 """
 ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
-"""The skin allows for this many substeps more than lie between two decisions; lists are made again with less left:
-vertices may become faster."""
+"""Substeps for which lists must hold beyond those between two decisions, as vertices may become faster: when they
+are made, and at a decision."""
 
 
 class NeighborList:
@@ -124,10 +124,8 @@ class NeighborList:
         """Points that had facets near them in the last frame."""
         self.partition: Launcher | None = None
         """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
-        self._check_every = CHECK_EVERY if device.is_cuda else 1
-        """The same where nothing is fast."""
-        self.check_every = self._check_every
-        """Substeps from one decision whether to search to the next."""
+        self.check_every = self._check_every = CHECK_EVERY if device.is_cuda else 1
+        """Substeps from one decision whether to search to the next: now, and where nothing is fast."""
         self.dt, self.substep = 0.0, 0
         """Length of a substep [s], and the number of the coming one."""
         self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)

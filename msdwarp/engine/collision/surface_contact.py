@@ -28,7 +28,7 @@ from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
 
 HARDER = 8.0
-"""Stiffness of all samples around a vertex, over that of contact with a rigid body: seldom are all inside."""
+"""Stiffness of all samples around a vertex, over that of contact with a rigid body: all are seldom inside."""
 SLACK = 1e-4
 """Smallest depth that counts, over the spacing: particles on an obstacle are on its surface up to rounding."""
 THIN = 0.25

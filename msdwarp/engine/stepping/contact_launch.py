@@ -12,7 +12,7 @@ from .persistent import CLUSTER
 from .stages import Stage
 
 AHEAD = 2.0
-"""Lists must hold for this many substeps at the present speeds, else they are made again: they must for one."""
+"""Lists are made again unless they hold for this many substeps at the present speeds: one is what is needed."""
 MOST = 2**13, 2**8, 2**11
 """Points, bodies and particles up to which a cluster may be faster than the whole GPU."""
 MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
