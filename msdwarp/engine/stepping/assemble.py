@@ -1,7 +1,6 @@
 """Assembly: a model and the effects of a scene; `assemble` makes it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,17 +56,17 @@ COLLIDER_RULES = ("coulomb", "report")
 class Surroundings(NamedTuple):
     """What a scene adds to a system: colliders, loads, probes."""
 
-    colliders: Sequence[Collider] = ()
+    colliders: Sequence[Collider]
     """Obstacles, in the order in which they act on a particle."""
-    collider_rule: str = "coulomb"
+    collider_rule: str
     """The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`."""
-    loads: Sequence[Load] = ()
+    loads: Sequence[Load]
     """Loads on the system."""
-    probes: Mapping[str, Probe] = MappingProxyType({})
+    probes: Mapping[str, Probe]
     """Probes by name."""
-    contact_forces: bool = False
+    contact_forces: bool
     """Whether the contact force on each particle is requested."""
-    settles: bool = False
+    settles: bool
     """Whether the system is led to equilibrium."""
 
     @property
