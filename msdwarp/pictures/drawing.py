@@ -26,6 +26,7 @@ from .dressing import (
 )
 from .light import AMBIENT, BOUNCE, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, towards
 from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes
+from .sheets import Sheet, kept_off, triangles_of_sheets
 from .stage import axes_of
 
 COLOURINGS = ("texture", "strain")
@@ -129,6 +130,10 @@ class Drawing:
         system, of_particle = scene.system, look_of_particles(scene)
         surface = None if self.shows_strain else system.surface
         of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)
+        obstacles = kept_off(scene)
+        of_sheet = (
+            triangles_of_sheets(system) if len(of_triangle) and obstacles else np.zeros(len(of_triangle), bool)
+        )
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
         if (between := system.between_neighbours) is not None:  # springs to second neighbours lie along two others
             drawn = drawn & between
@@ -140,10 +145,14 @@ class Drawing:
         body: list[Part] = []
         for k, look in enumerate((scene.look, *scene.looks.values())):
             finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss)
-            if surface is not None and (mine := of_triangle == k).any():
+            for bends in (False, True):
+                if surface is None or not (mine := (of_triangle == k) & (of_sheet == bends)).any():
+                    continue
                 part = part_of(surface, mine)
                 parted = None if tears is None else tears.parted_at[mine]
-                body.append(SurfacePart(part, finish, look.smooth, self.device, parted))
+                flat = SurfacePart(part, finish, look.smooth, self.device, parted)
+                corners = part.points(system.position)[part.triangles]
+                body.append(Sheet(flat, corners, system.pinned, obstacles, self.device) if bends else flat)
             if tears is not None and (bare := of_particle[tears.triangles].max(axis=1) == k).any():
                 crumb = Finish(np.array(checks.colour("inside", look.inside or look.colour)))
                 times = tears.until[bare], tears.since[bare]
