@@ -14,7 +14,7 @@ from rich.progress import Progress
 
 from ..bodies import stress, von_mises
 from ..files import FrameArray, Trajectory
-from ..pictures import ColourScale, Renderer, outermost, timelapse, write_film
+from ..pictures import ColourScale, Renderer, framed, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
@@ -47,7 +47,7 @@ def draw(
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
         fps, count = trajectory.fps if fps is None else fps, len(shown)
-        look = replace(scene.look, **pictures.camera_angles)
+        look = pictures.aimed(scene.look)
         if scene.system.tears:
             scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
         if pictures.colour == "strain" or (pictures.colour is None and look.strain):
@@ -55,10 +55,10 @@ def draw(
         scene = replace(scene, look=look)
         colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
         size = parse_resolution(pictures.resolution)
-        seen = [outermost(trajectory.positions[k], scene.look, size[0] / size[1]) for k in shown]
+        seen = framed(scene, trajectory.positions, shown, size[0] / size[1])
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
         how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
-        renderer = Renderer(scene, np.concatenate(seen), resolution=size, device=device, **how)
+        renderer = Renderer(scene, seen, resolution=size, device=device, **how)
         _raise_if_stopped(requests)
         positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
         if not pictures.frames == pictures.video == "none":

@@ -119,6 +119,7 @@ def render(
         if not pictures.any:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
         name, scene = _scene_of(trajectory, talk, script)
+        replace(scene, look=pictures.aimed(scene.look))  # raises ValueError for a body that it has not
         usual = trajectory.path.parent / "render"
         folder = out or (usual if force else free_folder(usual))
         there = pictures_in(folder, name)

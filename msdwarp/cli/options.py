@@ -5,11 +5,14 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from .results import overlay_path
+
+if TYPE_CHECKING:
+    from ..world import Look
 
 # Flags that several commands share, with their help.
 Flag = Annotated[bool, Parameter(negative=())]
@@ -54,6 +57,12 @@ class Pictures:
     """Camera angle around the vertical, counter-clockwise from +x [degrees]. Default: set by the scene."""
     elevation: float | None = None
     """Camera angle above the horizon [degrees]. Default: set by the scene."""
+    target: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """Point in the middle of the picture, such as 0,0,0.5 [m]. Default: set by the scene, or fitted to the run."""
+    distance: float | None = None
+    """Distance of the camera from the target [m]. Default: set by the scene, or so that everything is in view."""
+    follow: str | None = None
+    """Name of a body of the scene with which the camera moves. Default: set by the scene, or none."""
     zoom: float = 1.0
     """Zoom factor; 1 fits everything."""
     renderer: RendererName = "auto"
@@ -73,10 +82,27 @@ class Pictures:
         return all(path.exists() for path in wanted)
 
     @property
-    def camera_angles(self) -> dict[str, Any]:
-        """The camera angles that are given, by name."""
-        angles = {"azimuth": self.azimuth, "elevation": self.elevation}
-        return {name: angle for name, angle in angles.items() if angle is not None}
+    def camera(self) -> dict[str, Any]:
+        """The given fields of a `Look` that aim the camera; raise ValueError if the target is no point."""
+        given: dict[str, Any] = {
+            name: getattr(self, name) for name in ("azimuth", "elevation", "distance", "follow")
+        }
+        if self.target is not None:
+            try:
+                given["target"] = tuple(map(float, self.target.split(",")))
+            except ValueError:
+                raise ValueError(f"target is {self.target!r}; it must be X,Y,Z, such as 0,0,0.5") from None
+        return {name: value for name, value in given.items() if value is not None}
+
+    def aimed(self, look: "Look") -> "Look":
+        """Return a scene's look with the camera that is given."""
+        given = self.camera
+        # A body to follow and a target are two targets: the one that is given takes the place of the scene's.
+        if self.target is not None and self.follow is None:
+            given["follow"] = None
+        if self.follow is not None and self.target is None:
+            given["target"] = None
+        return replace(look, **given)
 
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless `frame_count` frames can be drawn."""
@@ -91,7 +117,7 @@ class Pictures:
             raise ValueError(f"renderer is opengl, which cannot draw here; it must be another one or auto: {why}")
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
-        Look(**self.camera_angles)  # checks them
+        Look(**self.camera)  # checks them
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(
                 f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"

@@ -44,6 +44,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     duration = scene.duration if options.duration is None else options.duration
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
+    replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError for a body that it has not
     if options.pictures.colour == "stress":
         stress(scene.system)  # raises ValueError if it has none
     if options.tolerance is not None:

@@ -13,7 +13,7 @@ from PIL import Image
 
 from .. import checks
 from ..files import Trajectory
-from ..pictures import Renderer, outermost, write_film
+from ..pictures import Renderer, framed, write_film
 from ..simulation import Simulation
 from ..world import Scene
 from .opening import scene_of
@@ -102,7 +102,7 @@ def show(
         broken_at = shown.system.broken_at if scene.system.tears else None
     if broken_at is not None:
         scene = replace(scene, system=scene.system.replace(broken_at=broken_at))
-    seen = np.concatenate([outermost(one, scene.look, resolution[0] / resolution[1]) for one in positions])
+    seen = framed(scene, positions, range(len(positions)), resolution[0] / resolution[1])
     renderer = Renderer(scene, seen, resolution=resolution, colouring=colouring)
 
     def images() -> Iterator[NDArray[np.uint8]]:

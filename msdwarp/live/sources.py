@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..bodies import Frame
 from ..files import Trajectory
-from ..pictures import outermost
+from ..pictures import framed
 from ..runtime import find_device
 from ..simulation import Simulation
 from ..world import Scene
@@ -132,9 +132,8 @@ class Played:
     def seen(self) -> NDArray:
         """Return the outermost particles of all frames, or of a sample of frames [m], shape [any, d]."""
         last, count = self.frame_count - 1, min(self.frame_count, MOST_SEEN)
-        positions, look = self._trajectory.positions, self.scene.look
         chosen = np.unique(np.linspace(0, last, count).round().astype(int))
-        return np.concatenate([outermost(positions[k], look, ASPECT) for k in chosen])
+        return framed(self.scene, self._trajectory.positions, chosen.tolist(), ASPECT)
 
     def advance(self) -> bool:
         """Show the next frame; return whether there was one."""

@@ -2,11 +2,12 @@
 
 from .drawing import ColourScale as ColourScale, Drawing as Drawing
 from .film import FILM_FORMATS as FILM_FORMATS, check_formats as check_formats, write_film as write_film
+from .framing import framed as framed
 from .legend import bar as bar, ramp as ramp
 from .onscreen import OnScreen as OnScreen
 from .opengl_window import no_display as no_display
 from .parts import Part as Part
 from .renderer import Renderer as Renderer, no_opengl as no_opengl
-from .stage import VIEW_ANGLE as VIEW_ANGLE, Camera as Camera, Stage as Stage, outermost as outermost
+from .stage import VIEW_ANGLE as VIEW_ANGLE, Camera as Camera, Stage as Stage
 from .timelapse import timelapse as timelapse
 from .warp_renderers import RayCaster as RayCaster

@@ -13,7 +13,7 @@ from .actors import Actors, add_lights, ground_actor, mesh_actor
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .opengl_window import import_pyvista
-from .stage import VIEW_ANGLE, Stage
+from .stage import VIEW_ANGLE, Camera, Stage
 
 BEHIND, SCENE, FRONT = 0, 1, 2
 """Layers, each drawn over the previous ones: the ground's shadows, bodies and colliders, and arrows."""
@@ -22,8 +22,8 @@ BEHIND, SCENE, FRONT = 0, 1, 2
 class OpenGL:
     """Draws with PyVista: one plotter for all pictures, whose points are updated in place.
 
-    Pictures are drawn at twice the resolution and averaged: smooth edges on any OpenGL. The camera is fixed, so
-    the ground is drawn only once, and every picture is blended over it.
+    Pictures are drawn at twice the resolution and averaged: smooth edges on any OpenGL. The ground is drawn
+    only once for each camera, and every picture is blended over it.
     """
 
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
@@ -41,16 +41,13 @@ class OpenGL:
         self._pixels = wp.zeros(shape, dtype=wp.vec4ub, device="cpu")
         weakref.finalize(self, self._plotter.close)
         self._plotter.show(auto_close=False)
-        ground = None
+        self._sky, self._ground = wp.clone(self._backdrop), None
         if stage.ground is not None:
-            ground = ground_actor(pv, stage.ground)
-            self._plotter.add_actor(ground)
-            self._picture((0, 0, *shape))
-            wp.copy(self._backdrop, self._pixels)
-            self._plotter.remove_actor(ground, render=False)
-        self._actors = Actors(pv, self._plotter, drawing, stage.ground, ground, self._camera.light)
+            self._ground = ground_actor(pv, stage.ground)
+            self._draw_ground()
+        self._actors = Actors(pv, self._plotter, drawing, stage.ground, self._ground, self._camera.light)
         behind = self._layer(BEHIND)  # the first layer: VTK clears the window with it
-        if ground is not None:
+        if self._ground is not None:
             behind.AddActor(self._actors.on_ground)
         self._arrows = arrows
         if arrows is not None:
@@ -90,6 +87,27 @@ class OpenGL:
         renderer.SetLayer(layer)
         self._plotter.render_window.AddRenderer(renderer)
         return renderer
+
+    def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Set the camera of the next pictures, which have the stage's `size`; the lights stay."""
+        self._camera = camera
+        self._plotter.camera.position, self._plotter.camera.focal_point = camera.eye, camera.target
+        if self._ground is not None:
+            self._draw_ground()
+
+    def _draw_ground(self) -> None:
+        """Draw the ground alone, over which pictures are blended."""
+        actors = [one for layer in self._plotter.render_window.GetRenderers() for one in layer.GetActors()]
+        shown = [one for one in actors if one.GetVisibility()]
+        for one in shown:
+            one.VisibilityOff()
+        wp.copy(self._backdrop, self._sky)
+        self._plotter.add_actor(self._ground, reset_camera=False)
+        self._picture((0, 0, *self._pixels.shape))
+        wp.copy(self._backdrop, self._pixels)
+        self._plotter.remove_actor(self._ground, reset_camera=False, render=False)
+        for one in shown:
+            one.VisibilityOn()
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the current drawing, uint8 of shape [height, width, 3]."""

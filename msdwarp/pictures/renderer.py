@@ -27,7 +27,7 @@ The class of one is made with (drawing, stage, arrows); its `draw(..., shadows)`
 
 
 class Renderer:
-    """Draws the frames of a scene, all with one camera.
+    """Draws the frames of a scene, with one camera, which stands still unless the look lets it follow a body.
 
     Parameters
     ----------
@@ -125,7 +125,16 @@ class Renderer:
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
             or values or forces are given without a `ColourScale` or arrows.
         """
+        if self.stage.followed is not None and position.shape[:1] == self._shape[:1]:
+            self.aim(_on_host(position))
         return self.with_legend(self.bare(position, time, values=values, forces=forces))
+
+    @in_turn
+    def aim(self, position: NDArray | None) -> None:
+        """Let the camera follow its body to positions [m], shape [particle_count, d]; None: to the start."""
+        if self.stage.followed is not None:
+            way = np.zeros(3) if position is None else self.stage.centre_of(position) - self.stage.camera.target
+            self._backend.look_from(self.stage.camera.shifted(way), (self.stage.width, self.stage.height))
 
     @in_turn
     def bare(

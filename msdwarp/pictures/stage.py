@@ -1,7 +1,7 @@
 """The stage: camera, lights and ground, which do not move."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ VIEW_ANGLE = 30.0
 """Vertical opening of the camera [degrees]."""
 MARGIN = 1.12
 """Width of the view, over the width that must be visible."""
+AROUND_BODY = 0.4
+"""Zoom on a body that the camera follows, over that at which it fills the picture."""
 UNSEEN = 1e-3
 """Depth below the ground down to which things are drawn, over the extent of all that the camera sees. Bodies in
 contact sink into the ground by about this; without the tolerance parts of them would vanish."""
@@ -97,6 +99,23 @@ class Camera:
         eye = target + max(distance, 0.5 * size) / zoom * back
         return cls(eye, target, -back, right, up)
 
+    def aimed(
+        self, target: NDArray, distance: float | None, points: NDArray, aspect: float, zoom: float
+    ) -> "Camera":
+        """Return a camera in the same direction that looks at `target` [m] from a distance [m].
+
+        If that is None, it is the least distance from which all points are in view, shape [any, 3].
+        """
+        if distance is None:
+            sides = zip((self.right, self.up), _tangents(aspect), strict=True)
+            off = points - target
+            distance = max(float((np.abs(off @ axis) / tan - off @ self.forward).max()) for axis, tan in sides)
+        return replace(self, eye=target - distance / zoom * self.forward, target=target)
+
+    def shifted(self, way: NDArray) -> "Camera":
+        """Return this camera, moved [m], shape [3]."""
+        return replace(self, eye=self.eye + way, target=self.target + way)
+
     def pixels(self, points: NDArray, height: int, width: int) -> tuple[NDArray, NDArray]:
         """Return the rows and columns of points in a picture of this size, counted from its upper left."""
         offset = points - self.eye
@@ -176,5 +195,23 @@ class Stage:
         points = np.concatenate([in_space(positions, np.float64).reshape(-1, 3), solids])
         self.look = scene.look
         self.width, self.height = size
-        self.camera = Camera.that_sees(points, scene.look, self.width / self.height, zoom=zoom, above=above)
+        aspect, look, seen = self.width / self.height, scene.look, points
+        self.followed = None if look.follow is None else scene.system.groups[look.follow]
+        """The particles with whose mean position the camera moves; None: it stands still."""
+        if self.followed is not None:
+            seen, zoom = in_space(scene.system.position[self.followed], np.float64), zoom * AROUND_BODY
+        self.camera = Camera.that_sees(seen, look, aspect, zoom=zoom, above=above)
+        target = None if look.target is None else np.array(look.target)
+        if self.followed is not None:
+            target, zoom = (
+                self.centre_of(scene.system.position),
+                zoom / (1 if look.distance is None else AROUND_BODY),
+            )
+        if target is not None or look.distance is not None:
+            middle = self.camera.target if target is None else target
+            self.camera = self.camera.aimed(middle, look.distance, seen, aspect, zoom)
         self.ground = Ground(scene, points) if scene.ground else None
+
+    def centre_of(self, position: NDArray) -> NDArray:
+        """Return the mean position of the particles that the camera follows [m], shape [3]."""
+        return in_space(np.asarray(position, dtype=np.float64)[self.followed], np.float64).mean(axis=0)

@@ -38,6 +38,7 @@ def timelapse(
     if values is not None:
         values_of = finite_array("values", values, (count, len(positions[0])))
     opacities = np.linspace(FAINTEST, 1.0, count) if count > 1 else [1.0]
+    renderer.aim(None)  # all poses are seen by one camera
     shape = (renderer.stage.height, renderer.stage.width)
     bodies, clear, light = np.zeros((*shape, 3)), np.ones((*shape, 1)), np.ones((*shape, 1))
     stage = np.zeros(())

@@ -35,7 +35,7 @@ _BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
 class Rasteriser:
     """Draws a drawing that is on the CPU, triangle by triangle, with shadows from a shadow map.
 
-    The camera is fixed, so the ground is drawn only once, and bodies and their shadows are drawn over it.
+    The ground is drawn only once for each camera, and bodies and their shadows are drawn over it.
     """
 
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
@@ -48,8 +48,14 @@ class Rasteriser:
         self._nearest = wp.zeros((4 * shape[0], shape[1]), dtype=wp.uint64, device="cpu")
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
-        wp.launch(raster.draw_backdrop, shape, [self._view], [self._backdrop], device="cpu")
+        self.look_from(stage.camera, (stage.width, stage.height))
         self._shade(self._body, (0, 0, 1, 0))  # draws nothing, but compiles the kernel before threads launch it
+
+    def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Set the camera of the next pictures, which have the stage's `size`; the lights stay."""
+        self._camera = camera
+        _look_from(self._view, camera, size)
+        wp.launch(raster.draw_backdrop, self._backdrop.shape, [self._view], [self._backdrop], device="cpu")
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing's current state, uint8 of shape [height, width, 3]."""
@@ -71,7 +77,7 @@ class Rasteriser:
         self._view.shadows = int(shadows)
         inputs = [body, self._view]
         wp.launch(raster.draw_triangles, len(body.triangles), inputs, [self._nearest], device="cpu")
-        row, column, rows, columns = self._stage.camera.frame(points, *self._pixels.shape)
+        row, column, rows, columns = self._camera.frame(points, *self._pixels.shape)
         # Align squares of 2 x 2 pixels equally in all pictures, whatever part changes.
         rows, columns = rows + row % 2, columns + column % 2
         row, column = row - row % 2, column - column % 2

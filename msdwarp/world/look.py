@@ -33,6 +33,13 @@ class Look:
         Strength of highlights on the body, 0 … 1.
     azimuth, elevation
         Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
+    target
+        Point in the middle of the picture [m], shape [3]. None: fitted to the run.
+    distance
+        Distance of the camera from that point [m]. None: everything is in view.
+    follow
+        Name of a group of particles. The camera moves with their mean position, which is then the target; without
+        a `distance` they fill two fifths of the picture.
     background, ground
         Colours of the backdrop and of the ground beneath the body, "#rrggbb".
     obstacle
@@ -59,6 +66,9 @@ class Look:
     gloss: float = 0.25
     azimuth: float = -60.0
     elevation: float = 16.0
+    target: tuple[float, ...] | None = None
+    distance: float | None = None
+    follow: str | None = None
     background: str = "#eef1f4"
     ground: str = "#cfd6dc"
     obstacle: str = "#c9c3ba"
@@ -81,6 +91,18 @@ class Look:
         checks.between("obstacle_gloss", self.obstacle_gloss, 0, 1)
         checks.between("azimuth", self.azimuth, -360, 360)
         checks.between("elevation", self.elevation, -90, 90)
+        if self.target is not None:
+            object.__setattr__(self, "target", checks.point("target", self.target))
+            if len(self.target) != 3:
+                raise ValueError(f"target is {self.target}; it must have 3 coordinates")
+        if self.distance is not None:
+            checks.positive("distance", self.distance)
+        if self.follow is not None:
+            checks.instance("follow", self.follow, str, "'ball'")
+            if self.target is not None:
+                raise ValueError(
+                    f"target is {self.target}; it must be None where the camera follows {self.follow!r}"
+                )
         checks.one_of("strain", self.strain, (False, True))
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)

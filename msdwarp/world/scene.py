@@ -99,6 +99,8 @@ class Scene:
         checks.positive("duration", self.duration)
         checks.one_of("settled", self.settled, (False, True))
         checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
+        if self.look.follow is not None:
+            checks.one_of("look.follow", self.look.follow, self.system.groups)
         object.__setattr__(self, "looks", self._checked_looks())
         object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders, self.loads))
         object.__setattr__(self, "observe", dict(checks.mapping("observe", self.observe)))

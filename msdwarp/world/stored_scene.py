@@ -19,6 +19,7 @@ Stored = tuple[dict[str, Any], dict[str, NDArray]]
 """JSON data, and arrays by name."""
 _COLLIDERS = {kind.__name__: kind for kind in (Plane, Sphere, Box, Capsule, Cone)}
 _TEXTURES = ("texture", "obstacle_texture")
+_AIM = ("target", "distance", "follow")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,8 @@ def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[
         image = values.pop(name)
         if image is not None:
             arrays[f"{place}/{name}"] = np.asarray(image)
-    return {name: _plain(value) for name, value in values.items()}
+    # Earlier versions open files of scenes that do not aim the camera.
+    return {name: _plain(value) for name, value in values.items() if name not in _AIM or value is not None}
 
 
 def _look(described: Mapping[str, Any], place: str, arrays: Mapping[str, NDArray]) -> Look:

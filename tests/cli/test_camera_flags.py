@@ -1,11 +1,14 @@
 """Where the camera stands and what of a run is drawn: flags of `run` and `render`."""
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
 
+from msdwarp import Look
 from msdwarp.cli.file_commands import frames_shown
-from msdwarp.cli.options import Options
+from msdwarp.cli.options import Options, Pictures
 from msdwarp.cli.provenance import restored_options
 
 SMALL = ("--resolution", "128x72", "--device", "cpu")
@@ -53,6 +56,11 @@ def test_a_run_takes_the_camera_s_flags_and_keeps_them(msdwarp, cube, tmp_path):
         (["--azimuth", "400"], "azimuth is 400.0; it must be from -360 to 360"),
         (["--elevation", "nan"], "elevation is nan; it must be from -90 to 90"),
         (["--zoom", "0"], "zoom is 0; it must be a number above 0"),
+        (["--distance", "-1"], "distance is -1; it must be a number above 0"),
+        (["--target", "-1,2"], "target is (-1.0, 2.0); it must have 3 coordinates"),
+        (["--target", "here"], "target is 'here'; it must be X,Y,Z, such as 0,0,0.5"),
+        (["--target", "0,0,1", "--follow", "cube"], "target is (0.0, 0.0, 1.0); it must be None where the camera"),
+        (["--follow", "moon"], "look.follow is 'moon'; it must be one of"),
         (["--renderer", "vulkan"], "renderer is 'vulkan'; it must be one of auto, raster, raycast, opengl"),
     ],
 )
@@ -138,6 +146,16 @@ def test_what_cannot_be_drawn_is_refused_before_a_file_is_touched(msdwarp, cube,
 def test_a_run_stores_where_the_camera_stood():
     pictures = restored_options(Options().as_stored()).pictures
     assert (pictures.azimuth, pictures.elevation, pictures.zoom) == (None, None, 1.0)
+    assert pictures.camera == {}
+    aimed = Pictures(target="-1,0,0.5", distance=2.0)
+    again = restored_options(json.loads(json.dumps(Options(pictures=aimed).as_stored()))).pictures
+    assert again.camera == {"target": (-1.0, 0.0, 0.5), "distance": 2.0}
+
+
+def test_a_target_and_a_body_to_follow_take_each_other_s_place():
+    assert Pictures(follow="ball").aimed(Look(target=(1, 2, 3))).target is None
+    assert Pictures(target="1,2,3").aimed(Look(follow="ball")).follow is None
+    assert Pictures(azimuth=5).aimed(Look(follow="ball")).follow == "ball"
 
 
 def test_opengl_is_refused_where_there_is_none_before_a_file_is_touched(msdwarp, tmp_path, monkeypatch):
