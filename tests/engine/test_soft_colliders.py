@@ -164,3 +164,14 @@ def test_it_may_be_entered_at_the_start(plain_device):
     simulation = Simulation(body, colliders=[Plane(stiffness=K)], precision="float64", device=plain_device)
     stored = K * 0.005**3 / (6 * RAMP)
     assert simulation.measure().energy == pytest.approx(stored - 9.82 * 0.005, rel=10 * EPS64)
+
+
+def test_messages_about_hard_obstacles_count_all():
+    soft = Plane(offset=-1.0, stiffness=100.0)
+    body = System(position=[[3.0, 0, 0], [4.0, 0, 0]], mass=1.0)
+    short = Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 1e-25), 0.1)
+    with pytest.raises(ValueError, match=r"colliders\[1\]\.end is"):
+        Simulation(body, colliders=[soft, short], precision="float32", device="cpu")
+    late = Plane(offset=-2.0, motion=lambda t: (0.0, 0.0, 0.0 if t < 0.05 else math.nan))
+    with pytest.raises(ValueError, match=r"colliders\[1\]"):
+        Simulation(body, colliders=[soft, late], device="cpu").step(10)

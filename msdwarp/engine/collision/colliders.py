@@ -27,10 +27,11 @@ COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 class Colliders(Effect):
     """Keeps the particles of a model out of obstacles, fixed or moving.
 
-    `colliders`, at least one, act on a particle in their order, by the `rule` "coulomb" or "report"; see
-    `msdwarp.kernels.colliders.contact_rule`. With `contact_forces` the forces of obstacles on particles are
-    summed, in `data.impulse`. `spared` has the particles that obstacles ignore, shape [particle_count]; see
-    `SurfaceContact`. ValueError is raised if an entry is no collider, or does not fit into the system's space.
+    Those of `colliders` without a stiffness, at least one, act on a particle in their order, by the `rule`
+    "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`. With `contact_forces` the forces of
+    obstacles on particles are summed, in `data.impulse`. `spared` has the particles that obstacles ignore, shape
+    [particle_count]; see `SurfaceContact`. ValueError is raised if an entry is no collider, or does not fit into
+    the system's space.
     """
 
     def __init__(
@@ -48,6 +49,9 @@ class Colliders(Effect):
                 )
             if wrong := collider.fits(model.dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
+        self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
+        """Their numbers in the scene."""
+        colliders = [colliders[k] for k in self._numbers]
         self._colliders, self._dim, self._device = tuple(colliders), model.dim, model.device
         self._scalar, self._vector = model.scalar, model.vector
         self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
@@ -81,7 +85,7 @@ class Colliders(Effect):
         if contact_forces:
             wide = vector(model.dim, wp.float64)
             data.impulse = wp.zeros(model.worlds * model.particle_count, dtype=wide, device=self._device)
-        for k, collider in enumerate(colliders):
+        for k, collider in zip(self._numbers, colliders, strict=True):
             _check_range(f"colliders[{k}]", collider, model)
         describe(data.solids, self._colliders, model.dim, model.scalar, self._device)
         if kinds != ("Plane",):
@@ -148,7 +152,7 @@ class Colliders(Effect):
         times, rows = time + self._times, len(self._frames.tables["turn"]) + 1
         first = times[0] < 0
         now = times[1:] if first else times[:rows]
-        turn, shift = poses(f"colliders[{k}]", motion, centre, now, self._furthest)
+        turn, shift = poses(f"colliders[{self._numbers[k]}]", motion, centre, now, self._furthest)
         if first:  # a motion may be undefined before 0: extrapolate with equal acceleration
             turn, shift = _with_a_past(turn)[:rows], _with_a_past(shift)[:rows]
         return turn, shift

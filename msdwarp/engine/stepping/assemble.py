@@ -85,7 +85,7 @@ def _colliders(model: Model, around: Surroundings) -> Colliders | None:
     spared = None
     if any(isinstance(one, Contact) and one.surface_colliders for one in around.loads):
         spared = behind_surfaces(model.system)
-    return Colliders(model, around.hard_colliders, around.collider_rule, around.asks_for(CONTACT_FORCE), spared)
+    return Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE), spared)
 
 
 def _soft_colliders(model: Model, around: Surroundings) -> SoftColliders | None:
