@@ -30,7 +30,17 @@ from ..world import Actuator, Load
 from .properties import Present
 from .stepping import Stepping
 
-GRADIENT_NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", "strain")
+GRADIENT_NAMES = (
+    "position",
+    "velocity",
+    "stiffness",
+    "damping",
+    "rest_length",
+    "mass",
+    "gravity",
+    "force",
+    "strain",
+)
 """What derivatives may be asked for by."""
 EXPLODES = 1000.0
 """Growth of a gradient for each frame, above which `GradientWarning` says that it explodes."""
@@ -60,6 +70,7 @@ class Gradient:
     derivatives: dict[str, NDArray[np.float64]]
     """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers.
 
+    "force" has those by a constant force on each particle, shape [particle_count, d], in addition to all others.
     "strain" has the derivatives by the strains of actuators at the start of each substep, and at the end of the
     run: shape [frames · substeps + 1, column_count], a column for each delay of each actuator.
     """
@@ -287,8 +298,8 @@ class Differentiable(Present):
         frames
             How many frames to take.
         by
-            Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", and "strain"
-            of actuators.
+            Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", "force", and
+            "strain" of actuators; see `Gradient`.
 
         Raises
         ------

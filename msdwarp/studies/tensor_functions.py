@@ -11,7 +11,7 @@ from .. import checks
 from ..bodies import System
 from ..simulation import GRADIENT_NAMES, Differentiated, Frames, Simulation
 
-ARRAYS = tuple(name for name in GRADIENT_NAMES if name != "strain")
+ARRAYS = tuple(name for name in GRADIENT_NAMES if name not in ("force", "strain"))
 
 
 def split_arrays(system: System, options: dict[str, Any], kind: Any) -> tuple[list[str], list[Any]]:

@@ -18,6 +18,7 @@ from differences import (
     simulation,
     soft_floor,
 )
+from problems import EPS64
 from scipy.integrate import solve_ivp
 
 import msdwarp as msd
@@ -91,6 +92,21 @@ def test_derivatives_by_strain_sum_to_that_by_its_amplitude(method, plain_device
     # Of the terms of the sum, as for other parameters. Leapfrog's last velocity depends on the strain at the end.
     assert found[:, 0] @ wave == pytest.approx(difference, rel=0, abs=1e-6 * np.abs(found).max())
     assert (found[-1, 0] != 0) == (method == "leapfrog")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_derivatives_by_forces_are_those_of_forces_that_are_added(method, plain_device):
+    options = {"integrator": METHODS[method], "device": plain_device}
+    found = simulation(block(), **options).gradient(loss, FRAMES, by=("force",))["force"]
+    assert not found[:2].any()  # these are pinned
+    way = np.random.default_rng(1).normal(size=(4, 3))
+    values = []
+    for sign in (1, -1):
+        loads = [Force(sign * STEP * one, on=[9 * k + 3]) for k, one in enumerate(way)]
+        values.append(simulation(block(), loads=loads, **options).gradient(loss, FRAMES, by=()).value)
+    terms = found[3::9] * way  # the differences are rounded as in `check`
+    tolerance = 1e-6 * np.abs(terms).max() + 4 * EPS64 * abs(values[0]) / STEP
+    assert terms.sum() == pytest.approx((values[0] - values[1]) / (2 * STEP), rel=0, abs=tolerance)
 
 
 @pytest.mark.parametrize("method", METHODS)

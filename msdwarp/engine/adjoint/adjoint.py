@@ -68,7 +68,7 @@ class Adjoint:
         own = Wanted(*(name in names for name in Wanted._fields))
         self.by_x, self.by_v, self._phi, self._next_phi, self._by_gravity = model.vectors_together(5)
         self._springs = springs_of_particles(model, actuated)
-        others = "mass" in names, "gravity" in names
+        others = "mass" in names, bool({"gravity", "force"} & names)
         self._kick = kick_adjoint(model.dim, model.scalar, *others)
         self._lanes = MOST_LANES if device.is_cuda else 1
         while self._lanes > 1 and self._lanes * model.particle_count > MOST_THREADS:
@@ -99,7 +99,7 @@ class Adjoint:
             self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
         if "mass" in names:
             self._totals["mass"] = wp.zeros(model.particle_count, dtype=wp.float64, device=device)
-        if "gravity" in names:
+        if others[1]:
             self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
         self._given: Any = wp.zeros(model.particle_count, dtype=model.vector, device=device)
@@ -247,13 +247,13 @@ class Adjoint:
     def found(self) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives by parameters, in the system's order."""
         model, result = self._model, {}
+        mass = np.broadcast_to(np.where(np.isfinite(model.mass), model.mass, np.inf), model.particle_count)
         for name, total in self._totals.items():
             values = total.numpy()
             if name == "mass":  # ∂/∂m = −(1/m²) ∂/∂(1/m), and kernels sum (1/m) ∂/∂(1/m)
-                values = -values / np.broadcast_to(
-                    np.where(np.isfinite(model.mass), model.mass, np.inf), len(values)
-                )
-            elif name == "gravity":
+                values = -values / mass
+            elif name == "gravity":  # of each particle; a force f has the effect of the gravity f/m
+                result["force"] = values / mass[:, None]
                 values = values.sum(axis=0)
             else:
                 values = self._springs.by_connection(values)
