@@ -39,6 +39,7 @@ BEST = {
     "mattress": 2.8,
     "snap": 0.4,
     "pile": 1.5,
+    "robot": 2.2,
     "soft_cube": 0.45,
     "tower": 0.45,
     "trampoline": 0.65,
