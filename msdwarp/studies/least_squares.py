@@ -229,9 +229,9 @@ class Problem:
     def smooth(self, theta: NDArray[np.float64], end: float, seed: int) -> tuple[NDArray, NDArray, NDArray]:
         """Return the best θ in shrinking clouds of worlds, the Jacobian of the trend there, and a covariance.
 
-        A plane fitted to the residuals of a cloud gives the θ of the least sum of squares without the jumps. The
-        better of the world there and the best of the cloud is the centre of the next cloud. The covariance is that
-        of θ by the jumps about the plane.
+        A plane is fitted to the residuals of a cloud. Its least sum of squares is at a θ that jumps do not move.
+        The next cloud is around this θ, or around the cloud's best world if that is better. Residuals jump about
+        the plane; the covariance says how far that moves θ.
         """
         p, random = self.count, np.random.default_rng(seed)
         linear = self.linear(theta[None], end, WIDE)[0]
