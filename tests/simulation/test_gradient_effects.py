@@ -128,7 +128,7 @@ def tied(body: System) -> System:
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["leapfrog", pytest.param("symplectic Euler", marks=pytest.mark.slow)])
 def test_derivatives_with_effects(effect, method, plain_device):
     change, options = EFFECTS[effect]
     body = change(block())
