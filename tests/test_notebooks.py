@@ -50,3 +50,17 @@ def test_a_stiffness_is_found_again(tmp_path):
     for (value, error), true in zip(found, (520.0, 1.0), strict=True):
         # Four standard errors, which the noise, always the same, stays within.
         assert abs(float(value) - true) < 4 * float(error) < 0.2 * true
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_gradients_throw_find_and_teach(tmp_path):
+    outputs = executed("gradients.ipynb", tmp_path, **{"iterations=60": "iterations=8", "range(60)": "range(8)"})
+    assert (shown(outputs, "image/png"), shown(outputs, "text/html")) == (3, 1)
+    found = text(outputs)
+    (missed,) = re.findall(r"misses by (\d+) micrometres", found)
+    assert int(missed) < 1000  # BFGS ends where the loss is 1e-5 of its start or less
+    ((before, after),) = re.findall(r"(\d+) % off before, (\d+) % after", found)
+    assert int(after) < int(before)
+    ((after, before),) = re.findall(r"walks ([-\d.]+) m in 2.7 s, ([-\d.]+) m before", found)
+    assert float(after) > float(before) + 0.05  # eight steps along the gradient; the robot is 0.2 m long
