@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.progress import Progress
 
+from .. import checks
 from ..bodies import stress, von_mises
-from ..files import FrameArray, Trajectory
-from ..pictures import ColourScale, Renderer, framed, timelapse, write_film
+from ..files import FrameArray, Trajectory, UsdFrame, UsdMesh, finite_values, write_usd
+from ..pictures import VIEW_ANGLE, ColourScale, Drawing, Renderer, Stage, framed, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
@@ -23,6 +24,8 @@ from .results import overlay_path
 from .signals import Interrupted, word
 
 Values = Callable[[int], NDArray[np.float64]]
+USD_VIEW = "1280x720"
+"""Size of the picture for which the camera in a USD file is placed; only its shape matters."""
 
 
 def draw(
@@ -48,8 +51,7 @@ def draw(
         shown = range(len(trajectory)) if shown is None else shown
         fps, count = trajectory.fps if fps is None else fps, len(shown)
         look = pictures.aimed(scene.look)
-        if scene.system.tears:
-            scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
+        scene = _torn(scene, trajectory)
         if pictures.colour == "strain" or (pictures.colour is None and look.strain):
             look = replace(look, full_strain=_full_strain(scene, trajectory, pictures, shown))
         scene = replace(scene, look=look)
@@ -87,6 +89,57 @@ def draw(
             results.append(str(path))
         seconds = time.perf_counter() - began
         return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
+
+
+def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequence[int], path: Path) -> None:
+    """Write frames of a trajectory into a USD file: the bodies, obstacles, ground and camera of their pictures."""
+    scene = _torn(scene, trajectory)
+    size = parse_resolution(USD_VIEW)
+    stage = Stage(scene, framed(scene, trajectory.positions, numbers, size[0] / size[1]), size)
+    drawing = Drawing(scene, "strain" if scene.look.strain else "texture")
+    parts = [*drawing.body, *drawing.obstacles]
+    meshes = [
+        UsdMesh(one.name, one.triangles - np.int32(one.vertices.start), one.uv, *one.finish, one.moves)
+        for one in parts
+    ]
+    floor = list[NDArray]()
+    if (ground := stage.ground) is not None:
+        u, v = ground.half * ground.u, ground.half * ground.v
+        floor = [ground.centre + np.array([-u - v, u - v, u + v, v - u])]
+        faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+        colour = np.array(checks.colour("ground", scene.look.ground))
+        meshes.append(UsdMesh("ground", faces, np.zeros((4, 2)), colour, None, 0.0, False))
+
+    def frames() -> Iterator[UsdFrame]:
+        for k in numbers:
+            position = finite_values(trajectory, k, "position")
+            drawing.follow(position, float(trajectory.times[k]))
+            points = [*(one.points.numpy() for one in parts), *floor]
+            normals = [*(one.normals.numpy() for one in parts), *([None] * len(floor))]
+            colours = [one.colours.numpy() if drawing.colours_move else None for one in drawing.body]
+            camera, others = stage.camera_at(position), [None] * (len(meshes) - len(colours))
+            view = np.array([camera.right, camera.up, -camera.forward, camera.eye])
+            yield UsdFrame(points, normals, colours + others, view)
+
+    write_usd(
+        path,
+        trajectory.fps,
+        numbers,
+        meshes,
+        frames(),
+        textures=textures,
+        view_angle=VIEW_ANGLE,
+        aspect=size[0] / size[1],
+        sun=stage.camera.light,
+        background=np.array(checks.colour("background", scene.look.background)),
+    )
+
+
+def _torn(scene: Scene, trajectory: Trajectory) -> Scene:
+    """Return the scene with the times at which springs broke, if it tears."""
+    if not scene.system.tears:
+        return scene
+    return replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
 
 
 def _raise_if_stopped(requests: list[int]) -> None:

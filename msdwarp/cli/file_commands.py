@@ -4,9 +4,10 @@ Each imports its modules when called, so that help and command-line errors need 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -48,6 +49,7 @@ def export(
     to: Literal["obj", "stl", "ply", "gltf", "usd", "npz"],
     frame: int | None = None,
     out: Path | None = None,
+    script: Script = UNTRUSTED,
     force: Flag = False,
 ) -> None:
     """Convert frames of a trajectory to the format of another program.
@@ -55,7 +57,8 @@ def export(
     Parameters
     ----------
     to
-        File format. npz holds positions, velocities and times; the others hold the surface that is drawn.
+        File format. npz holds positions, velocities and times; usd what pictures show, with colours, light and
+        camera; the others hold the surface that is drawn.
     frame
         Convert this frame only, counted from 0; negative numbers count from the end. Default: all frames.
     out
@@ -66,8 +69,11 @@ def export(
     with at_once():
         from ..files import export
     with opened(file) as trajectory:
-        frames = slice(None) if frame is None else frame
-        paths = export(trajectory, out or trajectory.path.with_suffix(f".{to}"), to, frames, force=force)
+        frames, how = slice(None) if frame is None else frame, {}
+        if to == "usd":
+            how["draw_usd"] = _usd_drawer(trajectory, script)
+        target = out or trajectory.path.with_suffix(f".{to}")
+        paths = export(trajectory, target, to, frames, force=force, **how)
     more = f" ... {paths[-1].name}" if len(paths) > 1 else ""
     print(f"wrote {paths[0]}{more}")
 
@@ -293,6 +299,17 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
     fps = usual * checks.between("speed", speed, 0.01, 100)
     step = math.ceil(fps / max(usual, _MOST_FPS) - 1e-9)
     return shown[::step], fps / step
+
+
+def _usd_drawer(trajectory: "Trajectory", script: Script) -> "Callable[[Path, list[int], Path], None]":
+    """Return what draws a trajectory into a USD file."""
+    from rich.console import Console
+
+    start_warp(False)
+    from .draw import draw_usd
+
+    scene = _scene_of(trajectory, Console(stderr=True), script)[1]
+    return partial(draw_usd, scene, trajectory)
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:

@@ -1,7 +1,8 @@
 """Trajectories and restart files on disk, and exports. The only importer of h5py."""
 
 from .checkpoint_file import read_restart as read_restart, write_restart as write_restart
-from .export import export as export
+from .export import export as export, finite_values as finite_values
 from .trajectory import FrameArray as FrameArray, Trajectory as Trajectory
+from .usd import UsdFrame as UsdFrame, UsdMesh as UsdMesh, write_usd as write_usd
 from .validation import probe as probe
 from .writer import TrajectoryWriter as TrajectoryWriter

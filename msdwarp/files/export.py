@@ -4,7 +4,7 @@ import base64
 import importlib.util
 import json
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,13 @@ def export(
     frames: int | slice | Sequence[int] = slice(None),
     *,
     force: bool = False,
+    draw_usd: Callable[[Path, list[int], Path], None] | None = None,
 ) -> list[Path]:
     """Write frames in another format: the surface, or the connections if there is none. Return the files.
 
     For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
-    velocities, times and connections) have one file for all. Raise ValueError if the format is unknown, is not the
+    velocities, times and connections) have one file for all. `draw_usd` writes the one of usd: it gets the folder
+    for its images, the frames' indices, and the path. Raise ValueError if the format is unknown, is not the
     path's ending, cannot hold the body, or needs a missing package, or if a frame does not exist. Raise
     FileExistsError if a file exists and `force` is False. Nothing is written then.
     """
@@ -42,19 +44,25 @@ def export(
         raise ValueError(
             f"to is {to!r}, which holds triangles; without a surface it must be obj, gltf, usd or npz"
         )
+    if to == "usd" and draw_usd is None:
+        raise ValueError("draw_usd is None; where to is 'usd' it must be a function that writes the file")
     if to == "usd" and importlib.util.find_spec("pxr") is None:
         raise ValueError("to is 'usd', which needs the extra `usd`: pip install 'msdwarp[usd]'")
     numbers = _numbers(frames, len(trajectory))
     paths = [path]
     if to in _MESHES and not isinstance(frames, int):
         paths = [path.with_name(f"{path.stem}_{k:04d}{path.suffix}") for k in numbers]
-    for one in paths:
+    textures = path.with_name(f"{path.stem}_textures")
+    for one in (*paths, *([textures] if to == "usd" else [])):
         if one.exists() and not force:
             raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
         with failure_named(path), replacing(path) as unfinished:
-            _WHOLE[to](trajectory, numbers, unfinished)
+            if draw_usd is None:
+                _npz(trajectory, numbers, unfinished)
+            else:
+                draw_usd(textures, numbers, unfinished)
         return paths
     for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
         with failure_named(one), replacing(one) as unfinished:
@@ -79,14 +87,14 @@ def _shown(trajectory: Trajectory, numbers: Iterable[int]) -> Iterator[tuple[NDA
     """Yield, frame by frame, points [m], cells of two or three of them, and texture coordinates."""
     surface, connections = trajectory.system.surface, trajectory.system.connections
     for k in numbers:
-        position = _finite(trajectory, k, "position")
+        position = finite_values(trajectory, k, "position")
         if surface is None:
             yield in_space(position), connections, None
         else:
             yield in_space(surface.points(position)), surface.triangles, surface.uv
 
 
-def _finite(trajectory: Trajectory, k: int, name: str) -> NDArray:
+def finite_values(trajectory: Trajectory, k: int, name: str) -> NDArray:
     """Return positions or velocities in frame k; raise ValueError if one is not finite."""
     values: NDArray = getattr(trajectory.frame(k), name)
     checks.every(f"frame {k} of {trajectory.path} is damaged: {name}", values, np.isfinite(values), "finite")
@@ -130,37 +138,6 @@ def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> No
     path.write_text(json.dumps(document))
 
 
-def _usd(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
-    from pxr import Gf, Usd, UsdGeom, Vt  # pyright: ignore[reportMissingImports]
-
-    path.unlink(missing_ok=True)
-    stage = Usd.Stage.CreateNew(str(path))
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.SetTimeCodesPerSecond(trajectory.fps)
-    stage.SetStartTimeCode(min(numbers))
-    stage.SetEndTimeCode(max(numbers))
-    shape = None
-    for k, (points, cells, _) in zip(numbers, _shown(trajectory, numbers), strict=True):
-        if shape is None:
-            counts = Vt.IntArray([cells.shape[1]] * len(cells))
-            if cells.shape[1] == 3:
-                shape = UsdGeom.Mesh.Define(stage, "/body")
-                shape.CreateFaceVertexCountsAttr(counts)
-                shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(cells.ravel())))
-                shape.CreateSubdivisionSchemeAttr("none")
-            else:  # curves of two points each, without indices
-                shape = UsdGeom.BasisCurves.Define(stage, "/body")
-                shape.CreateTypeAttr("linear")
-                shape.CreateCurveVertexCountsAttr(counts)
-            stage.SetDefaultPrim(shape.GetPrim())
-        shown = points if cells.shape[1] == 3 else points[cells.ravel()]
-        shape.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(shown), k)
-        box = [Gf.Vec3f(*map(float, corner)) for corner in (shown.min(axis=0), shown.max(axis=0))]
-        shape.CreateExtentAttr().Set(box, k)
-    stage.Save()
-
-
 def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
     """Write frames as NumPy arrays, with one frame in memory at a time."""
     system = trajectory.system
@@ -178,10 +155,10 @@ def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
             with archive.open(f"{plural}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array_header_2_0(file, header)
                 for k in numbers:
-                    file.write(np.ascontiguousarray(_finite(trajectory, k, name)).tobytes())
+                    file.write(np.ascontiguousarray(finite_values(trajectory, k, name)).tobytes())
 
 
 _MESHES = {"obj": _by_pyvista, "stl": _by_pyvista, "ply": _by_pyvista, "gltf": _gltf}
 """Formats that hold one frame, by name."""
-_WHOLE = {"usd": _usd, "npz": _npz}
+_WHOLE = ("usd", "npz")
 """Formats that hold all."""

@@ -94,6 +94,8 @@ class Drawing:
         right, _, back = axes_of(look)
         solids = [*meshes(scene), *walls(scene, [back, towards(KEY_FROM, right, -back)])]
         self.obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
+        for part in self.obstacles:
+            part.name = "obstacle"
         parts = [*self.body, *self.obstacles]
         self.below = max(part.radius for part in parts)
         """Depth below the ground down to which triangles are drawn [m]."""
@@ -143,7 +145,8 @@ class Drawing:
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
         body: list[Part] = []
-        for k, look in enumerate((scene.look, *scene.looks.values())):
+        for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
+            before = len(body)
             finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss)
             for bends in (False, True):
                 if surface is None or not (mine := (of_triangle == k) & (of_sheet == bends)).any():
@@ -163,6 +166,8 @@ class Drawing:
                 body += self._tubes_and_balls(system, look, own, particles)
             elif len(own):
                 body += self._ropes(system, look, own, finish._replace(texture=None))
+            for part in body[before:]:
+                part.name = name
         return body
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:

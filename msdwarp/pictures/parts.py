@@ -27,6 +27,7 @@ class Finish(NamedTuple):
 class Part:
     """Some of the triangles of a drawing, with a slice of each of its arrays of vertices."""
 
+    name: str  # of the look's group, or what it is
     vertices: slice
     points: wp.array
     normals: wp.array

@@ -133,8 +133,8 @@ class Renderer:
     def aim(self, position: NDArray | None) -> None:
         """Let the camera follow its body to positions [m], shape [particle_count, d]; None: to the start."""
         if self.stage.followed is not None:
-            way = np.zeros(3) if position is None else self.stage.centre_of(position) - self.stage.camera.target
-            self._backend.look_from(self.stage.camera.shifted(way), (self.stage.width, self.stage.height))
+            camera = self.stage.camera if position is None else self.stage.camera_at(position)
+            self._backend.look_from(camera, (self.stage.width, self.stage.height))
 
     @in_turn
     def bare(

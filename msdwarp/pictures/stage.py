@@ -212,6 +212,12 @@ class Stage:
             self.camera = self.camera.aimed(middle, look.distance, seen, aspect, zoom)
         self.ground = Ground(scene, points) if scene.ground else None
 
+    def camera_at(self, position: NDArray) -> Camera:
+        """Return the camera for a frame with positions [m], shape [particle_count, d]."""
+        if self.followed is None:
+            return self.camera
+        return self.camera.shifted(self.centre_of(position) - self.camera.target)
+
     def centre_of(self, position: NDArray) -> NDArray:
         """Return the mean position of the particles that the camera follows [m], shape [3]."""
         return in_space(np.asarray(position, dtype=np.float64)[self.followed], np.float64).mean(axis=0)

@@ -1,0 +1,184 @@
+"""USD: meshes that move, their materials, a camera and lights, for Blender and other programs."""
+
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# USD is optional, and its modules are compiled, without types.
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+HORIZONTAL_APERTURE = 36.0
+"""Width of the camera's film [mm], that of a photo camera."""
+SUN, SKY = 0.5, 0.6
+"""Intensities of the lights: the key light from one direction, and the sky from all."""
+SUN_ANGLE = 5.7
+"""Width of the key light, as pictures have it (`pictures.light.SOFTNESS`) [degrees]."""
+
+
+class UsdMesh(NamedTuple):
+    """A mesh of a scene: what does not change with time."""
+
+    name: str
+    triangles: NDArray[np.int32]
+    """Shape [triangle_count, 3]."""
+    uv: NDArray
+    """Texture coordinates of the vertices, shape [vertex_count, 2]."""
+    colour: NDArray
+    """In 0 … 1 as on the screen, shape [3] or [vertex_count, 3], where frames have no colours."""
+    texture: NDArray[np.uint8] | None
+    gloss: float
+    moves: bool
+
+
+class UsdFrame(NamedTuple):
+    """What changes with time, for each mesh."""
+
+    points: Sequence[NDArray]
+    """[m], each of shape [vertex_count, 3]."""
+    normals: Sequence[NDArray | None]
+    """Unit vectors; None: those of the triangles."""
+    colours: Sequence[NDArray | None]
+    """As in `UsdMesh`; None: as there."""
+    view: NDArray
+    """Rows right, up and back of the camera, and its place [m], shape [4, 3]."""
+
+
+def write_usd(
+    path: Path,
+    fps: float,
+    numbers: Sequence[int],
+    meshes: Sequence[UsdMesh],
+    frames: Iterable[UsdFrame],
+    *,
+    textures: Path,
+    view_angle: float,
+    aspect: float,
+    sun: NDArray,
+    background: NDArray,
+) -> None:
+    """Write a scene with its frames into a USD file, in metres, z up; time codes are the numbers of frames.
+
+    Images go into the folder `textures`, beside the file. `view_angle` is the vertical one [degrees], and `aspect`
+    the picture's width over its height. `sun` is the unit vector towards the key light, and `background` the
+    colour of the sky, in 0 … 1 as on the screen.
+    """
+    from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
+
+    path.unlink(missing_ok=True)
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetFramesPerSecond(fps)
+    stage.SetStartTimeCode(min(numbers))
+    stage.SetEndTimeCode(max(numbers))
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/scene").GetPrim())
+
+    names, shapes, paint = set[str](), [], []
+    for mesh in meshes:
+        name = _free_name(mesh.name, names)
+        shape = UsdGeom.Mesh.Define(stage, f"/scene/{name}")
+        shape.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(mesh.triangles)))
+        shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(mesh.triangles.ravel())))
+        shape.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        shape.CreateDoubleSidedAttr(True)
+        shape.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+        constant = mesh.colour.ndim == 1
+        colours = shape.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant if constant else UsdGeom.Tokens.vertex)
+        colours.Set(_vectors(Vt, linear(np.atleast_2d(mesh.colour))))
+        if mesh.texture is not None:
+            textures.mkdir(exist_ok=True)
+            Image.fromarray(np.ascontiguousarray(mesh.texture)).save(textures / f"{name}.png")
+            kind = Sdf.ValueTypeNames.TexCoord2fArray
+            st = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)
+            st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(mesh.uv, dtype=np.float32)))
+        _bind_material(stage, shape, name, mesh, f"./{textures.name}/{name}.png")
+        shapes.append(shape)
+        paint.append(colours)
+
+    camera = UsdGeom.Camera.Define(stage, "/scene/camera")
+    height = HORIZONTAL_APERTURE / aspect
+    camera.CreateHorizontalApertureAttr(HORIZONTAL_APERTURE)
+    camera.CreateVerticalApertureAttr(height)
+    camera.CreateFocalLengthAttr(height / 2 / np.tan(np.radians(view_angle) / 2))
+    placed = camera.AddTransformOp()
+    light = UsdLux.DistantLight.Define(stage, "/scene/sun")
+    light.CreateIntensityAttr(SUN)
+    light.CreateAngleAttr(SUN_ANGLE)
+    light.CreateNormalizeAttr(True)  # else a smaller sun is a weaker one
+    light.AddOrientOp().Set(Gf.Quatf(Gf.Rotation(Gf.Vec3d(0, 0, 1), Gf.Vec3d(*map(float, sun))).GetQuat()))
+    sky = UsdLux.DomeLight.Define(stage, "/scene/sky")
+    sky.CreateIntensityAttr(SKY)
+    sky.CreateColorAttr(Gf.Vec3f(*map(float, linear(background))))
+
+    for count, (k, frame) in enumerate(zip(numbers, frames, strict=True)):
+        changes = zip(meshes, shapes, paint, frame.points, frame.normals, frame.colours, strict=True)
+        for mesh, shape, colours, points, normals, colour in changes:
+            if count and not mesh.moves:
+                continue
+            time = k if mesh.moves else Usd.TimeCode.Default()
+            shape.CreatePointsAttr().Set(_vectors(Vt, points), time)
+            shape.CreateExtentAttr().Set(_vectors(Vt, np.array([points.min(axis=0), points.max(axis=0)])), time)
+            if normals is not None:
+                shape.CreateNormalsAttr().Set(_vectors(Vt, normals), time)
+            if colour is not None:
+                colours.SetInterpolation(UsdGeom.Tokens.vertex)
+                colours.Set(_vectors(Vt, linear(colour)), time)
+        placed.Set(Gf.Matrix4d(*np.column_stack([frame.view, [0, 0, 0, 1]]).ravel().tolist()), k)
+    stage.Save()
+
+
+def linear(colour: NDArray) -> NDArray:
+    """Return colours in proportion to light, as in USD, from those on the screen, in 0 … 1 (IEC 61966-2-1)."""
+    return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+
+
+def _vectors(Vt: Any, values: NDArray) -> Any:
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def _free_name(wanted: str, taken: set[str]) -> str:
+    """Return a name that USD allows, and that is not taken yet; take it."""
+    from pxr import Tf
+
+    base = name = Tf.MakeValidIdentifier(wanted)
+    k = 1
+    while name in taken | {"camera", "sun", "sky"}:
+        k += 1
+        name = f"{base}_{k}"
+    taken.add(name)
+    return name
+
+
+def _bind_material(stage: Any, shape: Any, name: str, mesh: UsdMesh, image: str) -> None:
+    """Give a mesh a material, with its texture or the colours of its vertices."""
+    from pxr import Sdf, UsdShade
+
+    types, at = Sdf.ValueTypeNames, f"/scene/materials/{name}"
+    material = UsdShade.Material.Define(stage, at)
+    surface = UsdShade.Shader.Define(stage, f"{at}/surface")
+    surface.CreateIdAttr("UsdPreviewSurface")
+    surface.CreateInput("roughness", types.Float).Set(max(0.15, 0.9 - mesh.gloss))
+    surface.CreateInput("specular", types.Float).Set(0.5 * min(1.0, 2 * mesh.gloss))
+    seen = surface.CreateInput("diffuseColor", types.Color3f)
+    reader = UsdShade.Shader.Define(stage, f"{at}/reader")
+    if mesh.texture is None:
+        reader.CreateIdAttr("UsdPrimvarReader_float3")
+        reader.CreateInput("varname", types.String).Set("displayColor")
+        seen.ConnectToSource(reader.CreateOutput("result", types.Float3))
+    else:
+        reader.CreateIdAttr("UsdPrimvarReader_float2")
+        reader.CreateInput("varname", types.String).Set("st")
+        picture = UsdShade.Shader.Define(stage, f"{at}/image")
+        picture.CreateIdAttr("UsdUVTexture")
+        picture.CreateInput("file", types.Asset).Set(image)
+        for way in ("wrapS", "wrapT"):
+            picture.CreateInput(way, types.Token).Set("repeat")
+        picture.CreateInput("st", types.Float2).ConnectToSource(reader.CreateOutput("result", types.Float2))
+        seen.ConnectToSource(picture.CreateOutput("rgb", types.Float3))
+    material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", types.Token))
+    UsdShade.MaterialBindingAPI.Apply(shape.GetPrim()).Bind(material)

@@ -1,0 +1,104 @@
+"""USD: what another program reads is what pictures show: bodies, obstacles, colours, ground and camera."""
+
+import numpy as np
+import pytest
+
+from msdwarp import Look, Plane, Scene, Sphere, Trajectory, TrajectoryWriter, box, chain, sheet
+from msdwarp.cli.draw import draw_usd
+from msdwarp.files import export
+from msdwarp.pictures import VIEW_ANGLE, Drawing
+from msdwarp.textures import gingham
+
+usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
+geometry = pytest.importorskip("pxr.UsdGeom")
+shade = pytest.importorskip("pxr.UsdShade")
+
+
+def scene_of(kind: str) -> Scene:
+    """Return a scene: with textures and an obstacle, with a camera that follows a body, or in strain colours."""
+    if kind == "followed":
+        cube = box((3, 3, 3), 0.1).translate((0, 0, 1.0)).named("cube")
+        return Scene(system=cube, colliders=[Plane()], look=Look(follow="cube"))
+    if kind == "strain":
+        return Scene(system=chain(4), look=Look(strain=True, full_strain=0.5))
+    two = sheet((4, 4), 0.1).named("a cloth") + box((3, 3, 3), 0.1).translate((0, 0, 0.5)).named("cube")
+    looks = {"a cloth": Look(texture=gingham("#c03020", "#f4f1e8")), "cube": Look(colour="#3366cc", smooth=False)}
+    return Scene(system=two, colliders=[Plane(offset=-1.0), Sphere((0, 0, -0.5), 0.2)], looks=looks)
+
+
+@pytest.fixture(params=["textures", "followed", "strain"])
+def drawn(tmp_path, request):
+    """Yield a scene, its trajectory of four frames, and the stage of its USD file."""
+    scene, random = scene_of(request.param), np.random.default_rng(0)
+    system = scene.system
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", system, fps=25) as writer:
+        for k in range(4):
+            position = system.position + 0.02 * random.normal(size=system.position.shape) + 0.1 * k
+            writer.write((k / 25, position.astype(np.float32), system.velocity))
+    with Trajectory(writer.path) as trajectory:
+        path = tmp_path / "b.usd"
+        export(trajectory, path, "usd", draw_usd=lambda *where: draw_usd(scene, trajectory, *where))
+        yield scene, trajectory, usd.Stage.Open(str(path))
+
+
+def meshes(stage):
+    return [geometry.Mesh(one) for one in stage.Traverse() if one.IsA(geometry.Mesh)]
+
+
+def test_all_frames_are_there_at_their_times(drawn):
+    scene, trajectory, stage = drawn
+    assert (stage.GetTimeCodesPerSecond(), stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (25, 0, 3)
+    drawing = Drawing(scene, "strain" if scene.look.strain else "texture")
+    parts = [*drawing.body, *drawing.obstacles]
+    found = meshes(stage)
+    assert len(found) == len(parts) + (scene.ground is not None)
+    for k in (3, 0):
+        drawing.follow(trajectory.positions[k])
+        for part, mesh in zip(parts, found, strict=False):
+            # The same numbers in float32: nothing is computed between them.
+            np.testing.assert_array_equal(mesh.GetPointsAttr().Get(k), part.points.numpy())
+            faces = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+            np.testing.assert_array_equal(faces + part.vertices.start, part.triangles)
+            if drawing.colours_move:
+                lit = np.array(geometry.PrimvarsAPI(mesh).GetPrimvar("displayColor").Get(k))
+                screen = np.where(lit <= 0.0031308, 12.92 * lit, 1.055 * lit ** (1 / 2.4) - 0.055)
+                np.testing.assert_allclose(screen, part.colours.numpy(), atol=1e-5)  # float32, there and back
+
+
+def test_the_camera_sees_the_body_in_its_middle(drawn):
+    scene, trajectory, stage = drawn
+    (camera,) = (geometry.Camera(one) for one in stage.Traverse() if one.IsA(geometry.Camera))
+    views = []
+    for k in (0, 3):
+        lens = camera.GetCamera(k)
+        assert lens.GetFieldOfView(lens.FOVVertical) == pytest.approx(VIEW_ANGLE, abs=1e-3)  # float32 lengths [mm]
+        views.append(np.array(lens.transform))
+        points = np.concatenate([np.array(one.GetPointsAttr().Get(k)) for one in meshes(stage)][:1])
+        away = (np.append(points.mean(axis=0), 1.0) @ np.linalg.inv(views[-1]))[:3]
+        assert away[2] < 0  # in front: a camera looks along -z
+        assert np.abs(away[:2] / away[2]).max() < np.tan(np.radians(VIEW_ANGLE))  # within the picture, 16 : 9
+    moved = views[1][3, :3] - views[0][3, :3]
+    if scene.look.follow is None:
+        np.testing.assert_array_equal(moved, 0.0)
+    else:
+        first, last = (trajectory.positions[k].mean(axis=0) for k in (0, 3))
+        np.testing.assert_allclose(moved, last - first, atol=1e-6)
+
+
+@pytest.mark.parametrize("drawn", ["textures"], indirect=True)
+def test_materials_have_textures_and_colours(drawn, tmp_path):
+    _, _, stage = drawn
+    names = [one.GetPrim().GetName() for one in meshes(stage)]
+    assert names == ["a_cloth", "cube", "obstacle", "ground"]
+    assert [path.name for path in (tmp_path / "b_textures").iterdir()] == ["a_cloth.png"]
+    for name, image in (("a_cloth", "./b_textures/a_cloth.png"), ("cube", None)):
+        material, _ = shade.MaterialBindingAPI(stage.GetPrimAtPath(f"/scene/{name}")).ComputeBoundMaterial()
+        assert material.GetPath() == f"/scene/materials/{name}"
+        texture = stage.GetPrimAtPath(f"/scene/materials/{name}/image")
+        assert (shade.Shader(texture).GetInput("file").Get().path if texture else None) == image
+    still = stage.GetPrimAtPath("/scene/obstacle").GetAttribute("points")
+    assert still.GetNumTimeSamples() == 0  # it does not move, and is stored once
+    (tmp_path / "b.usd").unlink()
+    trajectory = drawn[1]
+    with pytest.raises(FileExistsError, match="b_textures, which exists"):
+        export(trajectory, tmp_path / "b.usd", "usd", draw_usd=lambda *_: None)
