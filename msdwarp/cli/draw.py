@@ -99,7 +99,7 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
     drawing = Drawing(scene, "strain" if scene.look.strain else "texture")
     parts = [*drawing.body, *drawing.obstacles]
     meshes = [
-        UsdMesh(one.name, one.triangles - np.int32(one.vertices.start), one.uv, *one.finish, one.moves)
+        UsdMesh(one.name, one.triangles - np.int32(one.vertices.start), one.uv, *one.finish, moves=one.moves)
         for one in parts
     ]
     floor = list[NDArray]()
