@@ -1,7 +1,7 @@
-"""The force law of springs.
+"""The force of a spring with its damper.
 
-`reductions/measure.py` has their energy, `springs/linearised.py` their stiffness, and
-`msdwarp/engine/diagnostics/rate_bounds.py` the bound of the time step.
+`spring_laws.py` has the laws of springs, `dampers.py` those of dampers, `linearised.py` the stiffness, and
+`reductions/measure.py` the energy.
 """
 
 import functools

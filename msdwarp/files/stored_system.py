@@ -12,29 +12,23 @@ from ..bodies import (
     TEARING_FIELDS,
     Angles,
     Cells,
-    CoulombDamper,
     Damper,
-    ExponentialSpring,
-    LimitedSpring,
     OwnDamper,
     OwnSpring,
-    PolynomialSpring,
-    QuadraticDamper,
     Spring,
     Surface,
     System,
-    TensionOnlySpring,
     UnknownDamper,
     UnknownSpring,
     is_uniform,
 )
 from .names import OWN, ROOT, load, store, store_text
 
-DAMPERS = {law.__name__: law for law in (Damper, QuadraticDamper, CoulombDamper)}
+_OF_USERS = OwnDamper, UnknownDamper, OwnSpring, UnknownSpring
+DAMPERS = {law.__name__: law for law in (Damper, *Damper.__subclasses__()) if law not in _OF_USERS}
+SPRINGS = {law.__name__: law for law in (Spring, *Spring.__subclasses__()) if law not in _OF_USERS}
+"""The laws that a file can hold, by name: all but functions of the user's."""
 PARTS = {"cells": Cells, "angles": Angles}
-SPRINGS = {
-    law.__name__: law for law in (Spring, TensionOnlySpring, LimitedSpring, ExponentialSpring, PolynomialSpring)
-}
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
