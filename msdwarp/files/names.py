@@ -108,16 +108,3 @@ def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
                 "or mapping of those"
             ) from error
     return result
-
-
-def fault(file: Any) -> str | None:
-    """Return why this version cannot read a file as a trajectory; None if it can."""
-    if ROOT not in file:
-        return f"it has no group {ROOT}"
-    if OWN not in file:
-        return f"it is {ROOT} of another program, without a group {OWN}"
-    version = file[OWN].attrs.get("msdwarp_format")
-    if version == FORMAT:
-        return None
-    advice = ": install a newer msdwarp" if isinstance(version, np.integer) and version > FORMAT else ""
-    return f"it is of format {version}; this version reads {FORMAT}{advice}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import AXES, Frame, Series, System, broken_before, counted
 from ..disk import TRAJECTORY
-from .names import BROKEN_AT, CONTACT, COUNT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, fault, load
+from .names import BROKEN_AT, CONTACT, COUNT, FORMAT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, load
 from .reading_tables import ReadingTables
 from .stored_system import read_system
 from .validation import structure_fault, too_large
@@ -299,7 +299,7 @@ def _opened(path: Path) -> Any:
     try:
         with ExitStack() as opened:  # close on errors: HDF5 caches the metadata of open files
             file = opened.enter_context(h5py.File(path, "r", locking=False))
-            if wrong := fault(file):
+            if wrong := _format_fault(file):
                 raise ValueError(f"{path} is no trajectory: {wrong}")
             if found := structure_fault(file):
                 raise ValueError(f"{path} cannot be read: {found}")
@@ -308,6 +308,19 @@ def _opened(path: Path) -> Any:
     except (AttributeError, KeyError, OSError, RuntimeError, TypeError) as error:
         reason = "it is cut short" if "truncated" in str(error) else error
         raise ValueError(f"{path} cannot be read: {reason}") from error
+
+
+def _format_fault(file: Any) -> str | None:
+    """Return why this version cannot read a file as a trajectory; None if it can."""
+    if ROOT not in file:
+        return f"it has no group {ROOT}"
+    if OWN not in file:
+        return f"it is {ROOT} of another program, without a group {OWN}"
+    version = file[OWN].attrs.get("msdwarp_format")
+    if version == FORMAT:
+        return None
+    advice = ": install a newer msdwarp" if isinstance(version, np.integer) and version > FORMAT else ""
+    return f"it is of format {version}; this version reads {FORMAT}{advice}"
 
 
 def _times(root: Any) -> NDArray[np.float64]:
