@@ -23,7 +23,7 @@ import pytest
 import warp as wp
 from routes import preferring
 
-from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS
+from msdwarp.engine.model.algorithm_choice import FORCE_ALGORITHMS
 from msdwarp.runtime import start_warp
 
 wp.config.log_level = wp.LOG_ERROR

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import pytest
 
 from msdwarp import System
-from msdwarp.engine.model import force_algorithm as routes, model
-from msdwarp.engine.model.force_algorithm import ensemble_force_algorithm, find_lattice
+from msdwarp.engine.model import algorithm_choice as routes, model
+from msdwarp.engine.model.algorithm_choice import ensemble_force_algorithm, find_lattice
 from msdwarp.engine.model.lattice import Lattice, NotALattice
 
 

@@ -7,7 +7,7 @@ import problems
 import pytest
 
 from msdwarp import System, box, chain, sheet
-from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS
+from msdwarp.engine.model.algorithm_choice import FORCE_ALGORITHMS
 from msdwarp.engine.model.state import State
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from msdwarp import RKC2, Plane, Simulation, System, box, sheet
-from msdwarp.engine.model.force_algorithm import FORCE_ALGORITHMS, choose_force_algorithm
+from msdwarp.engine.model.algorithm_choice import FORCE_ALGORITHMS, choose_force_algorithm
 
 from ..common import METHODS, arguments, machine, read_csv, replay, table, write_csv
 from .roofline import UNITS, measure_ceilings, shares

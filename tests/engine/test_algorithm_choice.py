@@ -6,8 +6,8 @@ import pytest
 from tangles import CONSTANTS, lattices, moving, tangle
 
 from msdwarp import Plane, Simulation, System, box, chain, join, sheet
-from msdwarp.engine.model import force_algorithm as routes
-from msdwarp.engine.model.force_algorithm import (
+from msdwarp.engine.model import algorithm_choice as routes
+from msdwarp.engine.model.algorithm_choice import (
     FORCE_ALGORITHMS,
     automatic_force_algorithm,
     choose_force_algorithm,
@@ -17,7 +17,9 @@ from msdwarp.engine.model.model import Model
 
 def test_unknown_route_is_named():
     for make in (Simulation, Model):
-        with pytest.raises(ValueError, match=r"algorithm is 'teleport'.*'auto', 'scatter', 'gather', 'stencil'"):
+        with pytest.raises(
+            ValueError, match=r"force_algorithm is 'teleport'.*'auto', 'scatter', 'gather', 'stencil'"
+        ):
             make(chain(3), device="cpu", force_algorithm="teleport")
 
 
@@ -30,7 +32,7 @@ def test_unknown_route_is_named():
     ],
 )
 def test_a_stencil_of_no_lattice_is_refused_with_the_reason(system, reason):
-    with pytest.raises(ValueError, match=f"algorithm is 'stencil', which this system cannot take: {reason}"):
+    with pytest.raises(ValueError, match=f"force_algorithm is 'stencil', which this system cannot take: {reason}"):
         Simulation(system, device="cpu", force_algorithm="stencil")
 
 
@@ -158,7 +160,7 @@ def test_a_body_that_is_a_lattice_no_longer_changes_its_route(as_on_gpu, change)
 def test_a_stencil_that_was_asked_for_refuses_such_a_change(change):
     simulation, twin = cloth("stencil"), cloth("stencil")
     before, name = simulation.system, {"frozen": "rest_length"}.get(change, change)
-    with pytest.raises(ValueError, match=f"algorithm is 'stencil'.* {name} differs among the connections"):
+    with pytest.raises(ValueError, match=f"force_algorithm is 'stencil'.* {name} differs among the connections"):
         simulation.change(**changes(simulation)[change])
     assert simulation.system is before
     for each in (simulation, twin):

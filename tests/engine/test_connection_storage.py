@@ -7,7 +7,7 @@ import warp as wp
 from tangles import CONSTANTS, assert_forces_are_right, tangle
 
 from msdwarp import System, box, chain, sheet
-from msdwarp.engine.model.force_algorithm import scatter_order
+from msdwarp.engine.model.algorithm_choice import scatter_order
 from msdwarp.engine.springs import force_algorithms as forces
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics

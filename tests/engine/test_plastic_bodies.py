@@ -90,7 +90,7 @@ def test_the_flow_outlives_a_change_of_substeps(device):
 
 def test_a_route_that_cannot_yield_says_why():
     with pytest.raises(
-        ValueError, match="algorithm is 'stencil', which this system cannot take: connections yield"
+        ValueError, match="force_algorithm is 'stencil', which this system cannot take: connections yield"
     ):
         Simulation(chain(3).replace(yield_strain=0.1), force_algorithm="stencil", device="cpu")
 

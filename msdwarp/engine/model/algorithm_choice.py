@@ -37,7 +37,7 @@ def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool
     try:
         return force_algorithm, find_lattice(system)
     except NotALattice as error:
-        raise ValueError(f"algorithm is 'stencil', which this system cannot take: {error}") from error
+        raise ValueError(f"force_algorithm is 'stencil', which this system cannot take: {error}") from error
 
 
 def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:

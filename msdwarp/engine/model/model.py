@@ -17,7 +17,7 @@ from ...runtime import find_device, in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, scalar_array, view_of
 from ..device.vector_arrays import records_together
-from .force_algorithm import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
+from .algorithm_choice import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
 
 Rows = Mapping[str, NDArray[np.float64]]
 """Parameters that differ between worlds, by name: world w has row w mod (number of rows)."""
