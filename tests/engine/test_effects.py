@@ -181,6 +181,12 @@ def test_effects_act_side_by_side(with_anchors, device):
     assert simulation.frame().position[:, 2].min() >= -0.1 - 4 * EPS64
 
 
+def test_gradients_refuse_it_by_name(with_anchors):
+    simulation = Simulation(chain(3, mass=1.0, stiffness=1.0), integrator=Leapfrog(), device="cpu")
+    with pytest.raises(ValueError, match="Anchors"):
+        simulation.gradient(lambda frames: 0.0, 1)
+
+
 def test_a_scene_without_it_has_nothing_of_it():
     plain = Dynamics(assemble(chain(3), device="cpu"))
     assert plain.composition.pieces == ()

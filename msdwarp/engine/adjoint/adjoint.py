@@ -49,7 +49,7 @@ WORDS = {
     "Plasticity": "connections that yield",
     "SurfaceContact": "contact between bodies",
 }
-"""The effects without an adjoint, in words."""
+"""Effects without an adjoint, in words; any other is called by its class."""
 
 
 class Adjoint:
@@ -264,7 +264,8 @@ class Adjoint:
 def without_adjoint(assembly: Assembly) -> list[str]:
     """Return the effects of a scene whose forces have no adjoint, in words."""
     without = [one for one in assembly.all if not isinstance(one, DIFFERENTIABLE) and one.elements() is None]
-    found = [WORDS[type(one).__name__] for one in without]
+    names = [type(one).__name__ for one in without]
+    found = [WORDS.get(name, name) for name in names]
     muscles = [one.connection for one in assembly.all if isinstance(one, ActuatedSprings)]
     if any(len(np.unique(one)) < len(one) for one in muscles):
         found.append("connections with several actuators")
