@@ -98,7 +98,8 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
             sensors.launch(ensemble.velocity())
             return sensors.read()[name][0]
 
-        return Observation(name, () if what.what in (STRAIN, STRESS) else ("axis",), UNITS[what.what], measured)
+        axes = ("axis",) if what.what in (POSITION, VELOCITY, FORCE) else ()
+        return Observation(name, axes, UNITS[what.what], measured)
     if isinstance(what, GroupMean):
         chosen = Probe(slice(None) if what.on is None else what.on, POSITION).particles(model.system)
         means = GroupMeans(model, what.function, chosen, what.width)
