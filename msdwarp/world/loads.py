@@ -1,7 +1,7 @@
 """Loads: actions on a system from outside, beside gravity and obstacles.
 
-A `Force` with a `wp.func` needs no new class. Another new load needs an effect in `engine/loads`, and a line in
-`engine/stepping/assemble.py`.
+A `Force` with a `wp.func` needs no new class. Another new load needs an effect in `engine/loads`, and a line of
+`EFFECTS` in `engine/stepping/assemble.py`: no effect, no force, and no message.
 """
 
 from collections.abc import Sequence

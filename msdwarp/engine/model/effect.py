@@ -77,7 +77,7 @@ def summed(
 class Effect:
     """Something that acts in a scene beside springs, dampers and gravity.
 
-    An effect is one file in this room, one in kernels, and one line in `engine.stepping.assemble`. In a scene
+    An effect is one file in `engine`, one in `kernels`, and one line in `engine.stepping.assemble`. In a scene
     without it nothing of it is compiled, stored or launched. The stepper, checkpoints, the divergence monitor and
     the measures call every effect; an effect overrides the methods that it needs.
     """
@@ -214,7 +214,7 @@ class Effect:
 
         The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
         [particle_count], for the particles of a world at x. The bound is twice the largest eigenvalue of a block
-        over the mass.
+        over the mass: enough for a spring between two particles. A force on a particle by itself adds half.
         """
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
@@ -224,7 +224,7 @@ class Effect:
         """
 
     def elements(self) -> Elements | None:
-        """Return its forces as those of elements, for gradients; None if they are none."""
+        """Return its forces as those of elements, which Warp differentiates; None if they are none."""
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the energy that the effect stores [J] and the power that it dissipates [W], by world."""
