@@ -9,6 +9,7 @@ from sphinx.application import Sphinx
 sys.path.insert(0, str(Path(__file__).parent))
 
 import commands
+import films
 
 import msdwarp
 
@@ -26,6 +27,7 @@ source_suffix = {
 nb_execution_mode = "off"  # notebooks are kept with what they showed; tests/test_notebooks.py executes them
 exclude_patterns = ["images", "templates"]
 templates_path = ["templates"]
+html_static_path = ["films"]
 # Read as they stand, pages link to headings as GitHub names them.
 myst_heading_anchors = 4
 
@@ -59,6 +61,7 @@ def bars(_app: Sphinx, _what: str, _name: str, _of: object, _options: object, li
 
 
 def setup(app: Sphinx) -> None:
-    """Let the page of the commands end with what the commands say of themselves."""
+    """Let the pages of commands and of scenes end with what these say of themselves."""
     app.connect("source-read", commands.append)
+    app.connect("source-read", films.append)
     app.connect("autodoc-process-docstring", bars)
