@@ -74,7 +74,10 @@ def ways(scalar: type):
 
 @functools.cache
 def longest_shifts(scalar: type):
-    """Compose the function that bounds how far impulses move the vertices of pair k, by its bodies' paths [m]."""
+    """Compose the function that bounds by how much impulses bring the sides of pair k together [m].
+
+    `paths` has for each body the longest path of a particle by impulses [m].
+    """
     Pairs = NearPairs(scalar)
 
     @wp.func

@@ -313,7 +313,11 @@ def _usd_drawer(trajectory: "Trajectory", script: Script) -> "Callable[[Path, li
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:
-    """Return the name and scene of a trajectory; without obstacles if neither file nor script has them."""
+    """Return the name and scene of a trajectory: from the file, or from the script if the user asks for that.
+
+    The script is also used where the file has no scene, or moving obstacles that end too early. If it fails, a
+    message says what the scene lacks then.
+    """
     from ..world import Scene, known_until, scene_from_stored
     from .provenance import rebuild_scene
 

@@ -95,7 +95,7 @@ class Pictures:
         return {name: value for name, value in given.items() if value is not None}
 
     def aimed(self, look: "Look") -> "Look":
-        """Return a scene's look with the camera that is given."""
+        """Return a scene's look, with the camera that these flags set."""
         given = self.camera
         # A body to follow and a target are two targets: the one that is given takes the place of the scene's.
         if self.target is not None and self.follow is None:

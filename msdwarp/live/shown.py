@@ -34,7 +34,10 @@ class Shown:
         self._largest = 0.0
 
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
-        """Return a drawing without the springs broken at a time [s]; this drawing, if no more have broken."""
+        """Return this with the times at which springs break [s], from which on the drawing leaves them out.
+
+        Return it as it is if as many were broken before `time` [s] as when it was last called.
+        """
         count = int((broken_at <= time).sum())
         if count == self._broken:
             return self

@@ -92,7 +92,7 @@ class Channel:
     def unit(self) -> str:
         """The unit of the values."""
         if isinstance(self.what, Probe):
-            return {"position": "m", "velocity": "m/s", "strain": ""}.get(self.what.what, "N")
+            return {"position": "m", "velocity": "m/s", "strain": "", "stress": "Pa"}.get(self.what.what, "N")
         return "J" if isinstance(self.what, str) else "m"
 
     @property

@@ -97,7 +97,7 @@ class WithHistory(Effect):
 
     @property
     def changing(self) -> list[wp.array]:
-        """The arrays of the history."""
+        """The arrays of the history: all that substeps change."""
         return self.history.changing
 
     def checkpoint(self) -> dict[str, NDArray]:

@@ -157,7 +157,10 @@ def find_lattice(system: System) -> Lattice:
 
 
 def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
-    """Return the connections in no direction; raise NotALattice if one is in two, or none is in any."""
+    """Return the ties: the connections in no direction of the lattice.
+
+    Raise NotALattice if a connection is in two directions, or all connections are ties.
+    """
     ties, end = [], 0
     for start, stop, step in sorted(part.indices(max(count, part.stop or 0)) for part in slices):
         if step != 1 or stop > count or (start < end and start < stop):

@@ -334,7 +334,7 @@ class Dynamics:
 
     @property
     def launches_between(self) -> bool:
-        """Whether effects launch something between stages that a single launch of many stages does not do."""
+        """Whether an effect needs a launch of its own before forces, so that each stage must be a launch."""
         return len(self._evaluated_within()) < len(self._preceding)
 
     def _evaluated_within(self) -> list[Effect]:
