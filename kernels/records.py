@@ -125,8 +125,8 @@ ENTRY_OF_VECTORS = """
 def table(kind: type) -> Any:
     """Compose wp.func (values, i) -> values[i], for values that no kernel changes while it runs.
 
-    They are read through a GPU's read-only cache, which keeps them across the barriers of a kernel of many substeps.
-    At these its other cache is emptied.
+    They are read through a GPU's read-only cache, which keeps them across the barriers of a kernel of many
+    substeps. At these its other cache is emptied.
     """
     length = getattr(kind, "_length_", 1)
     text = ENTRY if length == 1 else ENTRY_OF_VECTORS.format(kind=f"wp::vec_t<{length}, wp::int32>", length=length)
