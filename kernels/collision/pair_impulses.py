@@ -31,9 +31,9 @@ def pair_impulses(scalar: type):
 
     `may_lose` returns by how much the gap of a pair may shrink in a substep before impulses act [m],
     `may_approach` by how much any two of its vertices may approach before they are held back [m].
-    `lacks` finds the place where the gap shrinks most. It returns (weights, nearest, way, lack): the weights of the
-    vertices there, whether these are the nearest points, the displacement of the first side relative to the second
-    in the substep [m], and by how much more than allowed the gap shrinks [m], not above 0 if it does not.
+    `lacks` finds the place where the gap shrinks most. It returns (weights, nearest, way, lack): the weights of
+    the vertices there, whether these are the nearest points, the displacement of the first side relative to the
+    second in the substep [m], and by how much more than allowed the gap shrinks [m], not above 0 if it does not.
     `late` rounds are only for pairs that would be held back otherwise.
     In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
     """

@@ -216,7 +216,7 @@ class Model:
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
-        """Upload numbers of shape [rows, count]; a number that a row repeats is stored once (a broadcast array)."""
+        """Upload numbers of shape [rows, count]; what a row repeats is stored once (a broadcast array)."""
         if values.shape[1] < 2 or values.strides[1] != 0:
             return wp.array(np.ascontiguousarray(values), dtype=self.scalar, device=self.device)
         once = wp.array(np.ascontiguousarray(values[:, 0]), dtype=self.scalar, device=self.device)
