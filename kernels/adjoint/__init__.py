@@ -16,3 +16,4 @@ from .springs import (
     in_table as in_table,
     springs_adjoint as springs_adjoint,
 )
+from .stages import combination_adjoint as combination_adjoint, keep_state as keep_state

@@ -5,6 +5,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
+from numpy.typing import NDArray
+
 from ..engine import Rates, Solve, Stage, State
 
 
@@ -32,14 +34,23 @@ class Integrator(ABC):
     """Whether stable steps may be too long to resolve the motion; then every frame is checked."""
 
     @property
+    def tableau(self) -> NDArray | None:
+        """Butcher's coefficients of an explicit method, shape [stages, stages]; None if it has none.
+
+        Stage j evaluates forces at Y_j = Y_0 + h Σ_m tableau[j − 1, m] (v_m, a_m), summed over the stages m < j
+        before it. The last row is the end of the substep. Gradients are led back by these numbers.
+        """
+        return None
+
+    @property
     def evaluations(self) -> int:
         """Force evaluations per substep."""
-        return 1
+        return 1 if self.tableau is None else len(self.tableau)
 
     @property
     def stage_times(self) -> tuple[float, ...]:
         """Times within a substep at which each stage evaluates forces, as fractions of the substep."""
-        return (0.0,)
+        return (0.0,) if self.tableau is None else (0.0, *self.tableau[:-1].sum(axis=1).tolist())
 
     @property
     def weights(self) -> tuple[float, ...]:

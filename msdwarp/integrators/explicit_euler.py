@@ -4,6 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..engine import Rates, Stage, State
 from ..kernels.integrators import explicit_euler
 from .base import Integrator
@@ -19,6 +22,11 @@ class ExplicitEuler(Integrator):
     """
 
     order: ClassVar[int] = 1
+
+    @property
+    def tableau(self) -> NDArray:
+        """Butcher's coefficients; see `Integrator.tableau`."""
+        return np.ones((1, 1))
 
     def substep(self, state: State, work: None, h: float) -> list[Stage]:
         """Return the only stage of a substep of h seconds."""

@@ -4,11 +4,15 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from ..engine import Rates, Stage, State
 from ..kernels.integrators import rk4
 from .base import Integrator
+
+TABLEAU = np.array([[1 / 2, 0, 0, 0], [0, 1 / 2, 0, 0], [0, 0, 1, 0], [1 / 6, 1 / 3, 1 / 3, 1 / 6]])
 
 
 class Work(NamedTuple):
@@ -35,19 +39,14 @@ class RK4(Integrator):
     order: ClassVar[int] = 4
 
     @property
-    def evaluations(self) -> int:
-        """Force evaluations per substep."""
-        return 4
-
-    @property
-    def stage_times(self) -> tuple[float, ...]:
-        """Times at which the four stages evaluate forces."""
-        return (0.0, 0.5, 0.5, 1.0)
+    def tableau(self) -> NDArray:
+        """Butcher's coefficients; see `Integrator.tableau`."""
+        return TABLEAU
 
     @property
     def weights(self) -> tuple[float, ...]:
         """Weights of the stages in an integral over the substep: Simpson's rule."""
-        return (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+        return tuple(TABLEAU[-1].tolist())
 
     def workspace(self, state: State) -> Work:
         """Return arrays for the positions and velocities of two stages, and for the sum of accelerations."""

@@ -51,6 +51,17 @@ def coefficients(stages: int) -> Coefficients:
 
 
 @functools.cache
+def tableau(stages: int) -> NDArray:
+    """Return Butcher's coefficients, which the recurrence of the stages has instead."""
+    c, rows = coefficients(stages), np.zeros((stages + 1, stages))
+    rows[1, 0] = c.first
+    for j, (mu, nu, reach, reach0) in enumerate(zip(c.mu, c.nu, c.reach, c.reach0, strict=True), 2):
+        rows[j] = mu * rows[j - 1] + nu * rows[j - 2]
+        rows[j, [j - 1, 0]] += reach, reach0
+    return rows[1:]
+
+
+@functools.cache
 def real_reach(stages: int) -> float:
     """Return the stability limit along the negative real axis: about 0.653 (s² − 1)."""
     s, c = stages, coefficients(stages)
@@ -130,18 +141,9 @@ class RKC2(Integrator):
             raise ValueError(f"stages is {self.stages}; it must be at most {MOST_STAGES}")
 
     @property
-    def evaluations(self) -> int:
-        """Force evaluations per substep."""
-        return self.stages or 2
-
-    @property
-    def stage_times(self) -> tuple[float, ...]:
-        """Times of its stages, as fractions of a substep: the c_j that the recurrence gives for x' = 1."""
-        c = coefficients(self.evaluations)
-        changes = [0.0, c.first]
-        for mu, nu, reach, reach0 in list(zip(c.mu, c.nu, c.reach, c.reach0, strict=True))[:-1]:
-            changes.append(mu * changes[-1] + nu * changes[-2] + reach + reach0)
-        return tuple(changes)
+    def tableau(self) -> NDArray:
+        """Butcher's coefficients; see `Integrator.tableau`."""
+        return tableau(self.stages or 2)
 
     def workspace(self, state: State) -> Work:
         """Return arrays for the acceleration of the first stage, and for two stages."""

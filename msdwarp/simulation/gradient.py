@@ -17,6 +17,7 @@ from ..engine import (
     Adjoint,
     Assembly,
     Dynamics,
+    StageAdjoint,
     Tape,
     assemble,
     copy_vectors,
@@ -71,8 +72,9 @@ class Gradient:
     """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers.
 
     "force" has those by a constant force on each particle, shape [particle_count, d], in addition to all others.
-    "strain" has the derivatives by the strains of actuators at the start of each substep, and at the end of the
-    run: shape [frames · substeps + 1, column_count], a column for each delay of each actuator.
+    "strain" has the derivatives by the strains of actuators at each stage of each substep, and at the end of the
+    run: shape [frames · substeps · stages + 1, column_count], a column for each delay of each actuator. Stages are
+    at `integrator.stage_times`; `SymplecticEuler` and `Leapfrog` have one, at the start.
     """
     growth: NDArray[np.float64]
     """Size of the derivative by the state at each frame, over the largest that the loss has added from there on.
@@ -129,13 +131,16 @@ class Differentiated:
         )
         self._first = self._model.vectors_together(2)
         copy_vectors(self._first, (state.x, state.v))
-        self._dynamics, self._substeps, self._h = dynamics, choice.substeps, choice.step
-        own = self._stepping.integrator
+        self._dynamics, self._h, own = dynamics, choice.step, self._stepping.integrator
+        self._stages = choice.substeps * len(own.stage_times)
         self._lag = own.lag * choice.step if own.staggered else 0.0
         """Time by which the method's velocities lag behind those given and read [s]."""
-        self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, None, choice.step))
-        self._adjoint = Adjoint(dynamics, wanted)
-        self._strains, self._by_strain = "strain" in set(wanted), None
+        work, tableau, names = own.workspace(state), own.tableau, set(wanted)
+        self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, work, choice.step))
+        self._adjoint = (
+            Adjoint(dynamics, names) if tableau is None else StageAdjoint(dynamics, names, tableau, choice.step)
+        )
+        self._strains, self._by_strain = "strain" in names, None
         self._checkpoints: list[Sequence[wp.array]] = []
         self._v_read, self._times = self._model.vectors(), list[float]()
         self._graph: Any = None
@@ -233,15 +238,15 @@ class Differentiated:
             return
         stages = self._adjoint.take_strains()
         if self._by_strain is None:
-            self._by_strain = np.zeros((self._substeps * (len(self._times) - 1) + 1, stages.shape[1]))
-        begin = k * self._substeps
-        rows = self._by_strain[begin : begin + self._substeps]
+            self._by_strain = np.zeros((self._stages * (len(self._times) - 1) + 1, stages.shape[1]))
+        begin = k * self._stages
+        rows = self._by_strain[begin : begin + self._stages]
         rows += stages[: len(rows)]
 
     def _launch_back(self) -> None:
         """Launch a frame's substeps, and their adjoints from the last to the first."""
         self._tape.launch()
-        self._adjoint.frame(self._h, self._tape.states)
+        self._adjoint.frame(self._h, self._tape)
         self._adjoint.add_up()
 
     def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
@@ -342,8 +347,12 @@ class Differentiable(Present):
         for k, name in enumerate(names):
             checks.one_of(f"by[{k}]", name, GRADIENT_NAMES)
         method, around = self.integrator, self._surroundings
-        if not isinstance(method, SymplecticEuler | Leapfrog) or method.method_state:
-            raise ValueError(f"integrator is {method!r}; gradients need SymplecticEuler() or Leapfrog()")
+        led_back = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
+        if not led_back or method.method_state:
+            raise ValueError(
+                f"integrator is {method!r}; gradients need SymplecticEuler(), Leapfrog(), RK4(), RKC2() or "
+                "ExplicitEuler()"
+            )
         if self.model.compensated:
             raise ValueError(f"precision is {self.model.precision!r}; gradients need 'float32' or 'float64'")
         if missing := without_adjoint(self.assembly):

@@ -345,6 +345,7 @@ def test_a_substep_is_data_and_launches_nothing(integrator, monkeypatch):
     stages = integrator.substep(state, work, 0.01)
     assert state.state_in is before
     assert len(stages) == len(integrator.stage_times) == len(integrator.weights)
+    assert integrator.tableau is None or integrator.tableau.shape == (len(stages), len(stages))
     # The last stage writes where the next instant's positions and velocities lie.
     assert stages[-1].fields["x_out"] is state.state_out.x
     assert stages[0].fields["x"] is state.state_in.x

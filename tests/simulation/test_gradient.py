@@ -66,12 +66,14 @@ def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_devic
         np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-10 * scale)
 
 
-def test_threads_share_the_way_back():
+@pytest.mark.parametrize("method", [msd.SymplecticEuler(), RK4()])
+def test_threads_share_the_way_back(method):
     # With a soft obstacle, a force and a gas, each of which is led back by parts, too.
     body, found = block(), []
     plane, loads = Plane((0.1, 0, 1), -0.1, **SOFT), [Force(soft_floor), msd.EnclosedGas(60.0)]
     for threads in (1, 2):
-        run = simulation(body, colliders=[plane], loads=loads, threads=threads, device="cpu")
+        options = {"integrator": method, "threads": threads, "device": "cpu"}
+        run = simulation(body, colliders=[plane], loads=loads, **options)
         found.append(run.gradient(loss, FRAMES, by=NAMES))
     for name in NAMES:  # the threads sum forces in another order
         scale = np.abs(found[0][name]).max()
@@ -109,11 +111,11 @@ def test_derivatives_by_forces_are_those_of_forces_that_are_added(method, plain_
     assert terms.sum() == pytest.approx((values[0] - values[1]) / (2 * STEP), rel=0, abs=tolerance)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [*METHODS.values(), RK4()])
 def test_a_fall_has_the_derivatives_of_its_closed_form(method, plain_device):
-    # After t, a particle is at x + v t - g t (t ± h)/2 and by leapfrog without ±h; so d/dv = t, and d/dx = 1.
+    # After t, a particle is at x + v t - g t (t ± h)/2 and by other methods without ±h; so d/dv = t, and d/dx = 1.
     body = System(position=[[0.0, 0, 1.0]], velocity=[[1.0, 0, 0]], mass=2.0)
-    run = Simulation(body, integrator=METHODS[method], precision="float64", substeps=10, device=plain_device)
+    run = Simulation(body, integrator=method, precision="float64", substeps=10, device=plain_device)
 
     def height(frames: msd.Frames) -> tuple[float, np.ndarray, None]:
         by_x = np.zeros(frames.position.shape)
@@ -122,7 +124,7 @@ def test_a_fall_has_the_derivatives_of_its_closed_form(method, plain_device):
 
     found = run.gradient(height, 30, by=("position", "velocity", "mass", "gravity"))
     t, h = 0.5, 1 / 600
-    late = h if method == "symplectic Euler" else 0.0
+    late = h if method == msd.SymplecticEuler() else 0.0
     # 300 sums of h are rounded to 300 times 1e-16.
     np.testing.assert_allclose(found["position"], [[0, 0, 1]], rtol=0, atol=1e-15)
     np.testing.assert_allclose(found["velocity"], [[0, 0, t]], rtol=0, atol=1e-13)
@@ -212,7 +214,12 @@ def test_a_chaotic_motion_warns(plain_device):
 @pytest.mark.parametrize(
     ("body", "options", "message"),
     [
-        (block(), {"integrator": RK4()}, "integrator is RK4"),
+        (
+            block(),
+            {"integrator": msd.LinearlyImplicitEuler()},
+            "integrator is LinearlyImplicitEuler.* need Symplectic",
+        ),
+        (block(), {"integrator": Leapfrog(0.5)}, r"integrator is Leapfrog\(damper_extrapolation=0.5\)"),
         (block().translate((0, 0, 1)), {"colliders": [Plane()]}, "the scene has obstacles without a stiffness"),
         (block(), {"contact": msd.Contact()}, "contact between bodies"),
         (block().replace(break_strain=0.5), {}, "connections that break"),

@@ -1,6 +1,6 @@
 """Adjoint: leads derivatives of a loss back through the launches of substeps."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -33,6 +33,7 @@ from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
 from .element_adjoints import ElementAdjoints
 from .spring_adjoints import InTable, springs_of_particles
+from .tape import Tape
 
 MOST_LANES, MOST_THREADS = 16, 80_000
 """Most threads of a GPU that share a particle, and in all where they do: more would wait for each other (H100)."""
@@ -130,13 +131,13 @@ class Adjoint:
                 inputs = [self._driven, array]
                 self._launch(forget(self._model.dim, self._model.scalar), len(self._driven), inputs)
 
-    def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
-        """Lead derivatives back through the substeps of h seconds of a frame.
+    def frame(self, h: float, tape: Tape) -> None:
+        """Lead derivatives back through the substeps of h seconds of a frame, which are on a tape.
 
-        `states` are the positions and velocities before each substep, and at the frame's end. Where only springs
-        act, one launch leads back through the forces of a substep and then through the kick of the one before.
+        Where only springs act, one launch leads back through the forces of a substep and then through the kick of
+        the one before.
         """
-        last = len(states) - 1
+        states, last = tape.states, len(tape.states) - 1
         self.forget_driven(self.by_x, self.by_v)
         self._lead_kick_back(h, h, states[-2][1], states[-1][1])
         for n in reversed(range(last)):

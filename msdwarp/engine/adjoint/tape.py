@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
+import warp as wp
+
 from ..model.state import State
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Solve, Stage
@@ -41,10 +43,16 @@ class Tape:
 
     def launch(self) -> None:
         """Launch all substeps of a frame, from the first state of the tape."""
-        for k, stages in enumerate(self._stages):
-            self.go_to(k)
-            self._dynamics.begin_substep(self.state, k)
-            for stage in stages:
-                self._dynamics.run(stage)
-            self._dynamics.end_substep(self.state, k)
+        for k in range(len(self._stages)):
+            self.take(k)
+
+    def take(self, substep: int, look: Callable[[int, wp.array, wp.array], None] | None = None) -> None:
+        """Launch a substep; before stage n, call `look` with n and with the state at which it evaluates forces."""
+        self.go_to(substep)
+        self._dynamics.begin_substep(self.state, substep)
+        for n, stage in enumerate(self._stages[substep]):
+            if look is not None and isinstance(stage, Stage):
+                look(n, stage.fields["x"], stage.fields["v"])
+            self._dynamics.run(stage)
+        self._dynamics.end_substep(self.state, substep)
         self._dynamics.go_to_frame_end()

@@ -1,0 +1,98 @@
+"""The adjoint of the stages of an explicit method: linear combinations of earlier states and accelerations."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..records import records
+from .kick import kick_back
+
+
+@functools.cache
+def keep_state(dim: int, scalar: type):
+    """Compose the kernel, over particles, that copies a state."""
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+
+    @kernel
+    def copy_state(
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        # Out:
+        x_kept: wp.array(dtype=V),
+        v_kept: wp.array(dtype=V),
+        begin: int,  # particles of this launch
+        end: int,
+        threads: int,  # of the launch
+    ):
+        i = begin + wp.tid()
+        while i < end:
+            store(x_kept, i, load(x, i))
+            store(v_kept, i, load(v, i))
+            i += threads
+
+    return copy_state
+
+
+@functools.cache
+def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
+    """Compose the kernel, over particles, that leads derivatives back through the combination that is state n.
+
+    Y_n = Y_0 + h Σ_m A_nm (v_m, a_m) over the stages m < n. The kernel keeps the derivatives by Y_n that it is
+    given. From all that it has kept follow those by v_m and a_m of the stage before, m = n − 1, and with these φ,
+    that by the force on each particle. For n = 0 they add up to the derivatives by the start of the substep.
+    """
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    lead_back = kick_back(dim, scalar, by_mass, by_gravity)
+
+    @kernel
+    def lead_combination_back(
+        weight: wp.array2d(dtype=scalar),  # row n: h A_k(n−1) for each state k [s]; row 0: 1
+        n: int,
+        seconds: scalar,  # from the start to this state [s]
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
+        gravity: V,  # [m/s²]
+        # State:
+        v_start: wp.array(dtype=V),  # velocities at the start of the substep, and of this state
+        v: wp.array(dtype=V),
+        # In and out, derivatives by:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
+        by_gravity_of: wp.array(dtype=V),  # by that of each particle
+        kept: wp.array(
+            dtype=V
+        ),  # by positions, then by velocities, of each state; shape [2 states particle_count]
+        # Out:
+        phi: wp.array(dtype=V),
+        begin: int,  # particles of this launch
+        end: int,
+        threads: int,  # of the launch
+    ):
+        states = weight.shape[1]
+        count = inverse_mass.shape[0]
+        i = begin + wp.tid()
+        while i < end:
+            w = inverse_mass[i]
+            back = load(by_v, i)
+            push = V()
+            if wp.static(by_mass):
+                push = (load(v, i) - load(v_start, i)) - seconds * gravity
+            lead_back(i, seconds, w, back, push, by_inverse_mass, by_gravity_of)
+            store(kept, n * count + i, load(by_x, i))
+            store(kept, (states + n) * count + i, back)
+            sum_x = V()
+            sum_v = V()
+            for k in range(n, states):
+                sum_x += weight[n, k] * load(kept, k * count + i)
+                sum_v += weight[n, k] * load(kept, (states + k) * count + i)
+            if n == 0:
+                store(by_x, i, sum_x)
+                store(by_v, i, sum_v)
+            else:
+                store(by_x, i, V())
+                store(by_v, i, sum_x)
+                store(phi, i, w * sum_v)
+            i += threads
+
+    return lead_combination_back

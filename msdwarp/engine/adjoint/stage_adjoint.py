@@ -1,0 +1,72 @@
+"""The adjoint of every explicit method that has a tableau: of its stages, from the last to the first."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.adjoint import combination_adjoint, keep_state
+from ..device.vector_arrays import in_records
+from ..stepping.dynamics import Dynamics
+from .adjoint import Adjoint
+from .tape import Tape
+
+
+class StageAdjoint(Adjoint):
+    """An `Adjoint` for substeps of several stages, which are given as a tableau.
+
+    With λ_n the derivative by Y_n = Y_0 + h Σ_m A_nm (v_m, a_m), state n of a substep, that by (v_m, a_m) is
+    κ_m = h Σ_n A_nm λ_n, and λ_m = (∂(v, a)/∂Y)ᵀ κ_m at Y_m. The derivative by Y_0 is Σ_n λ_n. The stages of a
+    substep are taken once more, from its start, and kept while it is led back. Reference: Sanz-Serna, SIAM Review
+    58 (2016) 3-33.
+
+    Parameters
+    ----------
+    dynamics, wanted
+        See `Adjoint`.
+    tableau
+        A, the coefficients of the method, shape [stages, stages]; see `Integrator.tableau`.
+    h
+        Length of a substep [s].
+    """
+
+    def __init__(self, dynamics: Dynamics, wanted: Iterable[str], tableau: NDArray, h: float) -> None:
+        names = set(wanted)
+        super().__init__(dynamics, names)
+        model, stages = dynamics.model, len(tableau)
+        kinds = model.dim, model.scalar
+        self._copy = keep_state(*kinds)
+        self._combine = combination_adjoint(*kinds, "mass" in names, bool({"gravity", "force"} & names))
+        inner = model.vectors_together(2 * (stages - 1)) if stages > 1 else ()
+        self._inner = list(zip(inner[::2], inner[1::2], strict=True))
+        self._kept = in_records(2 * (stages + 1) * model.particle_count, *kinds, model.device)
+        self._times = [0.0, *(h * tableau.sum(axis=1)).tolist()]
+        weight = np.vstack([np.ones(stages + 1), np.insert(h * tableau.T, 0, 0.0, axis=1)])
+        self._weight: Any = wp.array(weight, dtype=model.scalar, device=model.device)
+
+    def frame(self, h: float, tape: Tape) -> None:
+        """Lead derivatives back through the substeps of a frame; see `Adjoint.frame`."""
+        stages = len(self._inner) + 1
+        for k in reversed(range(len(tape.states) - 1)):
+            states = [tape.states[k], *self._inner, tape.states[k + 1]]
+            tape.take(k, self._keep)
+            for n in reversed(range(stages)):
+                self._lead_combination_back(n + 1, states)
+                x, v = states[n]
+                self._lead_forces_back(x, v, k * stages + n)
+            self._lead_combination_back(0, states)
+
+    def _keep(self, stage: int, x: wp.array, v: wp.array) -> None:
+        """Keep the state at which a stage evaluates forces; the first is on the tape."""
+        if stage:
+            self._launch(self._copy, self._model.particle_count, [x, v, *self._inner[stage - 1]])
+
+    def _lead_combination_back(self, n: int, states: list[Any]) -> None:
+        """Lead derivatives by state n back to the velocities and forces of the stage before it."""
+        model = self._model
+        self.forget_driven(self.by_x, self.by_v)
+        inputs = [self._weight, n, self._times[n], model.inverse_mass, model.gravity, states[0][1], states[n][1]]
+        inputs += [self.by_x, self.by_v, self._by_inverse_mass, self._by_gravity, self._kept, self._phi]
+        self._launch(self._combine, model.particle_count, inputs)
