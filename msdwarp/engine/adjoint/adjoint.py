@@ -121,7 +121,6 @@ class Adjoint:
         which the forces are.
         """
         self._lead_kick_back(drift, seconds, v, v_out)
-        self.forget_driven(self._phi)
         self._lead_forces_back(x, v, stage)
 
     def forget_driven(self, *each: wp.array) -> None:
