@@ -8,7 +8,7 @@ import pytest
 
 from msdwarp import RKC2, Simulation, System, stability_limit
 from msdwarp.engine.diagnostics.rate_bounds import Rates
-from msdwarp.integrators.rkc2 import MOST_AUTOMATIC_STAGES, coefficients, disc_reach, real_reach
+from msdwarp.integrators.rkc2 import MOST_AUTOMATIC_STAGES, disc_reach, real_reach, tableau
 
 every_number = pytest.mark.parametrize("stages", [2, 3, 4, 5, 6, 10, 20])
 
@@ -20,20 +20,18 @@ def polynomial(stages: int, z: complex) -> complex:
     return complex(matrix[0, 0], matrix[1, 0])
 
 
-def recurrence(stages: int, z: complex) -> complex:
-    """Return R(z) by the stages as the package has their coefficients, for the change D of 1."""
-    c = coefficients(stages)
-    before, now = 0.0, c.first * z
-    for mu, nu, reach, reach0 in zip(c.mu, c.nu, c.reach, c.reach0, strict=True):
-        before, now = now, mu * now + nu * before + reach * z * (1 + now) + reach0 * z
-    return 1 + now
+def by_tableau(stages: int, z: complex) -> complex:
+    """Return R(z) by the stages as the package has their coefficients."""
+    rows = tableau(stages)
+    lower = np.vstack([np.zeros(stages), rows[:-1]])
+    return 1 + z * (rows[-1] @ np.linalg.solve(np.eye(stages) - z * lower, np.ones(stages)))
 
 
 @every_number
 def test_stages_make_the_polynomial(stages):
     for z in (-0.3, -0.9 * real_reach(stages), -0.5 + 0.4j, -1.0 + 1.5j, 0.7j):
         # T_s is evaluated near 1 by recurrences, which lose s² roundings.
-        assert recurrence(stages, z) == pytest.approx(polynomial(stages, z), abs=1e-14 * stages**2)
+        assert by_tableau(stages, z) == pytest.approx(polynomial(stages, z), abs=1e-14 * stages**2)
 
 
 @every_number
