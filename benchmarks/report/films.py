@@ -28,7 +28,7 @@ def make(name: str, resolution: str) -> Path:
         FILMS.mkdir(exist_ok=True)
         small = FILMS / f"{name}.mp4"
         # A third of the size; the index first, so that a browser plays before all of it is there.
-        finish = ["-crf", "26", "-preset", "slow", "-movflags", "+faststart", "-loglevel", "error", "-y"]
+        finish = ["-crf", "25", "-preset", "slow", "-movflags", "+faststart", "-loglevel", "error", "-y"]
         subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-i", film, *finish, small], check=True)
         return small
 
@@ -38,7 +38,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     scripts = scene_scripts()
     parser.add_argument("--scenes", nargs="+", choices=scripts, default=list(scripts), help="by default all")
-    parser.add_argument("--resolution", default="480x300")
+    parser.add_argument("--resolution", default="640x400")
     options = parser.parse_args()
     for name in options.scenes:
         film = make(name, options.resolution)
