@@ -135,6 +135,7 @@ class Ensemble(Present):
             own_gravity = own_gravity if gravity is None else gravity
         else:
             by_world["gravity"] = gravity
+            own_gravity = 0.0 if callable(own_gravity) else own_gravity  # else it would act beside that of worlds
         if friction is not None and not self._colliders:
             raise ValueError("friction is given; there must be colliders then")
         self._rows = parameter_rows(self._base, len(self._colliders), self.worlds, by_world)
@@ -167,7 +168,7 @@ class Ensemble(Present):
 
     def _parameter_of(self, name: str, world: int) -> NDArray[np.float64]:
         """Return a world's entry of a parameter."""
-        rows = self.model.row_of(name)
+        rows = self._rows[name]
         return rows[world % len(rows)]
 
     @property

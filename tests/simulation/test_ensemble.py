@@ -342,6 +342,16 @@ def test_what_worlds_cannot_be_is_said(own, said):
         Ensemble(given.pop("scene"), given.pop("worlds"), **given)
 
 
+def test_gravity_of_worlds_takes_the_place_of_a_function_of_time(plain_device):
+    rope = Scene(system=chain(2), gravity=lambda t: 9.0)
+    ensemble = Ensemble(rope, 2, gravity=[5.0, 0.0], precision="float64", substeps=100, device=plain_device)
+    before = ensemble.frame().position[:, 0, 2]
+    ensemble.step(6)
+    # After t = 0.1 s by steps of h it has fallen by g t (t + h)/2; 600 sums are rounded to 600 times 1e-16.
+    fallen = 0.5 * 5.0 * 0.1 * (0.1 + 1 / 6000)
+    np.testing.assert_allclose(before - ensemble.frame().position[:, 0, 2], [fallen, 0.0], rtol=0, atol=1e-13)
+
+
 def test_worlds_by_number():
     ensemble = Ensemble(block(), 4, stiffness=[1e3, 2e3], device="cpu")
     assert (ensemble.system_of(3).stiffness == 2e3).all()
