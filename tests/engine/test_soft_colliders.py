@@ -149,8 +149,10 @@ def test_hard_and_soft_obstacles_act_together(plain_device):
             "contact forces are asked for",
         ),
         (
-            lambda: Ensemble(box((2, 2, 2), 0.1), 2, colliders=[SHAPES["Plane"]], device="cpu"),
-            "colliders[0] has a stiffness",
+            lambda: Ensemble(
+                box((2, 2, 2), 0.1), 2, colliders=[SHAPES["Plane"]], friction=[0.1, 0.2], device="cpu"
+            ),
+            "friction differs between worlds, and colliders[0] has a stiffness",
         ),
     ],
 )

@@ -83,6 +83,7 @@ LOADS = {
 }
 OBSTACLES = {
     "plane": Plane(friction=0.4),
+    "soft plane": Plane(friction=0.4, stiffness=300.0, dissipation=0.5),
     "sphere": Sphere((0.0, 0.0, -0.4), 0.5),
     "box": Box((0.0, 0.0, -0.1), (0.4, 0.4, 0.2)),
     "capsule": Capsule((-1.0, 0.1, 0.0), (1.0, 0.1, 0.0), 0.1),

@@ -243,10 +243,12 @@ def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> 
 
     Raises ValueError if the scene has a feature that ensembles lack, or a number exceeds the precision's range.
     """
-    for k, one in enumerate(options.get("colliders", ())):
-        if one.stiffness is not None:
+    colliders = options.get("colliders", ())
+    for k, one in enumerate(colliders):
+        if one.stiffness is not None and "friction" in rows:
             raise ValueError(
-                f"colliders[{k}] has a stiffness; worlds of an ensemble cannot have soft obstacles yet"
+                f"friction differs between worlds, and colliders[{k}] has a stiffness; the friction of a soft "
+                "obstacle must be the same in all worlds"
             )
     for k, one in enumerate(options.get("loads", ())):
         if isinstance(one, Contact) and one.surface_colliders:
@@ -263,7 +265,7 @@ def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> 
             "force_algorithm is 'stencil', and the system can tear; where the constants of connections differ "
             "between worlds, it must be another"
         )
-    _check_starts(model, options.get("colliders", ()))
+    _check_starts(model, [one for one in colliders if one.stiffness is None])
     return assembly
 
 
