@@ -119,6 +119,15 @@ def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+def test_throws_learn_by_gradients(capsys):
+    throw, throws = (one for one in snippets("docs/gradients.md") if "def miss" in one and "jax" not in one)
+    names = run("docs/gradients.md", ["import numpy as np\nimport msdwarp as msd\n", throw, throws])
+    assert names["throw"].fun < 1e-9
+    first, *_, last = re.findall(r"\[([^\[\]]*)\]", capsys.readouterr().out)[1:]
+    assert (np.array(last.split(), dtype=float) < np.array(first.split(), dtype=float)).all()
+
+
+@pytest.mark.slow
 def test_the_example_of_fitting_finds_what_made_the_motion(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     found = run("docs/fitting.md")["found"]

@@ -17,3 +17,4 @@ from .springs import (
     springs_adjoint as springs_adjoint,
 )
 from .stages import combination_adjoint as combination_adjoint, keep_state as keep_state
+from .worlds import in_worlds as in_worlds

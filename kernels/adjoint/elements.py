@@ -19,7 +19,7 @@ def element_rows(points: int, dim: int, scalar: type):
 
 
 @functools.cache
-def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: Any):
+def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: Any, in_worlds: bool):
     """Compose the kernel, over elements, that writes ∂(φ·F)/∂x and ∂(φ·F)/∂v of each point.
 
     `project` is a wp.func (data, e, i, time, stage, x, v, φ) -> φ·F of element e, whose first point is particle i,
@@ -31,6 +31,8 @@ def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: An
     @kernel
     def lead_elements_back(
         data: Data,
+        count: int,  # elements, and particles, after which those of the next world follow
+        stride: int,
         particle: wp.array2d(dtype=int),  # of point k of element e in row e · points + k; -1 for no particle
         weight: wp.array2d(dtype=scalar),  # of these particles in the point
         time: wp.array(dtype=scalar),  # of each stage of a frame [s]; a single one if no force depends on it
@@ -60,9 +62,13 @@ def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: An
                         places[k] = places[k] + share * load(x, i)
                         rates[k] = rates[k] + share * load(v, i)
                         phis[k] = phis[k] + share * load(phi, i)
+            own = e
             first = particle[e * wp.static(points), 0]
+            if wp.static(in_worlds):
+                own = e % count
+                first = first % stride
             _d, _e, _i, _t, _s, of_x, of_v, _phi = wp.grad(project)(
-                data, e, first, time[wp.min(stage, time.shape[0] - 1)], stage, places, rates, phis
+                data, own, first, time[wp.min(stage, time.shape[0] - 1)], stage, places, rates, phis
             )
             for k in range(wp.static(points)):
                 by_x[e * wp.static(points) + k] = of_x[k]

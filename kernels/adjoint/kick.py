@@ -10,7 +10,7 @@ from ..records import records
 from ..springs.lanes import lane_of, sum_over_lanes
 
 SUMMING = 8192
-"""Threads that sum squares."""
+"""Most threads that sum the squares of a world."""
 
 
 @functools.cache
@@ -136,7 +136,7 @@ def widen(dtype: type, wide: type):
 
 @functools.cache
 def squares(dim: int, scalar: type):
-    """Compose the kernel that adds the squares of two arrays of vectors to a row of sums."""
+    """Compose the kernel that adds the squares of two arrays of vectors, by world, to a row of sums."""
     V, load = vector(dim, scalar), records(dim, scalar).load
     lane_here, sum_of_warp = lane_of(WARP), sum_over_lanes(2, wp.float64, WARP)
 
@@ -144,23 +144,26 @@ def squares(dim: int, scalar: type):
     def add_squares(
         first: wp.array(dtype=V),
         second: wp.array(dtype=V),
+        count: int,  # particles of a world
+        stride: int,  # from one world to the next
+        threads: int,  # of a world, a multiple of a warp
         row: int,
         # Out:
-        sums: wp.array2d(dtype=wp.float64),  # shape [rows, 2]
+        sums: wp.array3d(dtype=wp.float64),  # shape [rows, worlds, 2]
     ):
-        share = wp.tid()
+        w = wp.tid() / threads
+        i = wp.tid() % threads
         a = wp.float64(0.0)
         b = wp.float64(0.0)
-        i = share
-        while i < first.shape[0]:
-            x = load(first, i)
-            v = load(second, i)
+        while i < count:
+            x = load(first, w * stride + i)
+            v = load(second, w * stride + i)
             a += wp.float64(wp.dot(x, x))
             b += wp.float64(wp.dot(v, v))
-            i += wp.static(SUMMING)
+            i += threads
         own = sum_of_warp(wp.vec2d(a, b))
         if lane_here() == 0:
-            wp.atomic_add(sums, row, 0, own[0])
-            wp.atomic_add(sums, row, 1, own[1])
+            wp.atomic_add(sums, row, w, 0, own[0])
+            wp.atomic_add(sums, row, w, 1, own[1])
 
     return add_squares

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import LINEAR_SPRING, System
-from ..engine import resists
+from ..engine import Assembly, State, assemble, resists, starting_state
 from ..integrators import Integrator, UnstableStep
 from ..runtime import in_turn
 from ..world import (
@@ -56,6 +56,16 @@ class Changing(PresentWorld):
     def gravity(self) -> Gravity:
         """Acceleration of free fall [m/s²], as given."""
         return self._surroundings["gravity"]
+
+    def _assembled(self) -> tuple[Assembly, State]:
+        """Return the scene once more, and its present state."""
+        # At the start velocities are those given; later they are read, half a substep after the method's own.
+        if self.stepping.at_start:
+            assembly = assemble(self.system, **self._surroundings)
+            return assembly, starting_state(self.system, assembly, 0, self.time, self.fps)
+        system = self.snapshot()
+        assembly = assemble(system, **self._surroundings)
+        return assembly, State.from_system(system, assembly.model)
 
     def _apply_scheduled_change(self) -> None:
         """Apply the next change of the schedule."""

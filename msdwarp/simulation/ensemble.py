@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import Dynamics, WorldStatus, assemble_worlds, starting_state, world_rates
+from ..engine import Assembly, Dynamics, State, WorldStatus, assemble_worlds, starting_state, world_rates
 from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
 from ..runtime import in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
@@ -20,7 +20,7 @@ from .checkpoint import saved_drives, saved_system, saved_worlds
 from .divergence_error import SimulationDiverged
 from .ensemble_parameters import parameter_rows, taken_from
 from .ensemble_results import dataset, import_xarray, observations
-from .properties import Present
+from .gradient import Differentiable
 from .simulation import Simulation
 from .stepping import Stepping
 
@@ -29,7 +29,7 @@ STATUS = ("running", "not finite", "energy")
 SYSTEM_FIELDS = ("stiffness", "damping", "rest_length", "mass", "position", "velocity")
 
 
-class Ensemble(Present):
+class Ensemble(Differentiable):
     """Simulates many worlds at once: copies of a scene with different parameters or starting states.
 
     World w equals a `Simulation` of the scene with the w-th entry of each parameter and the same number of
@@ -310,6 +310,16 @@ class Ensemble(Present):
         if not start and self.assembly.body_contact is not None:
             alone._restore_contact(self.assembly.body_contact.checkpoints()[world])
         return alone
+
+    def _assembled(self) -> tuple[Assembly, State]:
+        """Return the worlds once more, and their present state."""
+        assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
+        state = starting_state(self._base, assembly, 0, self.time, self.fps)
+        if not self.stepping.at_start:
+            frame = self.frame()
+            state.write("x", frame.position)
+            state.write("v", frame.velocity)
+        return assembly, state
 
     @in_turn
     def checkpoints(self) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:

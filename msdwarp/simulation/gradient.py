@@ -12,22 +12,20 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
 from ..engine import (
     Adjoint,
     Assembly,
     Dynamics,
     StageAdjoint,
+    State,
     Tape,
-    assemble,
     copy_vectors,
     kicked,
-    starting_state,
     without_adjoint,
 )
 from ..integrators import Integrator, Leapfrog, StepChoice, SymplecticEuler
 from ..runtime import in_turn, record
-from ..world import Actuator, Load
+from ..world import Actuator
 from .properties import Present
 from .stepping import Stepping
 
@@ -48,7 +46,11 @@ EXPLODES = 1000.0
 
 
 class Frames(NamedTuple):
-    """The frames of a run, from its start on, as a loss gets them."""
+    """The frames of a run, from its start on, as a loss gets them.
+
+    Those of an ensemble have the axis of worlds first, like `Ensemble.frame`: shape [worlds, frames + 1,
+    particle_count, d]. From the frame on in which a world diverges they are NaN.
+    """
 
     time: NDArray[np.float64]
     """[s], shape [frames + 1]."""
@@ -58,16 +60,19 @@ class Frames(NamedTuple):
     """At the same times [m/s], shape [frames + 1, particle_count, d]."""
 
 
-Loss = Callable[[Frames], tuple[float, Any, Any]]
+Loss = Callable[[Frames], tuple[Any, Any, Any]]
 """Function of frames -> (value, ∂/∂position, ∂/∂velocity); a derivative may be None if it is 0."""
 
 
 @dataclass(frozen=True)
 class Gradient:
-    """The value of a loss, and its derivatives by name: `gradient["stiffness"]`."""
+    """The value of a loss, and its derivatives by name: `gradient["stiffness"]`.
 
-    value: float
-    """The loss."""
+    Of an ensemble all arrays have the axis of worlds first. They are NaN for worlds that diverged.
+    """
+
+    value: Any
+    """The loss; in an ensemble that of each world, shape [worlds]."""
     derivatives: dict[str, NDArray[np.float64]]
     """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers.
 
@@ -96,12 +101,12 @@ class Differentiated:
 
     Parameters
     ----------
-    assembly
+    assembly, state
         The scene, at its start.
-    method, choice
-        The integrator, and the substeps of all frames.
-    start, fps
-        Time of the start [s], and frames per second.
+    method, choices
+        The integrator, and the substeps of all frames; in an ensemble those that each world needs.
+    start
+        Time of the start [s].
     wanted
         Names of the derivatives that are asked for.
     energy_limit
@@ -113,22 +118,22 @@ class Differentiated:
     def __init__(
         self,
         assembly: Assembly,
+        state: State,
         method: Integrator,
-        choice: StepChoice,
+        choices: Sequence[StepChoice],
         start: float,
-        fps: float,
         wanted: Iterable[str],
         energy_limit: float,
         threads: int = 1,
     ) -> None:
-        self._model, self._fps, self._start = assembly.model, fps, start
-        state = starting_state(self._model.system, assembly, method.method_state, start, fps)
+        self._model, self._fps, self._start = assembly.model, choices[0].fps, start
         self._given_v = state.empty_vectors(1)[0]
         wp.copy(self._given_v, state.v)
         dynamics = Dynamics(assembly, threads=threads)
         self._stepping = Stepping(
-            dynamics, state, method, [choice], energy_limit=energy_limit, blocks="auto", time=start
+            dynamics, state, method, choices, energy_limit=energy_limit, blocks="auto", time=start
         )
+        choice = self._stepping.choice
         self._first = self._model.vectors_together(2)
         copy_vectors(self._first, (state.x, state.v))
         self._dynamics, self._h, own = dynamics, choice.step, self._stepping.integrator
@@ -144,6 +149,12 @@ class Differentiated:
         self._checkpoints: list[Sequence[wp.array]] = []
         self._v_read, self._times = self._model.vectors(), list[float]()
         self._graph: Any = None
+        self.stopped = np.zeros(self._model.worlds if self._model.in_worlds else (), dtype=bool)
+        """Which worlds have diverged, shape [worlds]; in a simulation False, of shape []."""
+
+    def stop(self, status: NDArray[np.int32]) -> None:
+        """Stop the worlds whose status is not 0 at the start."""
+        self._dynamics.frozen.assign(status)
 
     def forward(self, frames: int) -> Frames:
         """Take frames from the start, and return them."""
@@ -154,8 +165,13 @@ class Differentiated:
             found.append((np.array(frame.position), np.array(frame.velocity)))
 
         self.take(frames, read)
-        position, velocity = (np.stack(each) for each in zip(*found, strict=True))
-        velocity[0] = self._model.by_world(self._given_v.numpy())[0]
+        position, velocity = (np.stack(each, axis=-3) for each in zip(*found, strict=True))
+        velocity[..., 0, :, :] = self._of_each_world(self._given_v)
+        if self._stepping.frozen is not None:
+            last = self._stepping.frozen.found().good_frames
+            self.stopped = last >= 0
+            for w in np.flatnonzero(self.stopped):
+                position[w, last[w] + 1 :] = velocity[w, last[w] + 1 :] = np.nan
         return Frames(np.array(self._times), position, velocity)
 
     def take(self, frames: int, look: Callable[[float], None] = lambda time: None) -> None:
@@ -180,18 +196,19 @@ class Differentiated:
         adjoint, count = self._adjoint, len(by_position) - 1
         adjoint.clear()
         self._by_strain = None
-        added = np.zeros(count + 1)
+        added = np.zeros((count + 1, self._model.worlds))
         for k in reversed(range(count + 1)):
             if k < count:
                 self._lead_back(k)
             by_x, by_v = by_position[k], by_velocity[k]
             self._add(k, by_x, by_v)
-            added[k] = math.hypot(_norm(by_x), self._fps * _norm(by_v))
+            added[k] = np.hypot(_norm(by_x), self._fps * _norm(by_v))
             adjoint.measure(k, count + 1)
         adjoint.forget_driven(adjoint.by_x, adjoint.by_v)
         adjoint.add_up()
         most = np.maximum.accumulate(added[::-1])[::-1]
-        return np.hypot(*(adjoint.sizes() * [1.0, self._fps]).T) / np.where(most > 0, most, np.inf)
+        sizes = np.hypot(*np.moveaxis(adjoint.sizes() * [1.0, self._fps], -1, 0))
+        return self._model.of_each((sizes / np.where(most > 0, most, np.inf)).T)
 
     def _add(self, k: int, by_x: NDArray | None, by_v: NDArray | None) -> None:
         """Add derivatives by frame k, whose velocities are those at the time of its positions."""
@@ -238,10 +255,11 @@ class Differentiated:
             return
         stages = self._adjoint.take_strains()
         if self._by_strain is None:
-            self._by_strain = np.zeros((self._stages * (len(self._times) - 1) + 1, stages.shape[1]))
+            rows = self._stages * (len(self._times) - 1) + 1
+            self._by_strain = np.zeros((*stages.shape[:-2], rows, stages.shape[-1]))
         begin = k * self._stages
-        rows = self._by_strain[begin : begin + self._stages]
-        rows += stages[: len(rows)]
+        rows = self._by_strain[..., begin : begin + self._stages, :]
+        rows += stages[..., : rows.shape[-2], :]
 
     def _launch_back(self) -> None:
         """Launch a frame's substeps, and their adjoints from the last to the first."""
@@ -250,7 +268,7 @@ class Differentiated:
         self._adjoint.add_up()
 
     def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
-        """Return the derivatives that have been asked for."""
+        """Return the derivatives that have been asked for, NaN for worlds that have diverged."""
         result = {}
         state = {"position": self._adjoint.by_x, "velocity": self._adjoint.by_v}
         parameters = self._adjoint.found()
@@ -258,34 +276,30 @@ class Differentiated:
             parameters["strain"] = self._by_strain
         for name in names:
             if name in state:
-                result[name] = self._model.by_world(state[name].numpy())[0].astype(np.float64)
+                result[name] = self._of_each_world(state[name]).astype(np.float64)
             else:
                 result[name] = parameters[name]
+            result[name][self.stopped] = np.nan
         return result
 
+    def _of_each_world(self, vectors: wp.array) -> NDArray:
+        """Return vectors of shape [particle_count, d], or [worlds, particle_count, d], on the host."""
+        return self._model.of_each(self._model.by_world(vectors.numpy()))
 
-def _norm(values: NDArray | None) -> float:
-    return 0.0 if values is None else float(np.linalg.norm(values))
+
+def _norm(values: NDArray | None) -> Any:
+    """Return the norm of vectors of shape [particle_count, d]; in an ensemble that of each world."""
+    return 0.0 if values is None else np.sqrt((values**2).sum(axis=(-2, -1)))
 
 
 class Differentiable(Present):
-    """A simulation whose frames can be differentiated."""
+    """A simulation, or an ensemble, whose frames can be differentiated."""
 
     _surroundings: dict[str, Any]
 
-    @property
     @abstractmethod
-    def system(self) -> System:
-        """The system as last uploaded."""
-
-    @property
-    @abstractmethod
-    def loads(self) -> tuple[Load, ...]:
-        """The loads on the system."""
-
-    @abstractmethod
-    def snapshot(self) -> System:
-        """Return the system in its present state."""
+    def _assembled(self) -> tuple[Assembly, State]:
+        """Return the scene once more, and its present state."""
 
     @in_turn
     def gradient(self, loss: Loss, frames: int, by: Sequence[str] = ("position", "velocity")) -> Gradient:
@@ -295,11 +309,14 @@ class Differentiable(Present):
         to the first; the simulation itself stays as it is. The state at the start of each frame is kept, and a
         frame's substeps are taken once more. See docs/gradients.md for what can be differentiated.
 
+        In an ensemble each world has its own loss and derivatives, and all are led back together: `value` and what
+        the loss returns, the derivatives and `growth` have the axis of worlds first, as the `Frames` have.
+
         Parameters
         ----------
         loss
             Function of the `Frames`, from the present one on, that returns its value, and its derivatives by their
-            positions and by their velocities, each of shape [frames + 1, particle_count, d], or None for 0.
+            positions and by their velocities, each of the shape of these, or None for 0.
         frames
             How many frames to take.
         by
@@ -317,28 +334,40 @@ class Differentiable(Present):
             If the gradient grows so much backwards that it tells little of finite changes.
         """
         run, found = self.differentiated(frames, by)
-        told, both = loss(found), []
+        told, both, stopped = loss(found), [], run.stopped
         if not isinstance(told, tuple) or len(told) != 3:
             raise ValueError(
                 f"loss returned {checks.repr_short(told)}; it must return its value, and its derivatives by "
                 "positions and by velocities (or None)"
             )
+        value = np.array(told[0] if stopped.shape else float(told[0]), dtype=np.float64)
+        if value.shape != stopped.shape:
+            raise ValueError(
+                f"loss returned a value of shape {value.shape}; it must be of shape {stopped.shape}, a number for "
+                "each world"
+            )
+        value[stopped] = np.nan
         for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
             values = [None] * len(found.time)
             if each is not None:
+                if stopped.any():
+                    each = np.where(stopped[:, None, None, None], 0.0, each)
                 each = checks.broadcast(f"{name} of the loss", each, found.position.shape)
-                values = [one if one.any() else None for one in each]
+                values = [one if one.any() else None for one in np.moveaxis(each, -3, 0)]
             both.append(values)
         growth = run.backward(*both)
+        growth[stopped] = 0.0
         most = float(growth.max())
         if not math.isfinite(most) or most > EXPLODES * frames:
+            where = f" of world {int(growth.max(axis=-1).argmax())}" if stopped.shape else ""
             warnings.warn(
-                f"the gradient is {most:.2g} times as large at the start as what the loss adds: the motion is "
-                "chaotic over so many frames, and the gradient tells nothing of finite changes",
+                f"the gradient{where} is {most:.2g} times as large at the start as what the loss adds: the motion "
+                "is chaotic over so many frames, and the gradient tells nothing of finite changes",
                 checks.GradientWarning,
                 stacklevel=4,
             )
-        return Gradient(float(told[0]), run.found(by), growth, found)
+        growth[stopped] = np.nan
+        return Gradient(value if stopped.shape else float(value), run.found(by), growth, found)
 
     def differentiated(self, frames: int, by: Sequence[str]) -> tuple[Differentiated, Frames]:
         """Take frames that can be led back, and return them; see `gradient` for the arguments and errors."""
@@ -357,13 +386,15 @@ class Differentiable(Present):
             raise ValueError(f"precision is {self.model.precision!r}; gradients need 'float32' or 'float64'")
         if missing := without_adjoint(self.assembly):
             raise ValueError(f"the scene has {' and '.join(missing)}; gradients cannot be led back through these")
-        if "strain" in names and not any(isinstance(one, Actuator) for one in self.loads):
+        if "strain" in names and not any(isinstance(one, Actuator) for one in around["loads"]):
             raise ValueError("by has 'strain', that of actuators; there must be an Actuator among the loads")
-        if "gravity" in names and callable(around["gravity"]):
-            raise ValueError("by has 'gravity', which is a function of time here; it must be constant")
-        # At the start velocities are those given; later they are read, half a substep after the method's own.
-        system = self.system if self.stepping.at_start else self.snapshot()
-        start = (self.time, self.fps, names, self._energy_limit)
-        assembly = assemble(system, **around)
-        run = Differentiated(assembly, method, self.choice, *start, self.stepping.dynamics.threads)
+        for name in ("gravity", "mass"):
+            if name in names and callable(around["gravity"]):
+                raise ValueError(f"by has {name!r}, and gravity is a function of time here; it must be constant")
+        start = (self.time, names, self._energy_limit)
+        assembly, state = self._assembled()
+        choices, threads = self.stepping.choices, self.stepping.dynamics.threads
+        run = Differentiated(assembly, state, method, choices, *start, threads)
+        if self.stepping.frozen is not None:
+            run.stop(self.stepping.frozen.found().status)
         return run, run.forward(count)

@@ -175,7 +175,9 @@ def test_a_run_goes_on_as_if_nothing_had_been_asked(plain_device):
 
 
 def test_a_gradient_from_the_middle_has_the_frames_of_the_run(plain_device):
-    body = simulation(block(), force_algorithm="gather", device=plain_device)  # whose sums are repeatable
+    loads = [msd.PrescribedMotion([30, 35], lambda t: (0.02 * math.sin(30 * t), 0.1 * t, 0.0))]
+    # The sums of a gather are repeatable.
+    body = simulation(block(), loads=loads, force_algorithm="gather", device=plain_device)
     body.step(2)
     found = body.gradient(loss, FRAMES, by=())
     np.testing.assert_allclose(found.frames.time, body.time + np.arange(FRAMES + 1) / 60, rtol=1e-14)
@@ -262,5 +264,8 @@ def test_unknown_names_and_shapes_are_told():
         run.gradient(loss, 0)
     with pytest.raises(ValueError, match="there must be an Actuator"):
         run.gradient(loss, 2, by=("strain",))
+    falling = simulation(block(), gravity=lambda t: 9.8, device="cpu")
+    with pytest.raises(ValueError, match="by has 'mass', and gravity is a function of time here"):
+        falling.gradient(loss, 2, by=("mass",))
     with pytest.raises(KeyError, match="was not asked for"):
         run.gradient(loss, 2, by=())["mass"]

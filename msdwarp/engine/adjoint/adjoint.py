@@ -20,6 +20,7 @@ from ...kernels.adjoint import (
 )
 from ...kernels.basis import vector
 from ...kernels.colliders import soft_adjoint
+from ...kernels.lanes import WARP
 from ...kernels.springs import CONSTANTS
 from ..collision.soft_colliders import SoftColliders
 from ..device.vector_arrays import in_records
@@ -56,6 +57,9 @@ WORDS = {
 class Adjoint:
     """The derivatives of a loss by the state of particles, and by the parameters asked for, on a device.
 
+    In an ensemble each world has a loss of its own. The derivatives by its state lie in arrays like those of a
+    `State`; what comes to the host has an axis of worlds first.
+
     Attributes
     ----------
     by_x, by_v
@@ -64,15 +68,23 @@ class Adjoint:
 
     def __init__(self, dynamics: Dynamics, wanted: Iterable[str]) -> None:
         assembly, model, names = dynamics.assembly, dynamics.model, set(wanted)
-        self._model, device = model, model.device
+        self._model, device, self._count = model, model.device, model.worlds * model.stride
         actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
         own = Wanted(*(name in names for name in Wanted._fields))
         self.by_x, self.by_v, self._phi, self._next_phi, self._by_gravity = model.vectors_together(5)
         self._springs = springs_of_particles(model, actuated)
+        self._gravity, self._inverse_mass = model.gravity, model.inverse_mass
         others = "mass" in names, bool({"gravity", "force"} & names)
+        if "gravity" in model.rows:  # kernels take none for their F/m = v' − v − s g; `found` subtracts it
+            self._gravity, others = model.vector(), (others[0], any(others))
+        if model.in_worlds:
+            each = np.zeros((model.worlds, model.stride))
+            each[:, : model.particle_count] = model.of_each(1.0 / model.row_of("mass"))
+            self._inverse_mass = wp.array(each.ravel(), dtype=model.scalar, device=device)
+        self._others = others
         self._kick = kick_adjoint(model.dim, model.scalar, *others)
         self._lanes = MOST_LANES if device.is_cuda else 1
-        while self._lanes > 1 and self._lanes * model.particle_count > MOST_THREADS:
+        while self._lanes > 1 and self._lanes * self._count > MOST_THREADS:
             self._lanes //= 2
         kinds = (model.dim, model.scalar, model.laws, own, self._springs.neighbours, self._lanes)
         self._pull = springs_adjoint(*kinds, *others, actuated is not None)
@@ -80,7 +92,7 @@ class Adjoint:
             name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
             for name in CONSTANTS
         }
-        self._by_inverse_mass = wp.zeros(model.particle_count, dtype=model.scalar, device=device)
+        self._by_inverse_mass = wp.zeros(self._count, dtype=model.scalar, device=device)
         each = [one.elements() for one in assembly.all]
         time = getattr(dynamics.scene, "time", None)  # None if no force depends on it
         time = wp.zeros(1, dtype=model.scalar, device=device) if time is None else time
@@ -93,17 +105,19 @@ class Adjoint:
         drives = next((one for one in assembly.all if isinstance(one, Drives)), None)
         self._driven: wp.array | None = None
         if drives is not None:
-            self._driven = wp.array(np.flatnonzero(drives.data.entry.numpy() >= 0), dtype=int, device=device)
+            driven = np.flatnonzero(drives.data.entry.numpy() >= 0)
+            each = driven + model.stride * np.arange(model.worlds)[:, None]
+            self._driven = wp.array(each.ravel(), dtype=int, device=device)
         self._only_springs = soft is None and drives is None and not self._elements
         self._totals = {}
         for name in names & set(CONSTANTS):
             self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
         if "mass" in names:
-            self._totals["mass"] = wp.zeros(model.particle_count, dtype=wp.float64, device=device)
+            self._totals["mass"] = wp.zeros(self._count, dtype=wp.float64, device=device)
         if others[1]:
-            self._totals["gravity"] = in_records(model.particle_count, model.dim, wp.float64, device)
+            self._totals["gravity"] = in_records(self._count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
-        self._given: Any = wp.zeros(model.particle_count, dtype=model.vector, device=device)
+        self._given: Any = wp.zeros(self._count, dtype=model.vector, device=device)
         self._aside: tuple[wp.array, ...] = ()
         # Strains sum over springs in any order, which threads of a CPU cannot share.
         self._partition = None if own.strain else dynamics.partition
@@ -152,25 +166,24 @@ class Adjoint:
 
     def _lead_kick_back(self, drift: float, seconds: float, v: wp.array, v_out: wp.array) -> None:
         """Lead derivatives back through a kick and a drift; write those by the forces of the kick."""
-        model = self._model
-        inputs = [drift, seconds, model.inverse_mass, model.gravity, v, v_out, self.by_x, self.by_v]
+        inputs = [drift, seconds, self._inverse_mass, self._gravity, v, v_out, self.by_x, self.by_v]
         inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
-        self._launch(self._kick, model.particle_count, inputs)
+        self._launch(self._kick, self._count, inputs)
 
     def _lead_forces_back(
         self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: wp.array | None = None
     ) -> None:
         """Lead derivatives by forces back to (x, v), and through the kick from `v_before` to v, if it is given."""
-        model, count, state = self._model, self._model.particle_count, [x, v, self._phi, self.by_x, self.by_v]
+        state = [x, v, self._phi, self.by_x, self.by_v]
         h, v_before = (0.0, v) if v_before is None else (h, v_before)
-        kick = [h, h, model.inverse_mass, model.gravity, v_before, self._by_inverse_mass, self._by_gravity]
+        kick = [h, h, self._inverse_mass, self._gravity, v_before, self._by_inverse_mass, self._by_gravity]
         inputs = [self._springs.table, stage, *state, *self._own.values(), *kick, self._next_phi]
-        self._launch(self._pull, count, inputs, self._lanes)
+        self._launch(self._pull, self._count, inputs, self._lanes)
         for one in self._elements:
             one.lead_back(x, v, self._phi, self.by_x, self.by_v, stage)
         if self._soft is not None:
-            inputs = [self._soft.data, model.inverse_mass, *state, self._by_inverse_mass]
-            self._launch(self._soft_kernel, count, inputs)
+            inputs = [self._soft.data, self._inverse_mass, *state, self._by_inverse_mass]
+            self._launch(self._soft_kernel, self._count, inputs)
         self._phi, self._next_phi = self._next_phi, self._phi
 
     def _launch(self, kernel: Any, count: int, inputs: list[Any], lanes: int = 1) -> None:
@@ -196,9 +209,10 @@ class Adjoint:
             partition.launch_parts(lambda k, parts: launch() if k == 0 else None)
 
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
-        """Add host values of shape [particle_count, d] to derivatives."""
+        """Add host values of shape [particle_count, d], or [worlds, particle_count, d], to derivatives."""
         model = self._model
-        self._given.assign(values.astype(model.dtype))
+        each = values.reshape(model.worlds, model.particle_count, model.dim)
+        self._given.assign(model.spread(each.astype(model.dtype)))
         wp.launch(add_given(model.dim, model.scalar), len(to), [self._given, to], device=model.device)
 
     @contextmanager
@@ -216,15 +230,16 @@ class Adjoint:
 
     def measure(self, row: int, rows: int) -> None:
         """Launch the sizes of both derivatives by the state, into a row of `sizes`."""
+        model = self._model
         if self._sizes is None or len(self._sizes) != rows:
-            self._sizes = wp.zeros((rows, 2), dtype=wp.float64, device=self._model.device)
-        inputs = [self.by_x, self.by_v, row]
-        wp.launch(
-            squares(self._model.dim, self._model.scalar), SUMMING, inputs, [self._sizes], device=self._model.device
-        )
+            self._sizes = wp.zeros((rows, model.worlds, 2), dtype=wp.float64, device=model.device)
+        threads = max(WARP, SUMMING // model.worlds // WARP * WARP)
+        inputs = [self.by_x, self.by_v, model.particle_count, model.stride, threads, row]
+        kernel = squares(model.dim, model.scalar)
+        wp.launch(kernel, model.worlds * threads, inputs, [self._sizes], device=model.device)
 
     def sizes(self) -> NDArray[np.float64]:
-        """Return the norms of the derivatives by positions and by velocities that have been measured, by row."""
+        """Return the norms of the derivatives by positions and velocities, shape [rows, worlds, 2]."""
         assert self._sizes is not None
         return np.sqrt(self._sizes.numpy())
 
@@ -240,24 +255,31 @@ class Adjoint:
             wp.launch(widen(*kinds), len(total), [narrow, total], device=model.device)
 
     def take_strains(self) -> NDArray[np.float64]:
-        """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0."""
+        """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0.
+
+        In an ensemble, the shape is [worlds, stages, columns].
+        """
         assert isinstance(self._springs, InTable)
         return self._springs.take_strains()
 
     def found(self) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives by parameters, in the system's order."""
         model, result = self._model, {}
-        mass = np.broadcast_to(np.where(np.isfinite(model.mass), model.mass, np.inf), model.particle_count)
-        for name, total in self._totals.items():
-            values = total.numpy()
-            if name == "mass":  # ∂/∂m = −(1/m²) ∂/∂(1/m), and kernels sum (1/m) ∂/∂(1/m)
-                values = -values / mass
-            elif name == "gravity":  # of each particle; a force f has the effect of the gravity f/m
-                result["force"] = values / mass[:, None]
-                values = values.sum(axis=0)
-            else:
-                values = self._springs.by_connection(values)
-            result[name] = values
+        each: Any = {name: self._totals[name].numpy() for name in ("mass", "gravity") if name in self._totals}
+        for name, values in each.items():  # [worlds, particle_count, 1 or d]
+            each[name] = values.reshape(model.worlds, model.stride, -1)[:, : model.particle_count]
+        mass = model.row_of("mass")[np.arange(model.worlds) % len(model.row_of("mass")), :, None]
+        if "mass" in each:  # ∂/∂m = −(1/m²) ∂/∂(1/m), and kernels sum (1/m) ∂/∂(1/m)
+            by_inverse = each["mass"]
+            if "gravity" in model.rows:
+                g = model.of_each(model.rows["gravity"])
+                by_inverse = by_inverse - (each["gravity"] * g[:, None]).sum(axis=-1, keepdims=True)
+            result["mass"] = model.of_each((-by_inverse / mass)[..., 0])
+        if "gravity" in each:  # of each particle; a force f has the effect of the gravity f/m
+            result["force"] = model.of_each(each["gravity"] / mass)
+            result["gravity"] = model.of_each(each["gravity"].sum(axis=1))
+        for name in self._totals.keys() & set(CONSTANTS):
+            result[name] = self._springs.by_connection(self._totals[name].numpy())
         return result
 
 

@@ -39,23 +39,30 @@ class ElementAdjoints:
     ) -> None:
         device, scalar, vertices = model.device, model.scalar, elements.vertices
         self._elements, self._time, self._launch, self._launch_once = elements, time, launch, launch_once
-        self._count, size = elements.points.shape
+        (count, size), worlds, stride = elements.points.shape, model.worlds, model.stride
+        self._count = worlds * count
+        self._apart = [self._count if elements.of_all_worlds else count, stride]
         points = elements.points.ravel()
         particle, weight = points[:, None], np.ones((len(points), 1))
         if vertices is not None:
             particle, weight = vertices.particle[points], vertices.weight[points]
+        if worlds > 1:
+            begin = stride * np.arange(worlds)[:, None, None]
+            particle = np.where(particle < 0, -1, particle + begin).reshape(-1, particle.shape[1])
+            weight = np.tile(weight, (worlds, 1))
         self._particle = wp.array(particle, dtype=int, device=device)
         self._weight = wp.array(weight, dtype=scalar, device=device)
         row, column = np.nonzero((particle >= 0) & (weight != 0))
-        order, first = rows(particle[row, column], model.particle_count)
+        order, first = rows(particle[row, column], worlds * stride)
         member = np.flatnonzero(np.diff(first))
         self._table = [
             wp.array(each, dtype=int, device=device)
-            for each in (member, first[np.append(member, model.particle_count)], row[order])
+            for each in (member, first[np.append(member, worlds * stride)], row[order])
         ]
         self._table.append(wp.array(weight[row, column][order], dtype=scalar, device=device))
-        self._by = [wp.zeros(len(points), dtype=model.vector, device=device) for _ in range(2)]
-        self._lead = elements_adjoint(model.dim, scalar, size, elements.data._cls, elements.projected)
+        self._by = [wp.zeros(len(particle), dtype=model.vector, device=device) for _ in range(2)]
+        kinds = elements.data._cls, elements.projected, model.in_worlds
+        self._lead = elements_adjoint(model.dim, scalar, size, *kinds)
         self._add = add_elements(model.dim, scalar)
 
     def lead_back(
@@ -66,5 +73,6 @@ class ElementAdjoints:
         prepare = elements.prepare
         if prepare is not None:
             self._launch_once(lambda: prepare(*parts, x, phi))
-        self._launch(self._lead, self._count, [elements.data, *parts, self._time, stage, x, v, phi, *self._by])
+        inputs = [elements.data, *self._apart, *parts, self._time, stage, x, v, phi, *self._by]
+        self._launch(self._lead, self._count, inputs)
         self._launch(self._add, len(self._table[0]), [*self._table, *self._by, by_x, by_v])

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import in_lattice, in_table
+from ...kernels.adjoint import in_lattice, in_table, in_worlds
 from ...kernels.springs import CONSTANTS, stencil_rows
 from ..loads.actuators import ActuatedSprings
 from ..model.lattice import Lattice, NotALattice, find_lattice
@@ -16,25 +16,34 @@ from ..springs.force_algorithms import neighbour_table, records_of_three
 
 
 class InTable:
-    """The springs of each particle in a table, for every system."""
+    """The springs of each particle in a table, for every system, in one world or many."""
 
     def __init__(self, model: Model, actuated: ActuatedSprings | None) -> None:
         self._model, self._actuated = model, actuated
-        self.neighbours = in_table(model.scalar, model.laws.damper is not None)
-        self.entries = model.connection_count
+        neighbours = in_worlds if model.in_worlds else in_table
+        self.neighbours = neighbours(model.scalar, model.laws.damper is not None)
+        self.entries = model.worlds * model.connection_count
         """Entries of the derivatives by a constant."""
         column = np.full(model.connection_count if actuated is not None else 1, -1, dtype=np.int32)
         if actuated is not None:
             column[actuated.connection] = actuated.column
         shape = (1, 1) if actuated is None else actuated.data.strain.shape
+        shape = (model.worlds, *shape) if model.in_worlds else shape
         self._by_strain = wp.zeros(shape, dtype=model.scalar, device=model.device)
         table = self._table = self.neighbours.Table()
         table.first, table.other, table.connection = neighbour_table(model)
         table.connections = model.connections
         for name in CONSTANTS:
-            setattr(table, name, getattr(model, name))
+            values = getattr(model, name)
+            if name in model.rows:
+                values = wp.array(model.of_each_world(model.rows[name]), dtype=model.scalar, device=model.device)
+            setattr(table, name, values)
         table.column = wp.array(model.ordered(column), dtype=int, device=model.device)
-        table.strain = table.by_strain = self._by_strain
+        table.by_strain = self._by_strain
+        table.strain = wp.zeros((1, 1), dtype=model.scalar, device=model.device)
+        if model.in_worlds:
+            table.particle_count, table.stride = model.particle_count, model.stride
+            table.differs = wp.vec3i(*(int(name in model.rows) for name in CONSTANTS))
 
     @property
     def table(self) -> Any:
@@ -44,14 +53,15 @@ class InTable:
         return self._table
 
     def take_strains(self) -> NDArray[np.float64]:
-        """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0."""
+        """Return what has been added to the derivatives by strains, and set them to 0; see `Adjoint`."""
         found = self._by_strain.numpy().astype(np.float64)
         self._by_strain.zero_()
         return found
 
     def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives by the constants of connections, in the system's order."""
-        return self._model.in_system_order(values)
+        model = self._model
+        return model.of_each(model.in_system_order(values.reshape(model.worlds, -1).T).T)
 
 
 class InLattice:
@@ -77,7 +87,7 @@ class InLattice:
 
 def springs_of_particles(model: Model, actuated: ActuatedSprings | None) -> InTable | InLattice:
     """Return how the springs of each particle are found fastest."""
-    if actuated is None:
+    if actuated is None and not model.in_worlds:
         with suppress(NotALattice):
             lattice = model.lattice or find_lattice(model.system)
             if lattice.uniform and not len(lattice.ties):

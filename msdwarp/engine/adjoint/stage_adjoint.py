@@ -38,10 +38,10 @@ class StageAdjoint(Adjoint):
         model, stages = dynamics.model, len(tableau)
         kinds = model.dim, model.scalar
         self._copy = keep_state(*kinds)
-        self._combine = combination_adjoint(*kinds, "mass" in names, bool({"gravity", "force"} & names))
+        self._combine = combination_adjoint(*kinds, *self._others)
         inner = model.vectors_together(2 * (stages - 1)) if stages > 1 else ()
         self._inner = list(zip(inner[::2], inner[1::2], strict=True))
-        self._kept = in_records(2 * (stages + 1) * model.particle_count, *kinds, model.device)
+        self._kept = in_records(2 * (stages + 1) * self._count, *kinds, model.device)
         self._times = [0.0, *(h * tableau.sum(axis=1)).tolist()]
         weight = np.vstack([np.ones(stages + 1), np.insert(h * tableau.T, 0, 0.0, axis=1)])
         self._weight: Any = wp.array(weight, dtype=model.scalar, device=model.device)
@@ -61,12 +61,11 @@ class StageAdjoint(Adjoint):
     def _keep(self, stage: int, x: wp.array, v: wp.array) -> None:
         """Keep the state at which a stage evaluates forces; the first is on the tape."""
         if stage:
-            self._launch(self._copy, self._model.particle_count, [x, v, *self._inner[stage - 1]])
+            self._launch(self._copy, self._count, [x, v, *self._inner[stage - 1]])
 
     def _lead_combination_back(self, n: int, states: list[Any]) -> None:
         """Lead derivatives by state n back to the velocities and forces of the stage before it."""
-        model = self._model
         self.forget_driven(self.by_x, self.by_v)
-        inputs = [self._weight, n, self._times[n], model.inverse_mass, model.gravity, states[0][1], states[n][1]]
+        inputs = [self._weight, n, self._times[n], self._inverse_mass, self._gravity, states[0][1], states[n][1]]
         inputs += [self.by_x, self.by_v, self._by_inverse_mass, self._by_gravity, self._kept, self._phi]
-        self._launch(self._combine, model.particle_count, inputs)
+        self._launch(self._combine, self._count, inputs)

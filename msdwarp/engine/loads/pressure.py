@@ -112,18 +112,22 @@ class Gases(SurfacePressure):
 
     def elements(self) -> Elements:
         """Return the triangles, whose gases are summed first."""
-        model, faces, count = self._model, self._faces, len(self._gases)
+        model, faces, worlds = self._model, self._faces, self._model.worlds
+        each, count = np.arange(worlds)[:, None], worlds * len(self._gases)
+        of, ends = faces.of + len(self._gases) * each, faces.ends[:-1] + faces.ends[-1] * each
         Data, project, kernel = gas_adjoint(model.dim, model.scalar)
         data: Any = Data()
-        upload_fields(data, model.device, of=faces.of, over=np.zeros(count), slope=np.zeros(count))
+        upload_fields(data, model.device, of=of.ravel(), over=np.zeros(count), slope=np.zeros(count))
         data.origin = wp.zeros(count, dtype=model.vector, device=model.device)
         threads = THREADS if model.device.is_cuda else 1
+        begin = wp.array(np.append(ends, worlds * faces.ends[-1]), dtype=int, device=model.device)
+        numbers = wp.array(np.tile(self._numbers.numpy(), (worlds, 1)), dtype=wp.vec4d, device=model.device)
 
         def prepare(particle: wp.array, weight: wp.array, x: wp.array, phi: wp.array) -> None:
-            inputs = [particle, weight, self._ends, self._numbers, x, phi, data]
+            inputs = [particle, weight, begin, numbers, x, phi, data]
             wp.launch(kernel, count * threads, inputs, device=model.device, block_dim=threads)
 
-        return Elements(data, project, faces.corner, faces.facets, prepare)
+        return Elements(data, project, faces.corner, faces.facets, prepare, of_all_worlds=True)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to gases.

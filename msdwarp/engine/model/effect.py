@@ -58,6 +58,8 @@ class Elements(NamedTuple):
     """The vertices, if points are these."""
     prepare: Callable[..., None] | None = None
     """Function (particle, weight, x, φ) that launches what must precede; see `elements_adjoint` for the first."""
+    of_all_worlds: bool = False
+    """Whether `data` has the elements of one world after those of another; else all worlds share it."""
 
 
 def summed(

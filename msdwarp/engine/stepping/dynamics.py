@@ -72,7 +72,8 @@ class Dynamics:
             effect.use_partition(self.partition)
         self._single_launch = not assembly.begins_substeps
         """Whether one launch can do all that a stage does to particles and springs."""
-        self._one_thread = not self.model.device.is_cuda and self.launches_before_forces and self._single_launch
+        slow = self.launches_before_forces or self.model.in_worlds  # where a launch has a thread per particle
+        self._one_thread = not self.model.device.is_cuda and slow and self._single_launch
         self._stage_arrays = StageArrays()
         self._steps, self._last_stage, self._stage = Steps(1.0, 1), 0, 0
         self._measuring = self._in_frame = self._at_substep_start = self._at_frame_start = False
