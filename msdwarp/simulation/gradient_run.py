@@ -1,0 +1,233 @@
+"""A run that can be led back: frames forward, and derivatives of a loss from the last to the first."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..engine import (
+    Adjoint,
+    Assembly,
+    Dynamics,
+    StageAdjoint,
+    State,
+    Tape,
+    copy_vectors,
+    kicked,
+)
+from ..integrators import Integrator, StepChoice
+from ..runtime import record
+from .stepping import Stepping
+
+
+class Frames(NamedTuple):
+    """The frames of a run, from its start on, as a loss gets them.
+
+    Those of an ensemble have the axis of worlds first, like `Ensemble.frame`: shape [worlds, frames + 1,
+    particle_count, d]. From the frame on in which a world diverges they are NaN.
+    """
+
+    time: NDArray[np.float64]
+    """[s], shape [frames + 1]."""
+    position: NDArray
+    """[m], shape [frames + 1, particle_count, d]."""
+    velocity: NDArray
+    """At the same times [m/s], shape [frames + 1, particle_count, d]."""
+
+
+class Differentiated:
+    """A run that can be led back: the frames forward, and their adjoint.
+
+    Parameters
+    ----------
+    assembly, state
+        The scene, at its start.
+    method, choices
+        The integrator, and the substeps of all frames; in an ensemble those that each world needs.
+    start
+        Time of the start [s].
+    wanted
+        Names of the derivatives that are asked for.
+    energy_limit
+        See `Simulation`.
+    threads
+        Number of CPU threads that share a frame.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        state: State,
+        method: Integrator,
+        choices: Sequence[StepChoice],
+        start: float,
+        wanted: Iterable[str],
+        energy_limit: float,
+        threads: int = 1,
+    ) -> None:
+        self._model, self._fps, self._start = assembly.model, choices[0].fps, start
+        self._given_v = state.empty_vectors(1)[0]
+        wp.copy(self._given_v, state.v)
+        dynamics = Dynamics(assembly, threads=threads)
+        self._stepping = Stepping(
+            dynamics, state, method, choices, energy_limit=energy_limit, blocks="auto", time=start
+        )
+        choice = self._stepping.choice
+        self._first = self._model.vectors_together(2)
+        copy_vectors(self._first, (state.x, state.v))
+        self._dynamics, self._h, own = dynamics, choice.step, self._stepping.integrator
+        self._stages = choice.substeps * len(own.stage_times)
+        self._lag = own.lag * choice.step if own.staggered else 0.0
+        """Time by which the method's velocities lag behind those given and read [s]."""
+        work, tableau, names = own.workspace(state), own.tableau, set(wanted)
+        self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, work, choice.step))
+        self._adjoint = (
+            Adjoint(dynamics, names) if tableau is None else StageAdjoint(dynamics, names, tableau, choice.step)
+        )
+        self._strains, self._by_strain = "strain" in names, None
+        self._checkpoints: list[Sequence[wp.array]] = []
+        self._v_read, self._times = self._model.vectors(), list[float]()
+        self._graph: Any = None
+        self.stopped = np.zeros(self._model.worlds if self._model.in_worlds else (), dtype=bool)
+        """Which worlds have diverged, shape [worlds]; in a simulation False, of shape []."""
+
+    def stop(self, status: NDArray[np.int32]) -> None:
+        """Stop the worlds whose status is not 0 at the start."""
+        self._dynamics.frozen.assign(status)
+
+    def forward(self, frames: int) -> Frames:
+        """Take frames from the start, and return them."""
+        found = list[tuple[NDArray, NDArray]]()
+
+        def read(time: float) -> None:
+            frame = self._stepping.frame(time)
+            found.append((np.array(frame.position), np.array(frame.velocity)))
+
+        self.take(frames, read)
+        position, velocity = (np.stack(each, axis=-3) for each in zip(*found, strict=True))
+        velocity[..., 0, :, :] = self._of_each_world(self._given_v)
+        if self._stepping.frozen is not None:
+            last = self._stepping.frozen.found().good_frames
+            self.stopped = last >= 0
+            for w in np.flatnonzero(self.stopped):
+                position[w, last[w] + 1 :] = velocity[w, last[w] + 1 :] = np.nan
+        return Frames(np.array(self._times), position, velocity)
+
+    def take(self, frames: int, look: Callable[[float], None] = lambda time: None) -> None:
+        """Take frames from the start, and keep the state at the start of each; call `look` at its time [s]."""
+        stepping, first = self._stepping, round(self._start * self._fps)
+        times = self._times = [self._start, *((first + k + 1) / self._fps for k in range(frames))]
+        if len(self._checkpoints) != frames + 1:
+            self._checkpoints = [self._model.vectors_together(2) for _ in range(frames + 1)]
+        now = stepping.state.x, stepping.state.v
+        copy_vectors(now, self._first)
+        stepping.begin_at(self._start)
+        for k in range(frames + 1):
+            if k > 0 and not stepping.advance(times[k - 1]):
+                raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
+            copy_vectors(self._checkpoints[k], now)
+            look(times[k])
+
+    def backward(
+        self, by_position: Sequence[NDArray | None], by_velocity: Sequence[NDArray | None]
+    ) -> NDArray[np.float64]:
+        """Lead derivatives by frames, None for 0, back to the start; return their growth (see `Gradient`)."""
+        adjoint, count = self._adjoint, len(by_position) - 1
+        adjoint.clear()
+        self._by_strain = None
+        added = np.zeros((count + 1, self._model.worlds))
+        for k in reversed(range(count + 1)):
+            if k < count:
+                self._lead_back(k)
+            by_x, by_v = by_position[k], by_velocity[k]
+            self._add(k, by_x, by_v)
+            added[k] = np.hypot(_norm(by_x), self._fps * _norm(by_v))
+            adjoint.measure(k, count + 1)
+        adjoint.forget_driven(adjoint.by_x, adjoint.by_v)
+        adjoint.add_up()
+        most = np.maximum.accumulate(added[::-1])[::-1]
+        sizes = np.hypot(*np.moveaxis(adjoint.sizes() * [1.0, self._fps], -1, 0))
+        return self._model.of_each((sizes / np.where(most > 0, most, np.inf)).T)
+
+    def _add(self, k: int, by_x: NDArray | None, by_v: NDArray | None) -> None:
+        """Add derivatives by frame k, whose velocities are those at the time of its positions."""
+        adjoint = self._adjoint
+        if by_v is not None:
+            if k > 0 and self._lag:  # they are read by a kick of half a substep from the method's velocities
+                self._restart(k)
+                self._dynamics.hold(float(self._times[k]))
+                v_out = kicked(self._dynamics, self._tape.state, self._lag, self._v_read)
+                with adjoint.aside(by_v):
+                    x, v = self._tape.states[0]
+                    adjoint.kick(0.0, self._lag, x, v, v_out, 0)
+                self._keep_strains(k)
+            else:
+                adjoint.add(adjoint.by_v, by_v)
+        if by_x is not None:
+            adjoint.add(adjoint.by_x, by_x)
+
+    def _restart(self, k: int) -> None:
+        """Write the state at the start of frame k to the start of the tape."""
+        copy_vectors(self._tape.states[0], self._checkpoints[k])
+        self._tape.go_to(0)
+
+    def _lead_back(self, k: int) -> None:
+        """Take frame k again, and lead back through it; the first also through the shift of velocities."""
+        self._restart(k)
+        self._dynamics.begin_frame(float(self._times[k]))
+        partition = self._dynamics.partition
+        if partition is not None:
+            self._graph = self._graph or partition.record(self._launch_back)
+            self._graph.replay()
+        else:
+            self._graph = self._graph or record(self._launch_back, self._model.device)
+            wp.capture_launch(self._graph)
+        if k == 0 and self._lag:
+            x, v = self._checkpoints[0]
+            self._dynamics.hold(float(self._times[0]))
+            self._adjoint.kick(0.0, -self._lag, x, self._given_v, v, 0)
+        self._keep_strains(k)
+
+    def _keep_strains(self, k: int) -> None:
+        """Keep the derivatives by strains that launches of frame k have added."""
+        if not self._strains:
+            return
+        stages = self._adjoint.take_strains()
+        if self._by_strain is None:
+            rows = self._stages * (len(self._times) - 1) + 1
+            self._by_strain = np.zeros((*stages.shape[:-2], rows, stages.shape[-1]))
+        begin = k * self._stages
+        rows = self._by_strain[..., begin : begin + self._stages, :]
+        rows += stages[..., : rows.shape[-2], :]
+
+    def _launch_back(self) -> None:
+        """Launch a frame's substeps, and their adjoints from the last to the first."""
+        self._tape.launch()
+        self._adjoint.frame(self._h, self._tape)
+        self._adjoint.add_up()
+
+    def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives that have been asked for, NaN for worlds that have diverged."""
+        result = {}
+        state = {"position": self._adjoint.by_x, "velocity": self._adjoint.by_v}
+        parameters = self._adjoint.found()
+        if self._by_strain is not None:
+            parameters["strain"] = self._by_strain
+        for name in names:
+            if name in state:
+                result[name] = self._of_each_world(state[name]).astype(np.float64)
+            else:
+                result[name] = parameters[name]
+            result[name][self.stopped] = np.nan
+        return result
+
+    def _of_each_world(self, vectors: wp.array) -> NDArray:
+        """Return vectors of shape [particle_count, d], or [worlds, particle_count, d], on the host."""
+        return self._model.of_each(self._model.by_world(vectors.numpy()))
+
+
+def _norm(values: NDArray | None) -> Any:
+    """Return the norm of vectors of shape [particle_count, d]; in an ensemble that of each world."""
+    return 0.0 if values is None else np.sqrt((values**2).sum(axis=(-2, -1)))
