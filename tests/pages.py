@@ -50,6 +50,7 @@ def camera(**other):
 
 
 def runs(view):
-    """Wait until the view has simulated more."""
+    """Wait until the view has simulated more, whether or not anybody looks."""
+    view.post("pause", value=False)
     before = view.source.time
     until(lambda: view.source.time > before)

@@ -182,7 +182,7 @@ def of_every_type(served: Served, count: int, chance: random.Random) -> Iterator
 def of_needed_types(served: Served, count: int, chance: random.Random) -> Iterator[dict[str, Any]]:
     """Give messages that the page needs, right but for a field."""
     uuids, zero = list(served.ask("widgets").values()), (0.0, 0.0, 0.0)
-    drag = {"type": "SceneNodeDragMessage", "name": "/patch/0", "instance_index": None, "button": "left"}
+    drag = {"type": "SceneNodeDragMessage", "name": "/all/patch/0", "instance_index": None, "button": "left"}
     drag |= {"phase": "start", "start_position": zero, "start_screen_pos": (0.5, 0.5), "end_position": zero}
     drag |= {"end_screen_pos": (0.5, 0.5), "modifier": None, "owner": ""}
     yield camera(served)

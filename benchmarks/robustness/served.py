@@ -41,6 +41,7 @@ def main() -> None:
     if "token" in sys.argv[1:]:  # as where a network can open it, but served to this machine alone
         page._access.token = secrets.token_urlsafe(32)
     view.start()
+    view.post("pause", value=False)  # it would wait for somebody who looks
     _wait(lambda: view.source.time > 0)
     _say({"port": page.port, "address": page.address})
     for line in sys.stdin:

@@ -79,8 +79,9 @@ class Waves:
         """Return nothing: it has no energies."""
         return None
 
-    def seen(self) -> None:
-        """Return nothing: it stays where it is."""
+    def seen(self) -> np.ndarray:
+        """Return what a camera has in view: it stays where it is."""
+        return self._flat
 
     def summary(self) -> str:
         """Return how it moves."""
@@ -198,6 +199,7 @@ def of_simulation(device: str, seconds: float, rounds: int) -> dict[str, float]:
             source.fps = 1e6  # as fast as it goes
             view = View(source, [page])
             view.start()
+            view.post("pause", value=False)  # it would wait for somebody who looks
             client = Client(page, 1000) if way == "a client" else None
             time.sleep(2.0)
             start, began = simulation.frame_index, time.perf_counter()

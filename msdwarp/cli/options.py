@@ -32,27 +32,10 @@ FrameFormat = Literal["png", "none"]
 FilmFormat = Literal["webp", "mp4", "gif", "none"]
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Pictures:
-    """What to draw."""
+class CameraOptions:
+    """Where the camera stands."""
 
-    frames: FrameFormat = "png"
-    """Image format of the frames; none writes no images."""
-    video: FilmFormat = "webp"
-    """Film format; none writes no film. mp4 needs `pip install 'msdwarp[video]'`."""
-    overlay: int | None = None
-    """Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time."""
-    resolution: str = "1280x720"
-    """Width and height of the pictures in pixels."""
-    colour: Literal["texture", "strain", "velocity", "energy", "stress", "contact"] | None = None
-    """What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
-    the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
-    set by the scene."""
-    full_strain: float | None = None
-    """Strain at the ends of the colour scale. Default: set by the scene, or fitted to the run."""
-    arrows: Flag = False
-    """Draw contact forces as arrows, in front of the bodies."""
     azimuth: float | None = None
     """Camera angle around the vertical, counter-clockwise from +x [degrees]. Default: set by the scene."""
     elevation: float | None = None
@@ -65,21 +48,6 @@ class Pictures:
     """Name of a body of the scene with which the camera moves. Default: set by the scene, or none."""
     zoom: float = 1.0
     """Zoom factor; 1 fits everything."""
-    renderer: RendererName = "auto"
-    """Renderer: opengl (PyVista), raster (on the CPU), raycast (on a GPU if there is one), or auto: raycast if the
-    simulation runs on a GPU, else opengl if it is found, else raster."""
-
-    @property
-    def any(self) -> bool:
-        """Whether anything is to be drawn."""
-        return self.overlay is not None or not self.frames == self.video == "none"
-
-    def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
-        """Return whether a folder has all pictures of a run of `frame_count` frames."""
-        wanted = [] if self.overlay is None else [overlay_path(folder, name)]
-        wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
-        wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
-        return all(path.exists() for path in wanted)
 
     @property
     def camera(self) -> dict[str, Any]:
@@ -103,6 +71,44 @@ class Pictures:
         if self.follow is not None and self.target is None:
             given["target"] = None
         return replace(look, **given)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Pictures(CameraOptions):
+    """What to draw."""
+
+    frames: FrameFormat = "png"
+    """Image format of the frames; none writes no images."""
+    video: FilmFormat = "webp"
+    """Film format; none writes no film. mp4 needs `pip install 'msdwarp[video]'`."""
+    overlay: int | None = None
+    """Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time."""
+    resolution: str = "1280x720"
+    """Width and height of the pictures in pixels."""
+    colour: Literal["texture", "strain", "velocity", "energy", "stress", "contact"] | None = None
+    """What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
+    the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
+    set by the scene."""
+    full_strain: float | None = None
+    """Strain at the ends of the colour scale. Default: set by the scene, or fitted to the run."""
+    arrows: Flag = False
+    """Draw contact forces as arrows, in front of the bodies."""
+    renderer: RendererName = "auto"
+    """Renderer: opengl (PyVista), raster (on the CPU), raycast (on a GPU if there is one), or auto: raycast if the
+    simulation runs on a GPU, else opengl if it is found, else raster."""
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is to be drawn."""
+        return self.overlay is not None or not self.frames == self.video == "none"
+
+    def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
+        """Return whether a folder has all pictures of a run of `frame_count` frames."""
+        wanted = [] if self.overlay is None else [overlay_path(folder, name)]
+        wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
+        wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
+        return all(path.exists() for path in wanted)
 
     def check(self, frame_count: int) -> None:
         """Raise ValueError unless `frame_count` frames can be drawn."""
@@ -231,7 +237,7 @@ class Options(SimulationOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewOptions(SimulationOptions):
+class ViewOptions(CameraOptions, SimulationOptions):
     """The flags of every view, whatever the scene."""
 
     browser: Flag = False

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from ..files import Trajectory
 from ..live import Browser, Played, Running, Source, View, Window, within_reach
 from ..pictures import no_display
 from ..world import Scene
-from .options import Pictures, ViewOptions
+from .options import CameraOptions, Pictures, ViewOptions
 from .process import stop_requests
 from .run import about, simulation_by
 from .scene_files import Origin, find_scene
@@ -34,10 +35,12 @@ def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
 
     Raise ValueError if an option is out of range, or there is neither a display nor the package for a page.
     """
+    usual = {one.name: one.default for one in fields(CameraOptions)}
+    elsewhere = replace(options, **usual)  # a camera is aimed at one scene
 
     def from_shelf(name: str) -> Source:
         other = find_scene(name)
-        return running_scene(other, other.scene(), options)
+        return running_scene(other, other.scene(), elsewhere)
 
     shelf = {name: partial(from_shelf, name) for name in SHELF}
     return _view(running_scene(origin, scene, options), options, scenes=shelf)
@@ -53,17 +56,19 @@ def _view(source: Source, options: ViewOptions, **more: Any) -> View:
         raise ValueError(f"{why}; use --browser")
     on_page = options.browser or why is not None
     screen = Browser(options.host, options.port, options.allow_origin) if on_page else Window()
-    return View(source, [screen], paused=options.paused, renderer=options.renderer, **more)
+    return View(source, [screen], paused=options.paused, renderer=options.renderer, zoom=options.zoom, **more)
 
 
 def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
     """Play a trajectory, until the window is closed or Ctrl-C."""
+    scene = replace(scene, look=options.aimed(scene.look))
     _run(_view(Played(trajectory, scene, name), options))
 
 
 def running_scene(origin: Origin, scene: Scene, options: ViewOptions) -> Running:
     """Return the source of a view of a scene during its simulation."""
     run_options = options.run_options
+    scene = replace(scene, look=options.aimed(scene.look))
     handled = within_reach(scene)
     simulation = simulation_by(handled, run_options)
     made_by = about(origin, scene, simulation, run_options)

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import checks
 from ..bodies import in_space
-from ..pictures import VIEW_ANGLE, Stage, ramp
+from ..pictures import VIEW_ANGLE, ramp
 from .access import EVERYWHERE, Access
 from .images import Images, Link
 from .panel import Panel
@@ -24,8 +24,12 @@ if TYPE_CHECKING:
 
 HOST, PORT = "127.0.0.1", 8080
 """Default address of the page: only this machine can open it."""
-SIZE = (1280, 720)
+SIZE = (720, 720)
 """Width and height for which the camera is placed."""
+KEY, SURROUNDINGS = 1.6, 0.4
+"""Intensities of the key light and of the surroundings, beside viser's light from above; more pales colours."""
+ALL = "/all"
+"""The node that holds everything: it moves where cameras follow, since those are moved by the clients."""
 WORTH = 10_000
 """Number of vertices from which triangles take more bytes than an image."""
 MOST_WAITING = 20
@@ -96,7 +100,10 @@ class Browser:
         """Start to serve a view."""
         self._view, self._waiting = view, lambda: view.waiting
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(217, 96, 59))
+        self._server.gui.main_panel.dock_right()  # beside the picture, not over it
         self._server.scene.set_up_direction("+z")
+        self._server.scene.configure_environment_map(environment_intensity=SURROUNDINGS)
+        self._all = self._server.scene.add_frame(ALL, show_axes=False)
         self._panel.open(view)
 
     def stage(self) -> None:
@@ -105,9 +112,7 @@ class Browser:
         with self._server.atomic():
             if view.source is not self._scene:
                 self._scene = view.source
-                seen = view.source.seen()
-                around = view.source.frame().position if seen is None else seen
-                self._stage = Stage(view.source.scene, around, SIZE)
+                self._stage = view.staged(SIZE)
                 self._place_camera()
             for node in self._nodes:
                 node.remove()
@@ -119,31 +124,37 @@ class Browser:
             if view.images:
                 self._images = Images(view.shown.drawing, self._stage)
                 # If images are sent, the mouse drags an invisible box around the body.
-                box = self._server.scene.add_box("/box", opacity=0.0, side="double", cast_shadow=False)
+                box = self._server.scene.add_box(f"{ALL}/box", opacity=0.0, side="double", cast_shadow=False)
                 self._box = self._let_drag(box)
             else:
                 drawing = view.shown.drawing
                 points: Any = drawing.points.numpy()
                 for k, patch in enumerate(patches(drawing)):
-                    node = self._add_mesh(f"/patch/{k}", patch.points(points), patch.faces, patch.colour)
+                    node = self._add_mesh(f"{ALL}/patch/{k}", patch.points(points), patch.faces, patch.colour)
                     if patch.moves:
                         self._patches.append((node, patch))
                 self._add_ground()
             line = np.zeros((1, 2, 3), np.float32)
-            self._pull = self._server.scene.add_line_segments("/pull", line, (30, 30, 30), visible=False)
+            self._pull = self._server.scene.add_line_segments(f"{ALL}/pull", line, (30, 30, 30), visible=False)
             self._nodes.append(self._pull)
         self._panel.stage()
 
     def _place_camera(self) -> None:
-        """Place the camera as in pictures, but further away: bodies move, and the panel hides part of the page."""
-        camera, opening = self._stage.camera, math.radians(VIEW_ANGLE)
-        eye = camera.target + 1.8 * (camera.eye - camera.target)
+        """Place the camera as in pictures."""
+        camera = self._stage.camera
         first = self._server.initial_camera
-        first.position, first.look_at, first.up = tuple(eye), tuple(camera.target), (0.0, 0.0, 1.0)
-        first.fov = opening
+        first.position, first.look_at, first.up = tuple(camera.eye), tuple(camera.target), (0.0, 0.0, 1.0)
+        first.fov = math.radians(VIEW_ANGLE)
+        self._server.scene.add_light_directional("/key", intensity=KEY, position=tuple(10.0 * camera.light))
         for client in self._server.get_clients().values():
-            client.camera.fov = opening
-            client.camera.position, client.camera.look_at = eye, camera.target
+            client.camera.position, client.camera.look_at = camera.eye, camera.target
+
+    def _open_lenses(self) -> None:
+        """Give each client the view angle of pictures, or in a high and narrow page as much from side to side."""
+        for client in self._server.get_clients().values():
+            camera = client.camera
+            narrow = 1.0 if self._images is not None else max(1.0, camera.image_height / camera.image_width)
+            camera.fov = 2.0 * math.atan(narrow * math.tan(math.radians(VIEW_ANGLE) / 2))
 
     def _add_ground(self) -> None:
         """Add the ground of pictures."""
@@ -153,14 +164,14 @@ class Browser:
         from viser.transforms import SO3
 
         grid = self._server.scene.add_grid(
-            "/ground",
+            f"{ALL}/ground",
             infinite_grid=True,
             cell_size=ground.tile,
             section_size=5 * ground.tile,
-            cell_thickness=0.4,
-            section_thickness=0.8,
-            cell_color=(214, 216, 220),
-            section_color=(190, 194, 200),
+            cell_thickness=0.6,
+            section_thickness=1.0,
+            cell_color=(190, 194, 202),
+            section_color=(150, 156, 166),
             fade_distance=2 * ground.half,
             plane_color=_bytes(checks.colour("ground", self._stage.look.ground)),
             plane_opacity=1.0,
@@ -181,19 +192,20 @@ class Browser:
         view, by_ray = self._view, self._images is not None
 
         async def drag(event: Any) -> None:  # asynchronous callbacks keep their order
-            holder = event.client_id
+            holder, shift = event.client_id, view.following.shift
             if event.phase == "end":
                 view.post("let_go", holder=holder)
                 return
             if event.phase == "start" and by_ray:
                 origin, direction, _ = _ray(event.client.camera, event.start_position)
-                view.post("pick", holder=holder, origin=origin, direction=direction)
+                view.post("pick", holder=holder, origin=origin + shift, direction=direction)
             elif event.phase == "start":
-                view.post("grab", holder=holder, point=event.start_position)
+                view.post("grab", holder=holder, point=event.start_position + shift)
             if by_ray:
-                view.post("drag", holder=holder, ray=_ray(event.client.camera, event.end_position))
+                origin, *ways = _ray(event.client.camera, event.end_position)
+                view.post("drag", holder=holder, ray=(origin + shift, *ways))
             else:
-                view.post("drag", holder=holder, point=event.end_position)
+                view.post("drag", holder=holder, point=event.end_position + shift)
 
         if view.source.handling is not None:
             node.on_drag("left")(drag)
@@ -204,9 +216,11 @@ class Browser:
         view, frame = self._view, self._view.shown.frame
         assert frame is not None
         with self._server.atomic():
+            self._all.position = -view.following.shift
             if self._images is None:
                 self._show_triangles()
             else:
+                self._images.shift = view.following.shift
                 self._images.follow()
                 points = in_space(frame.position, np.float64)
                 self._box.dimensions = tuple(np.ptp(points, axis=0))
@@ -236,7 +250,8 @@ class Browser:
             elif node is not None:
                 node.visible = False
             elif len(faces):
-                self._levels[level] = self._add_mesh(f"/level/{level}", points[corners], faces, colours[level])
+                name = f"{ALL}/level/{level}"
+                self._levels[level] = self._add_mesh(name, points[corners], faces, colours[level])
 
     def tell(self) -> None:
         """Update texts and sliders."""
@@ -244,6 +259,7 @@ class Browser:
 
     def poll(self) -> bool:
         """Send images to clients that can take one; return True, since a page stays open until the view ends."""
+        self._open_lenses()
         if self._images is not None:
             self._images.send(self._clients())
         return True

@@ -1,11 +1,12 @@
 """Commands of a view: what keys, buttons and clients can request."""
 
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from .picking import Picking, Pull, hit
@@ -24,12 +25,22 @@ def _numbers(values: Sequence[float]) -> str:
     return ", ".join(f"{one:g}" for one in values)
 
 
+def camera_flags(eye: NDArray, target: NDArray) -> str:
+    """Return the flags of `run`, `render` and `view` for a camera at `eye` that looks at `target` [m]."""
+    away, distance = eye - target, float(np.linalg.norm(eye - target))
+    azimuth, elevation = math.degrees(math.atan2(away[1], away[0])), math.degrees(math.asin(away[2] / distance))
+    digits = 3 - math.floor(math.log10(distance))  # a thousandth of the distance, or less
+    at = ",".join(f"{round(one, digits) + 0.0:.12g}" for one in target.tolist())
+    where = f"--target {at} --distance {round(distance, digits):.12g}"
+    return f"--azimuth {azimuth:.5g} --elevation {elevation:.5g} {where}"
+
+
 class Commands(ViewState):
     """The commands of a view: each method is one, under its name without the underscore."""
 
     def _pause(self, value: bool | None = None) -> None:
         self.paused = not self.paused if value is None else value
-        self._start_clock()
+        self._begin_to_run()
         self._notify("paused" if self.paused else "running")
 
     def _step(self) -> None:
@@ -117,6 +128,12 @@ class Commands(ViewState):
     def _help(self) -> None:
         self.helps = not self.helps
         self._last_reading = 0.0
+
+    def _flags(self, eye: ArrayLike, target: ArrayLike) -> None:
+        """Print the flags of a camera at `eye` that looks at `target` [m]."""
+        text = camera_flags(np.asarray(eye, dtype=np.float64), np.asarray(target, dtype=np.float64))
+        print(text, flush=True)
+        self._notify(text)
 
     def _seek(self, k: int) -> None:
         self.source.seek(k)

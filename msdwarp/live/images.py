@@ -69,6 +69,7 @@ class Images:
         self._caster = RayCaster(drawing, stage)
         self._on_cpu = drawing.device == "cpu"
         self._frame, self._moved, self._fits = 0, 0.0, False
+        self.shift = np.zeros(3)  # how far cameras follow the body [m]
         self._sent: dict[int, tuple[int, tuple[float, ...], int, float]] = {}
         """Frame, camera and rows of each client's last image, and the start of rest; the most recent one last."""
         self._seconds_a_row = 0.0
@@ -102,7 +103,8 @@ class Images:
         if not self._fits:
             self._caster.refit()
             self._fits = True
-        self._caster.look_from(_camera(camera), (max(16, round(wanted * pose[-2] / pose[-1])), wanted))
+        seen_from = _camera(camera).shifted(self.shift)
+        self._caster.look_from(seen_from, (max(16, round(wanted * pose[-2] / pose[-1])), wanted))
         # On a CPU shadows take most of the time: moving scenes are drawn without them.
         image = self._caster.shoot(shadows=not (self._on_cpu and moves))
         client.scene.set_background_image(image, format="jpeg", jpeg_quality=QUALITY)

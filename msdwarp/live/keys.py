@@ -15,6 +15,8 @@ class Key(NamedTuple):
 
 STEP = 1.25
 """A key multiplies a parameter by this."""
+FLAGS = "v"
+"""The key that prints the flags of the camera of the screen on which it is pressed."""
 _SCALED = (("m", "mass"), ("s", "stiffness"), ("l", "rest_length"), ("d", "damping"))
 KEYS = (
     Key("space", "pause", {}, "pause or continue"),
@@ -31,6 +33,7 @@ KEYS = (
     Key("w", "wires", {}, "connections coloured by strain, or the surface"),
     Key("c", "colour", {}, "colours: texture, speed, strain"),
     Key("p", "pin", {}, "pin the particles held, or held last"),
+    Key(FLAGS, "flags", {}, "print the camera's flags for run, render and view"),
     Key("h", "help", {}, "this list"),
 )
 """All keys; a key that shift changes comes without shift, and then with it."""

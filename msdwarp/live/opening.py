@@ -29,6 +29,8 @@ def view(
 ) -> View:
     """Show a scene or simulation live, or play a trajectory, in a window or a browser.
 
+    A page starts when somebody opens it, or with `View.post("pause", value=False)`.
+
     Parameters
     ----------
     shown

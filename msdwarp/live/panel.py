@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .commands import SENDS
+from ..pictures import ColourScale
+from .commands import SENDS, camera_flags
 from .handling import ROUGH, SCALED, SIDES, Handling
 from .keys import ARROWS, KEYS, SCENES
 from .shown import COLOURS, ENERGIES
@@ -35,6 +36,14 @@ BUTTONS = {
     "film of the last recording": "film",
     "save picture": "screenshot",
 }
+ASK = ("list of keys (h)", "camera's flags (v)")
+LAYOUT = """<style>@media (max-width: 36em) {
+:has(> .mantine-Notifications-root) { flex-direction: column }
+.mantine-Notifications-root ~ .mantine-Paper-root { position: static !important; width: 100% !important;
+  max-height: 45% !important; flex: none }
+.mantine-Notifications-root ~ .mantine-Paper-root [style*="width: 20em"] { width: 100% !important }
+}</style>"""
+"""On a phone viser lays the panel over the picture; with this style it is below."""
 
 
 class Control:
@@ -66,12 +75,14 @@ class Panel:
         self._parts: list[Any] = []
         self._controls: list[Control] = []
         self._scene: Source | None = None
-        self._notice = ""
+        self._notice, self._lists = "", dict[int, Any]()
 
     def open(self, view: "View") -> None:
         """Build the controls of all scenes."""
         self._view, gui = view, self._gui
+        gui.add_html(LAYOUT)
         self._status = gui.add_markdown("")
+        self._legend = gui.add_html("", visible=False)
         play = gui.add_button_group("play", tuple(PLAY))
         play.on_click(_called(lambda: _can_show(play) and view.post(PLAY[play.value])))
         speed = gui.add_dropdown("speed (1 is real time)", tuple(SPEEDS), initial_value="1")
@@ -83,14 +94,39 @@ class Panel:
         self._control(wires, lambda: view.shown.wires, "wires")
         sends = gui.add_dropdown("sent as", SENDS, initial_value="auto")
         self._control(sends, lambda: view.sends, "send")
-        self._legend = gui.add_html("", visible=False)
+        ask = gui.add_button_group("help", ASK)
+        ask.on_click(lambda event: (self._list_keys if ask.value == ASK[0] else self._tell_flags)(event))
         self._fixed = len(self._controls)
+        own = {"help": self._list_keys, "flags": self._tell_flags}
         for name, command, values, text, shift in KEYS:
             hotkey = f"arrow{name}" if name in ARROWS else name.upper() if len(name) == 1 else name
             key = gui.add_command(text, hotkey=hotkey, modifier="shift" if shift else None)
-            key.on_trigger(self._posts(command, **values))
+            key.on_trigger(own.get(command) or self._posts(command, **values))
         for k, name in zip(SCENES, view.scenes, strict=False):
             gui.add_command(f"scene {name}", hotkey=k).on_trigger(self._posts("scene", number=int(k)))
+
+    async def _list_keys(self, event: Any) -> None:
+        """Show the list of keys to a client, or close it."""
+        if (listed := self._lists.pop(event.client_id, None)) is not None:
+            listed.close()
+            return
+        self._lists[event.client_id] = event.client.gui.add_modal("keys")
+        with self._lists[event.client_id]:
+            rows = (line.split("  ", 1) for line in self._view.keys().splitlines())
+            event.client.gui.add_markdown(
+                "| | |\n|-|-|\n" + "\n".join(f"| **{k}**&ensp; | {does} |" for k, does in rows)
+            )
+            event.client.gui.add_button("close (h)").on_click(self._list_keys)
+
+    async def _tell_flags(self, event: Any) -> None:
+        """Tell the flags of a client's camera, and copy them to its clipboard if its browser allows that."""
+        from viser._messages import RunJavascriptMessage
+
+        camera, shift = event.client.camera, self._view.following.shift
+        eye, target = camera.position + shift, camera.look_at + shift
+        copy = f"navigator.clipboard?.writeText({camera_flags(eye, target)!r}).catch(() => {{}})"
+        event.client._websock_connection.queue_message(RunJavascriptMessage(copy))
+        self._view.post("flags", eye=eye, target=target)
 
     def _posts(self, command: str, **values: Any) -> Any:
         return _called(partial(self._view.post, command, **values))
@@ -153,8 +189,6 @@ class Panel:
                 for k, name in enumerate(view.scenes, 1):
                     button = gui.add_button(f"{k}  {name}" if k < 10 else name)
                     button.on_click(self._posts("scene", number=k))
-        with self._folder("keys"):
-            gui.add_markdown("```\n" + view.keys() + "\n```")
 
     def _add_body(self, handling: Handling) -> None:
         for name in SCALED:
@@ -196,7 +230,7 @@ class Panel:
     def tell(self) -> None:
         """Update texts and controls."""
         view = self._view
-        text = "\n\n".join([f"**{view.source.title or 'msdwarp'}**", *view.lines])
+        text = "\n\n".join([f"**{view.source.title or 'msdwarp'}**", f"*{view.hint}*", *view.lines])
         if text != self._status.content:
             self._status.content = text
         notice = view.notice
@@ -210,15 +244,23 @@ class Panel:
         self._legend.visible = drawing.scale is not None
         if drawing.scale is not None:
             colours = ", ".join(f"rgb({', '.join(str(round(255 * c)) for c in stop)})" for stop in drawing.stops)
+            least, most = _ends(drawing.scale)
             self._legend.content = (
                 f'<div style="padding:0 1em;font-size:0.8em">{drawing.scale.label}'
                 f'<div style="height:0.8em;background:linear-gradient(to right,{colours})"></div>'
-                f'<div style="display:flex;justify-content:space-between"><span>0</span>'
-                f"<span>{drawing.scale.full:.3g}</span></div></div>"
+                f'<div style="display:flex;justify-content:space-between"><span>{least}</span>'
+                f"<span>{most}</span></div></div>"
             )
         if self._energies is not None and len(view.readings) > 1:
             curves = ([getattr(one, name) for one in view.readings] for name in ("time", *CURVES))
             self._energies.data = tuple(np.array(curve) for curve in curves)
+
+
+def _ends(scale: ColourScale) -> tuple[str, str]:
+    """Return the values at both ends of a scale, with their unit: strain, which has none, in percent."""
+    _, _, unit = scale.label.rstrip("]").partition(" [")
+    full = f"{scale.full:.2g} {unit}" if unit else f"{100 * scale.full:.2g} %"
+    return (f"−{full}", f"+{full}") if scale.signed else ("0", f"{full} or more")
 
 
 def _called(call: Callable[[], Any]) -> Any:

@@ -1,14 +1,16 @@
-"""Shown: the drawing of a view, and the values of its colours."""
+"""Shown: the drawing of a view, the values of its colours, and how its cameras follow the body."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import Frame
+from ..bodies import Frame, in_space
 from ..pictures import ColourScale, Drawing
 from ..world import Scene
+from .sources import Source
 
 COLOURS = ("look", "speed", "strain")
 ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", "sum": "#333a40"}
@@ -16,6 +18,9 @@ ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", 
 LEAST_SHARE = 0.05
 """Least end of a colour scale, over the largest value so far."""
 LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}
+
+EASE, SAMPLE = 0.4, 1000
+"""Simulated time in which cameras follow the body [s]; number of its particles that are enough to find it."""
 
 
 class Shown:
@@ -72,3 +77,37 @@ class Shown:
         strain = np.linalg.norm(frame.position[i] - frame.position[j], axis=1) / system.rest_length - 1.0
         total = np.bincount(ends, np.repeat(np.abs(strain), 2), count)
         return total / np.maximum(np.bincount(ends, minlength=count), 1)
+
+
+class Following:
+    """How far the cameras of a view have followed the body: `shift` [m], shape [3].
+
+    They move with the group `Look.follow`. Without one, and without a target, they follow a body whose path is
+    unknown once it leaves what they had in view at first.
+    """
+
+    def __init__(self, source: Source) -> None:
+        look, system, frame = source.scene.look, source.scene.system, source.frame()
+        group = slice(None) if look.follow is None else system.groups[look.follow]
+        members = np.arange(system.particle_count)[group]
+        self._moves = look.follow is not None or (source.handling is not None and look.target is None)
+        self._members = members[:: max(1, len(members) // SAMPLE)]
+        self._time, self.shift = frame.time, np.zeros(3)
+        self._low = self._high = middle = self._middle(frame)
+        if self._moves and look.follow is None:
+            seen, body = (in_space(one, np.float64) for one in (source.seen(), frame.position))
+            half = np.ptp(body, axis=0) / 2
+            self._low = np.minimum(seen.min(axis=0) + half, middle)
+            self._high = np.maximum(seen.max(axis=0) - half, middle)
+
+    def follow(self, frame: Frame, *, held: bool) -> None:
+        """Follow the body to a frame, gently; to an earlier one, at once; not while it is `held` by the mouse."""
+        passed, self._time = frame.time - self._time, frame.time
+        middle = self._middle(frame) - self.shift
+        way = middle - np.clip(middle, self._low, self._high)
+        if self._moves and not held and np.isfinite(way).all():
+            self.shift = self.shift + way * (1.0 if passed < 0 else 1.0 - math.exp(-passed / EASE))
+
+    def _middle(self, frame: Frame) -> NDArray[np.float64]:
+        """Return where the body is [m], shape [3]: the median, which no stray piece moves."""
+        return np.median(in_space(frame.position[self._members], np.float64), axis=0)

@@ -20,6 +20,9 @@ MOST_SEEN = 200
 ASPECT = 16 / 9
 """Width over height of the picture for which the camera is placed; other pictures show nearly as much."""
 
+BELOW = 0.35
+"""Height shown by the first camera below a body without ground, which may fall, over the body's length."""
+
 
 class Reading(NamedTuple):
     """Energies [J] and the largest strain |l / l0 − 1| at a time [s]."""
@@ -73,8 +76,9 @@ class Running:
         """The index of the current frame."""
         return self._simulation.frame_index
 
-    def seen(self) -> None:
-        """Return None: the positions that a camera should keep in view are not known in advance."""
+    def seen(self) -> NDArray:
+        """Return what a camera should have in view while the body's path is unknown; see `surroundings`."""
+        return surroundings(self.scene, self.frame().position)
 
     def advance(self) -> bool:
         """Simulate one frame; raise SimulationDiverged if it diverges."""
@@ -163,6 +167,26 @@ class Played:
     def summary(self) -> str:
         """Return a text with the index of the frame."""
         return f"frame {self._k} of {self.frame_count - 1}"
+
+
+def surroundings(scene: Scene, position: NDArray) -> NDArray:
+    """Return points that a camera should have in view while the body's path is unknown [m], shape [any, d].
+
+    These are the body, and its projection onto the ground, 1.5 times as large; without ground, a share of the
+    body's length below it.
+    """
+    low, high = position.min(axis=0), position.max(axis=0)
+    size = float((high - low).max())
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, len(low))
+    if scene.ground is None:
+        fallen = corners - BELOW * size * np.eye(len(low))[-1]
+    else:
+        normal = np.asarray(scene.ground.unit_normal(scene.system.dim), dtype=np.float64)
+        height = corners @ normal - scene.ground.offset
+        fallen = corners - np.maximum(height, 0.0)[:, None] * normal
+        middle = fallen.mean(axis=0)
+        fallen = middle + 1.5 * (fallen - middle)
+    return np.concatenate([position, fallen])
 
 
 Source = Running | Played

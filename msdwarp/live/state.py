@@ -8,15 +8,19 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from .. import checks
+from ..pictures import Stage
 from .handling import Handling
 from .keys import listed
 from .picking import Pull
 from .recording import Filming, Recording
-from .shown import COLOURS, Shown
+from .shown import COLOURS, Following, Shown
 from .sources import Reading, Source
 
 NOTICE_TIME = 1.5
 """Time for which a short notice is shown [s]."""
+ROOM = 0.8
+"""Zoom of the first camera: bodies move."""
 MOST_TRIANGLES = 100_000
 """Maximal number of triangles for a page if a GPU can draw images: a million take 6 MB a frame, an image less than
 0.1 MB. A CPU takes longer to draw images than most links take for triangles."""
@@ -64,10 +68,12 @@ class ViewState:
         rebuild: Callable[..., Source] | None = None,
         paused: bool = False,
         renderer: str = "auto",
+        zoom: float = 1.0,
     ) -> None:
         self.screens, self.scenes = list(screens), dict(scenes or {})
         self.paused, self.speed, self.helps = paused, 1.0, False
         self.renderer, self.sends, self.images = renderer, "auto", False
+        self._waits, self._zoom = True, checks.positive("zoom", zoom)
         self.recording: Recording | None = None
         self._last_recording: Path | None = None
         self._filming: Filming | None = None
@@ -82,7 +88,7 @@ class ViewState:
         before: Shown | None = getattr(self, "shown", None)
         self.source, self.rebuild = source, rebuild
         self.readings: deque[Reading] = deque(maxlen=300)
-        self.hand = Pull()
+        self.hand, self.following = Pull(), Following(source)
         self._last_reading = self._last_shown = 0.0
         self._fps, self._ratio, self._averaged = 0.0, 0.0, 0
         self._start_clock()
@@ -91,6 +97,11 @@ class ViewState:
     def _start_clock(self) -> None:
         """Restart the count of due frames."""
         self._clock, self._frames_taken = time.perf_counter(), 0
+
+    def _begin_to_run(self) -> None:
+        """Wait no longer for somebody who watches, and restart the clock."""
+        self._waits = False
+        self._start_clock()
 
     def _draw(self, colour: str, *, wires: bool) -> None:
         """Create the drawing of the source, in colours or of its springs."""
@@ -116,16 +127,21 @@ class ViewState:
 
     def _change_to(self, other: Source, rebuild: Callable[..., Source] | None) -> str:
         """Show another source, or if that fails the previous one; return the message of an ended recording."""
-        before, hand = (self.source, self.rebuild), self.hand
+        before, hand = (self.source, self.rebuild), (self.hand, self.following)
         try:
             self._begin(other, rebuild)
             self._stage()
         except Exception:
             self._begin(*before)
-            self.hand = hand
+            self.hand, self.following = hand
             self._stage()
             raise
         return self._end_recording()
+
+    def staged(self, size: tuple[int, int]) -> Stage:
+        """Return camera, lights and ground of the source, for pictures of this width and height in pixels."""
+        room = 1.0 if self.source.scene.look.distance is not None else ROOM
+        return Stage(self.source.scene, self.source.seen(), size, zoom=room * self._zoom)
 
     @property
     def _handling(self) -> Handling:
@@ -162,6 +178,11 @@ class ViewState:
             lines.append(f"energy {last.sum:.3g} J: kinetic {last.kinetic:.3g}, elastic {last.elastic:.3g}")
             lines.append(f"largest strain {last.strain:.2g}")
         return lines
+
+    @property
+    def hint(self) -> str:
+        """What a newcomer should know."""
+        return ("drag the body to pull it; " if self.source.handling is not None else "") + "h lists the keys"
 
     def keys(self) -> str:
         """Return the list of keys as text."""

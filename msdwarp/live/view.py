@@ -31,8 +31,8 @@ def _message(error: BaseException) -> str:
 class View(Commands):
     """An interactive view of a simulation or a trajectory.
 
-    Its loop executes commands, simulates the frames that are due, and shows the last one. From other threads call
-    only `post`, `press` and `close`.
+    Its loop executes commands, simulates the frames that are due, and shows the last one. It begins when somebody
+    watches, or with the command "pause". From other threads call only `post`, `press` and `close`.
 
     Parameters
     ----------
@@ -48,6 +48,8 @@ class View(Commands):
         Whether it starts paused.
     renderer
         Renderer of snapshots and films: "auto", "raster", "raycast" or "opengl".
+    zoom
+        Zoom factor of the first camera.
 
     Attributes
     ----------
@@ -80,8 +82,10 @@ class View(Commands):
                     break
                 began = time.perf_counter()
                 self._execute_commands()
-                moved = self._advance()
+                moved = not self._waits and self._advance()
                 watched = any(screen.watched for screen in opened)
+                if watched and self._waits:
+                    self._begin_to_run()
                 if watched and (moved or not self._is_shown):
                     self._show()
                 self._tell(watched)
@@ -174,6 +178,7 @@ class View(Commands):
             self.shown = torn
             self._stage()
         self.shown.follow(frame)
+        self.following.follow(frame, held=self.hand.grip is not None)
         for screen in self.screens:
             screen.show()
         if self._is_shown and now > self._last_shown:

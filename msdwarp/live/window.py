@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..pictures import OnScreen, Stage, bar
-from ..world import Scene
+from ..pictures import OnScreen, bar
 from . import overlay
+from .keys import FLAGS
 
 if TYPE_CHECKING:
     from .sources import Source
@@ -25,12 +25,6 @@ MOVES = {"left": "turn", "middle": "shift", "right": "shift"}
 """Camera movements of the mouse buttons; the left one pulls the body if pressed on it."""
 PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
 """Colours of the arrow of a pull, and of its edge."""
-ROOM = 0.8
-"""Zoom of the first camera: bodies move."""
-BELOW = 0.35
-"""Height shown by the first camera below a body without ground, which may fall, over the body's length."""
-PULLS, HELPS = "drag the body to pull it; ", "h lists the keys"
-"""The last line of the text; its first part only if there is a body to pull."""
 MOUSE = """beside  drag: turn the camera
 wheel  nearer, farther
 right  drag: shift the camera
@@ -74,17 +68,16 @@ class Window:
         view, screen = self._view, self._screen
         same, self._source = self._source is view.source, view.source
         if not same:
-            frame = view.shown.frame
-            assert frame is not None
-            seen = view.source.seen()
-            around = surroundings(view.shown.scene, frame.position) if seen is None else seen
-            self._stage = Stage(view.shown.scene, around, screen.size, zoom=ROOM)
+            self._stage, self._shift = view.staged(screen.size), view.following.shift
             screen.set_title(f"msdwarp - {view.source.title}")
         screen.stage(view.shown.drawing, self._stage, keep_camera=same)
         self._is_stale = True
 
     def show(self) -> None:
         """Show the current frame."""
+        shift = self._view.following.shift
+        self._screen.orbit.target = self._screen.orbit.target + shift - self._shift
+        self._shift = shift
         self._draw_pull()
         self._screen.draw()
         self._is_stale = False
@@ -124,6 +117,8 @@ class Window:
         self._pointer = (x, y)
         if what == "key" and key.lower() in CLOSES:
             view.post("quit")
+        elif what == "key" and key == FLAGS:
+            view.post("flags", eye=orbit.camera.eye, target=orbit.target)
         elif what == "key":
             view.press(key.lower(), shift=shift)
         elif what in MOVES and not self._drag_mode:
@@ -162,7 +157,7 @@ class Window:
         """Update the view's lines, energies, notice, colour scale and keys."""
         view, (width, height), unit = self._view, self._screen.size, self._pixel
         gap, message = GAP * unit, view.notice
-        lines = (*view.lines, (PULLS if view.source.handling is not None else "") + HELPS)
+        lines = (*view.lines, view.hint)
         columns = max(20, int(0.4 * width / (7.5 * unit)))
         self._paint("lines", (lines, columns), lambda: overlay.text(lines, unit, columns=columns), (gap, -gap))
         last = view.readings[-1] if view.readings else None
@@ -208,26 +203,6 @@ class Window:
         for name, colour, grow in (("edge of the pull", EDGE, 2.0), ("pull", PULL, 0.0)):
             drawn = None if ends is None else arrow(ends[0], ends[1], self._pixel, grow * self._pixel)
             screen.shape(name, drawn, colour)
-
-
-def surroundings(scene: Scene, position: NDArray) -> NDArray:
-    """Return points that a camera should have in view while the body's path is unknown [m], shape [any, d].
-
-    These are the body, and its projection onto the ground, 1.5 times as large; without ground, a share of the
-    body's length below it.
-    """
-    low, high = position.min(axis=0), position.max(axis=0)
-    size = float((high - low).max())
-    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, len(low))
-    if scene.ground is None:
-        fallen = corners - BELOW * size * np.eye(len(low))[-1]
-    else:
-        normal = np.asarray(scene.ground.unit_normal(scene.system.dim), dtype=np.float64)
-        height = corners @ normal - scene.ground.offset
-        fallen = corners - np.maximum(height, 0.0)[:, None] * normal
-        middle = fallen.mean(axis=0)
-        fallen = middle + 1.5 * (fallen - middle)
-    return np.concatenate([position, fallen])
 
 
 def arrow(start: NDArray, end: NDArray, unit: float, grow: float = 0.0) -> NDArray[np.float64]:

@@ -133,6 +133,7 @@ def test_a_simulation_can_be_viewed_from_python():
     body = msd.box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
     simulation = msd.Simulation(body, colliders=[msd.Plane()], device="cpu")
     opened = msd.view(simulation, browser=True, block=False)
+    opened.post("pause", value=False)  # nobody opens the page, for which it would wait
     end = time.monotonic() + WAITS
     while simulation.time < 0.1:
         assert time.monotonic() < end

@@ -7,7 +7,6 @@ import socket
 import threading
 import time
 from pathlib import Path
-from shutil import which
 from types import SimpleNamespace
 
 import numpy as np
@@ -220,101 +219,6 @@ def test_opening_and_closing_leaves_nothing_behind():
     with socket.socket() as free:
         free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         free.bind(("127.0.0.1", port))
-
-
-CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := which(name))), None
-)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
-def test_a_browser_shows_the_body_and_handles_it(view, tmp_path):
-    playwright = pytest.importorskip("playwright.sync_api")
-    said = []
-    software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=software)
-        page = browser.new_page(viewport={"width": 900, "height": 560})
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.goto(view.screens[0].address, timeout=1000 * SETTLES)
-        page.wait_for_selector("text=bouncing", timeout=1000 * SETTLES)
-
-        def picture():
-            return page.screenshot(timeout=1000 * SETTLES)
-
-        first = picture()
-        runs(view)
-        until(lambda: picture() != first)
-
-        page.keyboard.press("Space")
-        until(lambda: view.paused)
-        page.keyboard.press("s")
-        until(lambda: view.source.handling.factors["stiffness"] == 1.25)
-        page.keyboard.press("Shift+S")
-        until(lambda: view.source.handling.factors["stiffness"] == 1.0)
-        for _ in range(3):  # a key that is held
-            page.keyboard.down("d")
-        page.keyboard.up("d")
-        until(lambda: view.source.handling.factors["damping"] == 1.25**3)
-        stiffness = page.locator("input[inputmode=decimal]").nth(1)  # of the sliders, beside mass
-        stiffness.fill("3")
-        stiffness.press("Enter")
-        until(lambda: view.source.handling.factors["stiffness"] == 3.0)
-
-        # Where the camera sees the middle of the body: the client tells where it stands.
-        until(lambda: view.screens[0].watched)
-        (camera,) = (one.camera for one in view.screens[0]._server.get_clients().values())
-        middle = view.source.frame().position.mean(axis=0)
-        across, down = seen_at(camera, middle, 900, 560)
-        page.mouse.move(across, down)
-        page.mouse.down()
-        for k in range(1, 11):
-            page.mouse.move(across - 4 * k, down - 8 * k)
-            time.sleep(0.05)
-        until(lambda: view.hand.grip is not None)
-        lowest = view.source.frame().position[:, 2].min()
-        page.keyboard.press("Space")
-        until(lambda: not view.paused)
-        until(lambda: view.source.frame().position[:, 2].min() > lowest + 0.02)
-        page.mouse.up()
-        until(lambda: view.hand.grip is None)
-
-        # The same by images: the middle of the picture has the body's colour, and a drag takes hold of it.
-        view.post("send", value="images")
-        until(lambda: view.screens[0]._images is not None and view.screens[0]._images._sent)
-        view.post("reset")
-        view.post("pause", value=True)
-        time.sleep(1.0)
-        across, down = seen_at(camera, view.source.frame().position.mean(axis=0), 900, 560)
-        page.mouse.move(across, down)
-        page.mouse.down()
-        for k in range(1, 6):
-            page.mouse.move(across, down - 8 * k)
-            time.sleep(0.05)
-        until(lambda: view.hand.grip is not None)
-        page.mouse.up()
-        until(lambda: view.hand.grip is None)
-
-        def at_the_body():
-            shown = Image.open(io.BytesIO(picture())).convert("RGB")
-            return shown.getpixel((round(across), round(down)))
-
-        until(lambda: at_the_body()[0] > at_the_body()[2] + 40)  # red jelly on a grey ground
-        assert not said, said
-        browser.close()
-
-
-def seen_at(camera, point, width, height):
-    """Return the pixel, across and down, at which a camera of viser's sees a point."""
-    forward = camera.look_at - camera.position
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    offset = point - camera.position
-    scale = height / 2 / np.tan(camera.fov / 2) / (offset @ forward)
-    return width / 2 + scale * (offset @ right), height / 2 - scale * (offset @ up)
 
 
 def test_what_is_entered_stays_until_it_is_taken_up(monkeypatch):

@@ -170,4 +170,3 @@ def test_the_camera_of_a_trajectory_sees_all_frames(tmp_path):
         first = Stage(source.scene, positions[:1], (1280, 720)).camera
         rows, columns = first.pixels(positions[-1].astype(float), 720, 1280)
         assert not ((rows >= 0) & (rows <= 720) & (columns >= 0) & (columns <= 1280)).all()
-    assert running().seen() is None

@@ -2,13 +2,18 @@
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from cyclopts import App
 
-from msdwarp import Contact, Force, Plane, Scene, Simulation, Trajectory, box
+from msdwarp import Contact, Force, Look, Plane, Scene, Simulation, Trajectory, box
+from msdwarp.cli.file_commands import PICTURES, Pictures
 from msdwarp.live import KEYS, Handling, Played, Running, View, within_reach
-from msdwarp.live.shown import ENERGIES
+from msdwarp.live.commands import camera_flags
+from msdwarp.live.shown import EASE, ENERGIES, Following
+from msdwarp.pictures import Stage
 from msdwarp.studies import plots
 from msdwarp.world import MouseSpring
 
@@ -264,12 +269,58 @@ def test_a_recording_can_be_played(tmp_path):
         assert trajectory.times[1] in screen.shown
 
 
-def test_nobody_watching_costs_no_drawing():
+def test_it_waits_for_the_first_viewer_and_draws_for_nobody():
     screen = Listener(*[0.02] * 10, watched=False)
     view = View(running(), [screen])
     view.run()
-    assert view.source.time > 0
-    assert not screen.shown
+    assert view.source.time == 0.0
+    times = []
+
+    def look(view):
+        times.append(view.source.time)
+        screen.watched = not screen.watched
+
+    screen.turns = [0.02] * 5 + [look] + [0.02] * 5 + [look] + [0.02] * 5
+    view.run()
+    assert times[0] == 0.0 < times[1] < view.source.time  # it goes on when the viewer leaves
+    assert max(screen.shown) <= times[1]
+
+
+def test_the_camera_follows_the_body_once_it_leaves_what_was_in_view():
+    def at(time, way):
+        return frame._replace(time=time, position=frame.position + np.array(way, frame.position.dtype))
+
+    source = running()
+    frame, room = source.frame(), 0.2 * 0.25  # the cube is 0.2 wide, and what is in view 1.5 times as much
+    following = Following(source)
+    following.follow(at(0.1, (room, 0, -0.2)), held=False)
+    np.testing.assert_allclose(following.shift, 0, atol=1e-6)
+    following.follow(at(9.0, (3, 0, 0)), held=True)
+    np.testing.assert_allclose(following.shift, 0, atol=1e-6)
+    following.follow(at(9.0 + EASE, (3, 0, 0)), held=False)  # float32 positions
+    np.testing.assert_allclose(following.shift, ((3 - room) * (1 - np.exp(-1)), 0, 0), rtol=1e-5, atol=1e-6)
+    following.follow(at(0.0, (0, 0, 0)), held=False)  # restarted: at once
+    np.testing.assert_allclose(following.shift, 0, atol=1.001 * room)
+    still = Following(running(look=Look(target=(0, 0, 0))))
+    still.follow(at(9.0, (3, 0, 0)), held=False)
+    assert not still.shift.any()
+
+
+@pytest.mark.parametrize("eye", [(3.0, -4.0, 2.0), (-1e-3, 2e-3, 5e-4), (-200.0, 0.0, 1.0)])
+def test_printed_flags_place_the_camera_of_render_there(eye):
+    target = np.array(eye)[::-1] / 3
+    command, at = App(), scene()
+
+    @command.default
+    def parsed(*, pictures: Pictures = PICTURES):
+        return pictures
+
+    options = command(camera_flags(np.array(eye), target), result_action="return_value")
+    camera = Stage(replace(at, look=options.aimed(at.look)), CUBE.position, (1280, 720)).camera
+    # Of the distance a thousandth is kept or less, of angles five digits: up to 0.005 degrees.
+    near = 1e-3 * np.linalg.norm(eye - target)
+    np.testing.assert_allclose(camera.target, target, atol=near)
+    np.testing.assert_allclose(camera.eye, eye, atol=2 * near)
 
 
 def test_a_thread_of_its_own_ends_when_it_is_closed():

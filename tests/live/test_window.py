@@ -13,7 +13,8 @@ from test_view import held
 
 from msdwarp import Plane, Scene, Simulation, box
 from msdwarp.live import Running, View, Window, within_reach
-from msdwarp.live.window import BELOW, arrow, surroundings
+from msdwarp.live.sources import BELOW, surroundings
+from msdwarp.live.window import arrow
 from msdwarp.pictures import no_display
 
 SIZE = (640, 480)
