@@ -96,9 +96,9 @@ class Following:
         self._low = self._high = middle = self._middle(frame)
         if self._moves and look.follow is None:
             seen, body = (in_space(one, np.float64) for one in (source.seen(), frame.position))
-            half = np.ptp(body, axis=0) / 2
-            self._low = np.minimum(seen.min(axis=0) + half, middle)
-            self._high = np.maximum(seen.max(axis=0) - half, middle)
+            slack = np.ptp(body, axis=0) / 4  # less than half a body: one that is squashed moves no camera
+            self._low = np.minimum(seen.min(axis=0) + slack, middle)
+            self._high = np.maximum(seen.max(axis=0) - slack, middle)
 
     def follow(self, frame: Frame, *, held: bool) -> None:
         """Follow the body to a frame, gently; to an earlier one, at once; not while it is `held` by the mouse."""

@@ -291,7 +291,7 @@ def test_the_camera_follows_the_body_once_it_leaves_what_was_in_view():
         return frame._replace(time=time, position=frame.position + np.array(way, frame.position.dtype))
 
     source = running()
-    frame, room = source.frame(), 0.2 * 0.25  # the cube is 0.2 wide, and what is in view 1.5 times as much
+    frame, room = source.frame(), 0.2 * 0.5  # the cube is 0.2 wide, and what is in view 1.5 times as much
     following = Following(source)
     following.follow(at(0.1, (room, 0, -0.2)), held=False)
     np.testing.assert_allclose(following.shift, 0, atol=1e-6)
