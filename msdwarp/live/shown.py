@@ -103,10 +103,11 @@ class Following:
     def follow(self, frame: Frame, *, held: bool) -> None:
         """Follow the body to a frame, gently; to an earlier one, at once; not while it is `held` by the mouse."""
         passed, self._time = frame.time - self._time, frame.time
-        middle = self._middle(frame) - self.shift
+        before = np.zeros(3) if passed < 0 else self.shift
+        middle = self._middle(frame) - before
         way = middle - np.clip(middle, self._low, self._high)
         if self._moves and not held and np.isfinite(way).all():
-            self.shift = self.shift + way * (1.0 if passed < 0 else 1.0 - math.exp(-passed / EASE))
+            self.shift = before + way * (1.0 if passed < 0 else 1.0 - math.exp(-passed / EASE))
 
     def _middle(self, frame: Frame) -> NDArray[np.float64]:
         """Return where the body is [m], shape [3]: the median, which no stray piece moves."""
