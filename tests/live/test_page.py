@@ -51,8 +51,8 @@ def opened(chromium, view, **options):
         page.on("pageerror", lambda error: said.append(str(error)))
         page.goto(view.screens[0].address)
         page.wait_for_selector("text=bouncing")
-        # What viser says of slow graphics lies over the picture.
-        page.add_style_tag(content="#webgl-software-rendering { display: none }")
+        # Notices, as of slow graphics, lie over a corner of the picture for a while, and take the mouse.
+        page.add_style_tag(content=".mantine-Notification-root { display: none !important }")
         until(lambda: view.screens[0].watched)
         (camera,) = (one.camera for one in view.screens[0]._server.get_clients().values())
         yield page, camera
