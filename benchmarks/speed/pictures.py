@@ -107,12 +107,10 @@ def drawn(scene: Scene, positions: list[np.ndarray], renderer: str, mode: str, d
             png.append(timed(save, "cpu")[0])
             pictures.append(picture)
         how = {"name": "film", "fps": 60.0, "frames": "none", "video": "webp"}
-        film, _ = timed(lambda: write_film(iter(pictures), len(pictures), Path(folder), **how), "cpu")
+        film, _ = timed(lambda: write_film(iter(pictures), Path(folder), **how), "cpu")
         drawing_all = (made.bare(x, k * EVERY / 60) for k, x in enumerate(there))
         began = time.process_time()
-        whole, _ = timed(
-            lambda: write_film(drawing_all, len(there), Path(folder), **how | {"frames": "png"}), place
-        )
+        whole, _ = timed(lambda: write_film(drawing_all, Path(folder), **how | {"frames": "png"}), place)
         computing = 1e3 * (time.process_time() - began)
     return {
         "triangles": len(drawing.triangles),

@@ -72,7 +72,7 @@ def draw(
                     yield renderer.image(positions[k], times[k], values and values(k), force)
 
             formats = {"frames": pictures.frames, "video": pictures.video}
-            path = write_film(images(), count, folder, name=name, fps=fps, **formats)
+            path = write_film(images(), folder, name=name, fps=fps, **formats)
             drawn.append(f"{count} frame{'s' if count > 1 else ''}")
             if pictures.frames == "png":
                 others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""

@@ -111,7 +111,7 @@ def show(
             yield renderer.image(position, float(time))
 
     with tempfile.TemporaryDirectory() as folder:
-        path = write_film(images(), len(times), Path(folder), name="film", fps=fps, frames="none")
+        path = write_film(images(), Path(folder), name="film", fps=fps, frames="none")
         assert path is not None
         film = base64.b64encode(path.read_bytes()).decode()
     bar.update(display.HTML(f'<img src="data:image/webp;base64,{film}">'))

@@ -22,7 +22,7 @@ def pictures(count):
 
 @pytest.mark.parametrize(("video", "shown", "milliseconds"), [("webp", 13, 50), ("gif", 13, 50)])
 def test_every_picture_is_written(tmp_path, video, shown, milliseconds):
-    path = film.write_film(pictures(13), 13, tmp_path, name="bar", fps=20, video=video)
+    path = film.write_film(pictures(13), tmp_path, name="bar", fps=20, video=video)
     assert path == tmp_path / f"bar.{video}"
     assert sorted(p.name for p in tmp_path.glob("*.png")) == [f"frame_{k:04d}.png" for k in range(13)]
     for k, image in enumerate(pictures(13)):
@@ -38,7 +38,7 @@ def test_every_picture_is_written(tmp_path, video, shown, milliseconds):
 
 
 def test_a_gif_leaves_out_frames_that_viewers_cannot_show(tmp_path):
-    path = film.write_film(pictures(13), 13, tmp_path, name="bar", fps=60, frames="none", video="gif")
+    path = film.write_film(pictures(13), tmp_path, name="bar", fps=60, frames="none", video="gif")
     with Image.open(path) as opened:
         assert opened.n_frames == 7  # every second
         assert opened.info["duration"] == 30  # 1/30 s in whole hundredths
@@ -46,7 +46,7 @@ def test_a_gif_leaves_out_frames_that_viewers_cannot_show(tmp_path):
 
 
 def test_frames_without_a_film(tmp_path):
-    assert film.write_film(pictures(3), 3, tmp_path, name="bar", fps=60, video="none") is None
+    assert film.write_film(pictures(3), tmp_path, name="bar", fps=60, video="none") is None
     assert len(list(tmp_path.iterdir())) == 3
 
 
@@ -56,7 +56,7 @@ def test_a_film_that_fails_leaves_none_and_keeps_the_frames(tmp_path):
         raise RuntimeError("no more")
 
     with pytest.raises(RuntimeError, match="no more"):
-        film.write_film(failing(), 10, tmp_path, name="bar", fps=60)
+        film.write_film(failing(), tmp_path, name="bar", fps=60)
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"frame_{k:04d}.png" for k in range(4)]
 
 
@@ -75,7 +75,7 @@ def test_a_film_that_cannot_be_written_ends_the_drawing(tmp_path, monkeypatch):
             yield image
 
     with pytest.raises(OSError, match="the disk is full"):
-        film.write_film(counted(), 10**9, tmp_path, name="bar", fps=60, frames="none")
+        film.write_film(counted(), tmp_path, name="bar", fps=60, frames="none")
     assert drawn < 1000  # it ends within moments
 
 
@@ -97,10 +97,34 @@ def test_no_more_pictures_wait_than_a_few(tmp_path, monkeypatch):
 
     monkeypatch.setattr(film, "_write_film", slow)
     with contextlib.suppress(FileNotFoundError):  # `slow` writes no film that could get its name
-        film.write_film(counted(), 40, tmp_path, name="bar", fps=60, frames="none")
+        film.write_film(counted(), tmp_path, name="bar", fps=60, frames="none")
     assert len(ahead) == 40
-    # Those that wait, the one in the film's hands, and one that waits to be handed over.
-    assert max(ahead) <= film.WAITING + 2
+    # Those that wait, the one in the film's hands, the one to be handed over, and those that are compressed.
+    assert max(ahead) <= film.WAITING + 2 + film.MOST_WRITERS + 1
+
+
+def test_a_film_shows_what_moves_and_what_has_gone(tmp_path):
+    """A spot in an odd-sized picture jumps about, stands still, leaves, and comes back."""
+    places = [(0, 0), (31, 50), (31, 50), (7, 3), None, (46, 62)]
+
+    def spots():
+        for place in places:
+            image = np.full((49, 65, 3), 230, np.uint8)
+            if place is not None:
+                image[place[0] : place[0] + 9, place[1] : place[1] + 9] = (200, 30, 30)
+            yield image
+
+    path = film.write_film(spots(), tmp_path, name="spots", fps=60, frames="none")
+    with Image.open(path) as opened:
+        durations = []
+        for k, image in enumerate(spots()):
+            opened.seek(k)
+            shown = np.asarray(opened.convert("RGB")).astype(int)
+            durations.append(opened.info["duration"])
+            # Compression blurs the spot's edges, by less than half of the step from red to grey, 200.
+            assert np.abs(shown - image).mean() < 3
+            assert ((shown[..., 1] < 130) == (image[..., 1] < 130)).mean() > 0.99
+    assert durations == [17, 16, 17, 17, 16, 17]  # whole milliseconds that add up to the film's time
 
 
 @pytest.mark.parametrize("compressor", [film.zlib, zlib], ids=["usual", "fallback"])
