@@ -96,7 +96,7 @@ class Pictures(CameraOptions):
     """Draw contact forces as arrows, in front of the bodies."""
     renderer: RendererName = "auto"
     """Renderer: opengl (PyVista), raster (on the CPU), raycast (on a GPU if there is one), or auto: raycast if the
-    simulation runs on a GPU, else opengl if it is found, else raster."""
+    simulation runs on a GPU, else opengl if a graphics card draws it, else raster."""
 
     @property
     def any(self) -> bool:

@@ -8,6 +8,7 @@ import sys
 import warnings
 from typing import Any
 
+_OSMESA = "vtkOSOpenGLRenderWindow"
 ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (Debian's names)"
 
 
@@ -28,40 +29,48 @@ def opengl_window() -> str | None:
     chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW")
     if chosen or not sys.platform.startswith("linux"):
         return chosen or ""
-    if _egl_works():
+    if _egl_device() is not None:
         return "vtkEGLRenderWindow"
     for name in ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"):
         try:
             ctypes.CDLL(name)
         except OSError:
             continue
-        return "vtkOSOpenGLRenderWindow"
+        return _OSMESA
     return None
 
 
-def _egl_works() -> bool:
-    """Return whether libEGL and libGL load and an EGL device can be initialised."""
+def has_card() -> bool:
+    """Return whether a graphics card draws off-screen, as far as is known: the CPU is slow in its place."""
+    return opengl_window() not in (None, _OSMESA) and "EGL_MESA_device_software" not in (_egl_device() or "")
+
+
+@functools.cache
+def _egl_device() -> str | None:
+    """Return the extensions of the first EGL device that can be initialised; None if there is none, or no libGL."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
         ctypes.CDLL("libGL.so.1")
     except OSError:
-        return False
+        return None
     integer, pointer = ctypes.c_int, ctypes.c_void_p
     egl.eglGetProcAddress.restype, egl.eglGetProcAddress.argtypes = pointer, [ctypes.c_char_p]
-    query, display_of = map(egl.eglGetProcAddress, (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT"))
-    if not query or not display_of:
-        return False
+    names = (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT", b"eglQueryDeviceStringEXT")
+    query, display_of, text_of = map(egl.eglGetProcAddress, names)
+    if not query or not display_of or not text_of:
+        return None
     devices, found = (pointer * 16)(), integer(0)
     if not ctypes.CFUNCTYPE(integer, integer, pointer, pointer)(query)(16, devices, ctypes.byref(found)):
-        return False
+        return None
     egl.eglInitialize.argtypes, egl.eglTerminate.argtypes = [pointer] * 3, [pointer]
     for device in devices[: found.value]:
         # 0x313F is EGL_PLATFORM_DEVICE_EXT.
         display = ctypes.CFUNCTYPE(pointer, integer, pointer, pointer)(display_of)(0x313F, device, None)
         if display and egl.eglInitialize(display, None, None):
             egl.eglTerminate(display)
-            return True
-    return False
+            text = ctypes.CFUNCTYPE(ctypes.c_char_p, pointer, integer)(text_of)(device, 0x3055)  # EGL_EXTENSIONS
+            return (text or b"").decode()
+    return None
 
 
 def no_display() -> str | None:

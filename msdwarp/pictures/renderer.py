@@ -15,7 +15,7 @@ from .arrows import LONGEST, Arrows
 from .drawing import ColourScale, Drawing
 from .legend import ROOM, arrow, bar, with_corner
 from .opengl import OpenGL
-from .opengl_window import ADVICE, opengl_window
+from .opengl_window import ADVICE, has_card, opengl_window
 from .stage import Stage
 from .warp_renderers import Rasteriser, RayCaster
 
@@ -44,7 +44,7 @@ class Renderer:
         given with each frame. Default: set by the scene's look.
     backend
         "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray caster
-        if `device` is a GPU, else PyVista if it finds an OpenGL library, else the rasteriser.
+        if `device` is a GPU, else PyVista if a graphics card draws its OpenGL, else the rasteriser.
     device
         Where the ray caster draws: cpu, cuda:0 ... By default the first GPU, or the CPU if there is none.
     zoom
@@ -204,7 +204,7 @@ def _chosen(backend: str, device: str | None) -> str:
     if backend == "auto":
         if device is not None and device != "cpu":
             return "raycast"
-        return "opengl" if no_opengl() is None else "raster"
+        return "opengl" if no_opengl() is None and has_card() else "raster"
     if backend == "opengl" and (why := no_opengl()) is not None:
         raise RuntimeError(f"backend is 'opengl', which cannot draw here; it must be 'raster' or 'raycast': {why}")
     return backend

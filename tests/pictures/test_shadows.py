@@ -242,6 +242,12 @@ class TestChoice:
         with pytest.raises(RuntimeError, match=message):
             self.made(backend="opengl")
 
+    @pytest.mark.parametrize(("card", "backend"), [(True, "opengl"), (False, "raster")])
+    def test_opengl_draws_by_default_where_there_is_a_graphics_card(self, card, backend, monkeypatch):
+        monkeypatch.setattr(renderer_module, "no_opengl", lambda: None)
+        monkeypatch.setattr(renderer_module, "has_card", lambda: card)
+        assert renderer_module._chosen("auto", None) == backend
+
     @pytest.mark.gpu
     def test_what_is_on_a_gpu_is_drawn_there(self):
         if not wp.is_cuda_available():
