@@ -136,6 +136,7 @@ if _typing.TYPE_CHECKING:
         Probe as Probe,
         Scene as Scene,
         Sphere as Sphere,
+        Viewpoint as Viewpoint,
         Wind as Wind,
         at as at,
     )
@@ -166,7 +167,7 @@ _ROOMS = {
     "studies": "FieldFit FitResult TrackedPoints fit fit_field simulate_jax simulate_torch sweep",
     "world": (
         "Actuator Attachment Box Capsule Cone Contact EnclosedGas Force Look Plane PrescribedMotion Pressure "
-        "Probe Scene Sphere Wind at"
+        "Probe Scene Sphere Viewpoint Wind at"
     ),
 }
 __all__ = ["verbose"]

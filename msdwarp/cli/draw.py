@@ -15,7 +15,7 @@ from rich.progress import Progress
 from .. import checks
 from ..bodies import stress, von_mises
 from ..files import FrameArray, Trajectory, UsdFrame, UsdMesh, finite_values, write_usd
-from ..pictures import VIEW_ANGLE, ColourScale, Drawing, Renderer, Stage, framed, timelapse, write_film
+from ..pictures import ColourScale, Drawing, Renderer, Stage, framed, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
@@ -113,11 +113,12 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
     def frames() -> Iterator[UsdFrame]:
         for k in numbers:
             position = finite_values(trajectory, k, "position")
-            drawing.follow(position, float(trajectory.times[k]))
+            time = float(trajectory.times[k])
+            drawing.follow(position, time)
             points = [*(one.points.numpy() for one in parts), *floor]
             normals = [*(one.normals.numpy() for one in parts), *([None] * len(floor))]
             colours = [one.colours.numpy() if drawing.colours_move else None for one in drawing.body]
-            camera, others = stage.camera_at(position), [None] * (len(meshes) - len(colours))
+            camera, others = stage.camera_at(time, position), [None] * (len(meshes) - len(colours))
             view = np.array([camera.right, camera.up, -camera.forward, camera.eye])
             yield UsdFrame(points, normals, colours + others, view)
 
@@ -128,7 +129,7 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
         meshes,
         frames(),
         textures=textures,
-        view_angle=VIEW_ANGLE,
+        view_angle=stage.camera.field_of_view,
         aspect=size[0] / size[1],
         sun=stage.camera.light,
         background=np.array(checks.colour("background", scene.look.background)),

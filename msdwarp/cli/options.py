@@ -44,6 +44,8 @@ class CameraOptions:
     """Point in the middle of the picture, such as 0,0,0.5 [m]. Default: set by the scene, or fitted to the run."""
     distance: float | None = None
     """Distance of the camera from the target [m]. Default: set by the scene, or so that everything is in view."""
+    field_of_view: float | None = None
+    """Vertical field of view of the camera [degrees]. Default: set by the scene, or 30."""
     follow: str | None = None
     """Name of a body of the scene with which the camera moves. Default: set by the scene, or none."""
     zoom: float = 1.0
@@ -52,9 +54,8 @@ class CameraOptions:
     @property
     def camera(self) -> dict[str, Any]:
         """The given fields of a `Look` that aim the camera; raise ValueError if the target is no point."""
-        given: dict[str, Any] = {
-            name: getattr(self, name) for name in ("azimuth", "elevation", "distance", "follow")
-        }
+        names = ("azimuth", "elevation", "distance", "field_of_view", "follow")
+        given: dict[str, Any] = {name: getattr(self, name) for name in names}
         if self.target is not None:
             try:
                 given["target"] = tuple(map(float, self.target.split(",")))
@@ -70,6 +71,8 @@ class CameraOptions:
             given["follow"] = None
         if self.follow is not None and self.target is None:
             given["target"] = None
+        if given.keys() - {"field_of_view"}:
+            given["path"] = ()  # the camera stands where it is put
         return replace(look, **given)
 
 

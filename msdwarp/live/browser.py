@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import checks
 from ..bodies import in_space
-from ..pictures import VIEW_ANGLE, ramp
+from ..pictures import ramp
 from .access import EVERYWHERE, Access
 from .images import Images, Link
 from .panel import Panel
@@ -144,7 +144,7 @@ class Browser:
         camera = self._stage.camera
         first = self._server.initial_camera
         first.position, first.look_at, first.up = tuple(camera.eye), tuple(camera.target), (0.0, 0.0, 1.0)
-        first.fov = math.radians(VIEW_ANGLE)
+        first.fov = math.radians(camera.field_of_view)
         self._server.scene.add_light_directional("/key", intensity=KEY, position=tuple(10.0 * camera.light))
         for client in self._server.get_clients().values():
             client.camera.position, client.camera.look_at = camera.eye, camera.target
@@ -154,7 +154,7 @@ class Browser:
         for client in self._server.get_clients().values():
             camera = client.camera
             narrow = 1.0 if self._images is not None else max(1.0, camera.image_height / camera.image_width)
-            camera.fov = 2.0 * math.atan(narrow * math.tan(math.radians(VIEW_ANGLE) / 2))
+            camera.fov = 2.0 * math.atan(narrow * self._stage.camera.tangent)
 
     def _add_ground(self) -> None:
         """Add the ground of pictures."""

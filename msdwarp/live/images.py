@@ -66,7 +66,7 @@ class Images:
     """Draws for each client of a page, with the client's camera; each has only one image in transit at a time."""
 
     def __init__(self, drawing: Drawing, stage: Stage) -> None:
-        self._caster = RayCaster(drawing, stage)
+        self._caster, self._field_of_view = RayCaster(drawing, stage), stage.camera.field_of_view
         self._on_cpu = drawing.device == "cpu"
         self._frame, self._moved, self._fits = 0, 0.0, False
         self.shift = np.zeros(3)  # how far cameras follow the body [m]
@@ -103,7 +103,7 @@ class Images:
         if not self._fits:
             self._caster.refit()
             self._fits = True
-        seen_from = _camera(camera).shifted(self.shift)
+        seen_from = _camera(camera, self._field_of_view).shifted(self.shift)
         self._caster.look_from(seen_from, (max(16, round(wanted * pose[-2] / pose[-1])), wanted))
         # On a CPU shadows take most of the time: moving scenes are drawn without them.
         image = self._caster.shoot(shadows=not (self._on_cpu and moves))
@@ -125,9 +125,9 @@ class Images:
         return min(int(most), fast)
 
 
-def _camera(of_client: Any) -> Camera:
-    """Return a client's camera, with the view angle of all pictures."""
+def _camera(of_client: Any, field_of_view: float) -> Camera:
+    """Return a client's camera, with a field of view [degrees]."""
     from viser.transforms import SO3
 
     right, down, forward = SO3(of_client.wxyz / np.linalg.norm(of_client.wxyz)).as_matrix().T
-    return Camera(of_client.position, of_client.look_at, forward, right, -down)
+    return Camera(of_client.position, of_client.look_at, forward, right, -down, field_of_view)

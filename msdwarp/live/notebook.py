@@ -123,7 +123,8 @@ def _still(
     """Return the page of a still that a mouse turns."""
     views = []
     for k in range(VIEWS):
-        turned = replace(scene, look=replace(scene.look, azimuth=(scene.look.azimuth + 360.0 * k / VIEWS) % 360.0))
+        look = scene.look.views[0]
+        turned = replace(scene, look=replace(look, azimuth=(look.azimuth + 360.0 * k / VIEWS) % 360.0))
         image = Renderer(turned, position, resolution=resolution, colouring=colouring).image(position, time)
         file = io.BytesIO()
         Image.fromarray(image).save(file, "webp", quality=80)

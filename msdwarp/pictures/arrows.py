@@ -1,7 +1,5 @@
 """Arrows in pictures: forces on particles, drawn on top of everything else."""
 
-import math
-
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -9,7 +7,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import in_space
 from ..kernels.pictures import drawing
-from .stage import VIEW_ANGLE, Stage
+from .stage import Stage
 
 MOST_ARROWS = 1500
 """Maximal number of arrows in a picture; of more forces only the largest are drawn."""
@@ -27,7 +25,7 @@ class Arrows:
     def __init__(self, full: float, particle_count: int, stage: Stage, device: str = "cpu") -> None:
         self.full = checks.positive("arrows", full)
         away = float(np.linalg.norm(stage.camera.eye - stage.camera.target))
-        self.longest = LONGEST * 2 * away * math.tan(math.radians(VIEW_ANGLE) / 2)
+        self.longest = LONGEST * 2 * away * stage.camera.tangent
         """Length of the longest arrow [m]."""
         self.device, self._nowhere = device, stage.camera.target.astype(np.float32)
         self._count = min(particle_count, MOST_ARROWS)

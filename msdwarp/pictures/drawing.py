@@ -91,8 +91,9 @@ class Drawing:
         self.device = device
         self.body = self._body_of(scene)
         finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
-        right, _, back = axes_of(look)
-        solids = [*meshes(scene), *walls(scene, [back, towards(KEY_FROM, right, -back)])]
+        backs = [axes_of(view)[2] for view in look.views]
+        right = axes_of(look.views[0])[0]
+        solids = [*meshes(scene), *walls(scene, [*backs, towards(KEY_FROM, right, -backs[0])])]
         self.obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
         for part in self.obstacles:
             part.name = "obstacle"

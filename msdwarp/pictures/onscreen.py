@@ -15,7 +15,7 @@ from .. import checks
 from .actors import Actors, add_lights, ground_actor
 from .drawing import Drawing
 from .opengl_window import import_pyvista, no_display
-from .stage import VIEW_ANGLE, Camera, Stage, view_axes
+from .stage import Camera, Stage, view_axes
 
 GROUND, SHADOWS, SCENE, PANELS = 0, 1, 2, 3
 """Layers, each drawn over the previous ones; PyVista's own layers at 1 and 2 are empty."""
@@ -158,7 +158,7 @@ class OnScreen:
         for renderer in (plotter.renderer, back, shadows):
             camera = renderer.camera
             camera.position, camera.focal_point = self.orbit.camera.eye, self.orbit.target
-            camera.up, camera.view_angle = (0.0, 0.0, 1.0), VIEW_ANGLE
+            camera.up, camera.view_angle = (0.0, 0.0, 1.0), self.orbit.field_of_view
             renderer.ResetCameraClippingRange()
         width, height = self.size
         camera = front.camera
@@ -236,6 +236,7 @@ class Orbit:
         self.target, self.distance = np.array(camera.target), float(np.linalg.norm(away))
         self.azimuth = math.atan2(away[1], away[0]) if away[:2].any() else math.atan2(camera.up[1], camera.up[0])
         self.elevation = math.asin(away[2] / self.distance)
+        self.field_of_view = camera.field_of_view
         self._start = self.distance
         self.turn(0.0, 0.0)
 
@@ -243,7 +244,8 @@ class Orbit:
     def camera(self) -> Camera:
         """The current camera."""
         right, up, back = view_axes(self.azimuth, self.elevation)
-        return Camera(self.target + self.distance * back, self.target, -back, right, up)
+        eye = self.target + self.distance * back
+        return Camera(eye, self.target, -back, right, up, self.field_of_view)
 
     def turn(self, right: float, up: float) -> None:
         """Turn around the target: the window's height is half a turn."""
@@ -252,7 +254,8 @@ class Orbit:
 
     def shift(self, right: float, up: float) -> None:
         """Shift the target so that the scene follows the mouse."""
-        unit, camera = 2.0 * self.distance * math.tan(math.radians(VIEW_ANGLE) / 2), self.camera
+        camera = self.camera
+        unit = 2.0 * self.distance * camera.tangent
         self.target = self.target - unit * (right * camera.right + up * camera.up)
 
     def zoom(self, by: float) -> None:
@@ -261,7 +264,8 @@ class Orbit:
 
     def ray(self, right: float, up: float) -> tuple[NDArray, NDArray, NDArray]:
         """Return the ray through a point relative to the centre: origin [m], direction, direction of view."""
-        unit, camera = 2.0 * math.tan(math.radians(VIEW_ANGLE) / 2), self.camera
+        camera = self.camera
+        unit = 2.0 * camera.tangent
         way = camera.forward + unit * (right * camera.right + up * camera.up)
         return camera.eye, way / np.linalg.norm(way), camera.forward
 

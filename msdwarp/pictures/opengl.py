@@ -13,7 +13,7 @@ from .actors import Actors, add_lights, ground_actor, mesh_actor
 from .arrows import COLOUR, Arrows
 from .drawing import Drawing
 from .opengl_window import import_pyvista
-from .stage import VIEW_ANGLE, Camera, Stage
+from .stage import Camera, Stage
 
 BEHIND, SCENE, FRONT = 0, 1, 2
 """Layers, each drawn over the previous ones: the ground's shadows, bodies and colliders, and arrows."""
@@ -72,7 +72,7 @@ class OpenGL:
         plotter.renderer.SetBackgroundAlpha(0.0)
         add_lights(pv, plotter, self._camera)
         plotter.camera.position, plotter.camera.focal_point = self._camera.eye, self._camera.target
-        plotter.camera.up, plotter.camera.view_angle = self._camera.up, VIEW_ANGLE
+        plotter.camera.up, plotter.camera.view_angle = self._camera.up, self._camera.field_of_view
         return plotter
 
     def _layer(self, layer: int) -> Any:
@@ -91,7 +91,8 @@ class OpenGL:
     def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
         """Set the camera of the next pictures, which have the stage's `size`; the lights stay."""
         self._camera = camera
-        self._plotter.camera.position, self._plotter.camera.focal_point = camera.eye, camera.target
+        seen = self._plotter.camera
+        seen.position, seen.focal_point, seen.up = camera.eye, camera.target, camera.up
         if self._ground is not None:
             self._draw_ground()
 

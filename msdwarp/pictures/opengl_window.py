@@ -47,7 +47,7 @@ def has_card() -> bool:
 
 @functools.cache
 def _egl_device() -> str | None:
-    """Return the extensions of the first EGL device that can be initialised; None if there is none, or no libGL."""
+    """Return the extensions of the first EGL device that can be initialised; None without it or libGL."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
         ctypes.CDLL("libGL.so.1")

@@ -27,7 +27,7 @@ The class of one is made with (drawing, stage, arrows); its `draw(..., shadows)`
 
 
 class Renderer:
-    """Draws the frames of a scene, with one camera, which stands still unless the look lets it follow a body.
+    """Draws the frames of a scene, with one camera, which stands still unless the look lets it move.
 
     Parameters
     ----------
@@ -125,16 +125,18 @@ class Renderer:
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
             or values or forces are given without a `ColourScale` or arrows.
         """
-        if self.stage.followed is not None and position.shape[:1] == self._shape[:1]:
-            self.aim(_on_host(position))
+        if self.stage.moves and position.shape[:1] == self._shape[:1]:
+            self.aim(_on_host(position), time)
         return self.with_legend(self.bare(position, time, values=values, forces=forces))
 
     @in_turn
-    def aim(self, position: NDArray | None) -> None:
-        """Let the camera follow its body to positions [m], shape [particle_count, d]; None: to the start."""
-        if self.stage.followed is not None:
-            camera = self.stage.camera if position is None else self.stage.camera_at(position)
-            self._backend.look_from(camera, (self.stage.width, self.stage.height))
+    def aim(self, position: NDArray | None, time: float = 0.0) -> None:
+        """Let the camera follow its path to a time [s], and its body to positions [m], shape [particle_count, d].
+
+        Without positions, it is where the body is at the start.
+        """
+        if self.stage.moves:
+            self._backend.look_from(self.stage.camera_at(time, position), (self.stage.width, self.stage.height))
 
     @in_turn
     def bare(

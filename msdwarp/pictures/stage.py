@@ -12,8 +12,6 @@ from ..world import Look, Scene
 from .collider_meshes import extent
 from .light import FILL_FROM, KEY_FROM, towards
 
-VIEW_ANGLE = 30.0
-"""Vertical opening of the camera [degrees]."""
 MARGIN = 1.12
 """Width of the view, over the width that must be visible."""
 AROUND_BODY = 0.4
@@ -29,9 +27,10 @@ def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
     A camera that sees the outermost particles of all frames sees all particles in all frames. `aspect` is the
     picture's width over its height.
     """
-    right, up, back = axes_of(look)
-    sides = [axis / tan for axis, tan in zip((right, up), _tangents(aspect), strict=True)]
-    outwards = [back + sign * side for side in sides for sign in (1, -1)]
+    outwards = []
+    for right, up, back in map(axes_of, look.views):
+        sides = zip((right, up), _tangents(look.field_of_view, aspect), strict=True)
+        outwards += [back + sign * axis / tan for axis, tan in sides for sign in (1, -1)]
     directions = np.array([*outwards, *np.eye(3), *-np.eye(3)])
     return position[np.unique((in_space(position, np.float64) @ directions.T).argmax(axis=0))]
 
@@ -49,21 +48,25 @@ def view_axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArr
     return right, np.cross(back, right), back
 
 
-def _tangents(aspect: float, margin: float = MARGIN) -> tuple[float, float]:
+def _tangents(field_of_view: float, aspect: float, margin: float = MARGIN) -> tuple[float, float]:
     """Return the tangents of half the horizontal and vertical view angles, less the margin."""
-    tan = math.tan(math.radians(VIEW_ANGLE) / 2) / margin
+    tan = math.tan(math.radians(field_of_view) / 2) / margin
     return tan * aspect, tan
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """The camera of a picture: `eye` looks at `target` [m], with unit vectors of the view."""
+    """The camera of a picture: `eye` looks at `target` [m], with unit vectors of the view.
+
+    `field_of_view` is its vertical one [degrees].
+    """
 
     eye: NDArray
     target: NDArray
     forward: NDArray
     right: NDArray
     up: NDArray
+    field_of_view: float = Look.field_of_view
 
     @classmethod
     def that_sees(
@@ -87,7 +90,7 @@ class Camera:
         middle, distance = (points.min(axis=0) + points.max(axis=0)) / 2, 0.0
         a, b, c = ((points - middle) @ axis for axis in (right, up, back))
         shifts = []
-        sideways, upright = _tangents(aspect, margin)
+        sideways, upright = _tangents(look.field_of_view, aspect, margin)
         sides = ((a, sideways, sideways), (b, min(upright, (1 - 2 * above) * upright * margin), upright))
         for side, one, other in sides:
             high, low = np.max(side / one + c), np.max(-side / other + c)
@@ -97,7 +100,7 @@ class Camera:
         size = float(np.ptp(points, axis=0).max()) or 1.0
         target = middle + shifts[0] * right + shifts[1] * up
         eye = target + max(distance, 0.5 * size) / zoom * back
-        return cls(eye, target, -back, right, up)
+        return cls(eye, target, -back, right, up, look.field_of_view)
 
     def aimed(
         self, target: NDArray, distance: float | None, points: NDArray, aspect: float, zoom: float
@@ -107,7 +110,7 @@ class Camera:
         If that is None, it is the least distance from which all points are in view, shape [any, 3].
         """
         if distance is None:
-            sides = zip((self.right, self.up), _tangents(aspect), strict=True)
+            sides = zip((self.right, self.up), _tangents(self.field_of_view, aspect), strict=True)
             off = points - target
             distance = max(float((np.abs(off @ axis) / tan - off @ self.forward).max()) for axis, tan in sides)
         return replace(self, eye=target - distance / zoom * self.forward, target=target)
@@ -119,7 +122,7 @@ class Camera:
     def pixels(self, points: NDArray, height: int, width: int) -> tuple[NDArray, NDArray]:
         """Return the rows and columns of points in a picture of this size, counted from its upper left."""
         offset = points - self.eye
-        unit = 2 * (offset @ self.forward) * math.tan(math.radians(VIEW_ANGLE) / 2) / height
+        unit = 2 * (offset @ self.forward) * self.tangent / height
         return height / 2 - offset @ self.up / unit, width / 2 + offset @ self.right / unit
 
     def frame(self, points: NDArray, height: int, width: int) -> tuple[int, int, int, int]:
@@ -132,6 +135,11 @@ class Camera:
         top, left = int(np.clip(row.min() - 1, 0, height - 1)), int(np.clip(column.min() - 1, 0, width - 1))
         bottom, right = np.clip(row.max() + 2, top + 1, height), np.clip(column.max() + 2, left + 1, width)
         return top, left, int(bottom) - top, int(right) - left
+
+    @property
+    def tangent(self) -> float:
+        """Tangent of half the field of view: half the height of what is seen at a distance of 1."""
+        return math.tan(math.radians(self.field_of_view) / 2)
 
     @property
     def light(self) -> NDArray:
@@ -195,12 +203,25 @@ class Stage:
         points = np.concatenate([in_space(positions, np.float64).reshape(-1, 3), solids])
         self.look = scene.look
         self.width, self.height = size
-        aspect, look, seen = self.width / self.height, scene.look, points
-        self.followed = None if look.follow is None else scene.system.groups[look.follow]
-        """The particles with whose mean position the camera moves; None: it stands still."""
+        self.followed = None if self.look.follow is None else scene.system.groups[self.look.follow]
+        """The particles with whose mean position the camera moves; None: with none."""
+        cameras = [self._camera_of(scene, view, points, zoom, above) for view in self.look.views]
+        self.camera = cameras[0]
+        """The camera at the start."""
+        self.moves = self.followed is not None or len(cameras) > 1
+        """Whether the camera moves, with a body or along a path."""
+        away = [math.log(np.linalg.norm(one.eye - one.target)) for one in cameras]
+        angles = [(math.radians(view.azimuth), math.radians(view.elevation)) for view in self.look.views]
+        self._times = np.array([one.time for one in self.look.path])
+        self._way = np.column_stack([angles, away, [one.target for one in cameras]])
+        self.ground = Ground(scene, points) if scene.ground else None
+
+    def _camera_of(self, scene: Scene, look: Look, points: NDArray, zoom: float, above: float) -> Camera:
+        """Return the camera of a look, which sees all points [m], shape [any, 3], unless the look aims it."""
+        aspect, seen = self.width / self.height, points
         if self.followed is not None:
             seen, zoom = in_space(scene.system.position[self.followed], np.float64), zoom * AROUND_BODY
-        self.camera = Camera.that_sees(seen, look, aspect, zoom=zoom, above=above)
+        camera = Camera.that_sees(seen, look, aspect, zoom=zoom, above=above)
         target = None if look.target is None else np.array(look.target)
         if self.followed is not None:
             target, zoom = (
@@ -208,16 +229,43 @@ class Stage:
                 zoom / (1 if look.distance is None else AROUND_BODY),
             )
         if target is not None or look.distance is not None:
-            middle = self.camera.target if target is None else target
-            self.camera = self.camera.aimed(middle, look.distance, seen, aspect, zoom)
-        self.ground = Ground(scene, points) if scene.ground else None
+            middle = camera.target if target is None else target
+            camera = camera.aimed(middle, look.distance, seen, aspect, zoom)
+        return camera
 
-    def camera_at(self, position: NDArray) -> Camera:
-        """Return the camera for a frame with positions [m], shape [particle_count, d]."""
-        if self.followed is None:
-            return self.camera
-        return self.camera.shifted(self.centre_of(position) - self.camera.target)
+    def camera_at(self, time: float, position: NDArray | None) -> Camera:
+        """Return the camera at a time [s] and positions [m], shape [particle_count, d]; None: at the start."""
+        camera = self.camera
+        if len(self._times):
+            azimuth, elevation, away, *target = _smooth(self._times, self._way, time)
+            right, up, back = view_axes(azimuth, elevation)
+            eye = np.array(target) + math.exp(away) * back
+            camera = Camera(eye, np.array(target), -back, right, up, camera.field_of_view)
+        if self.followed is not None and position is not None:
+            camera = camera.shifted(self.centre_of(position) - self.camera.target)
+        return camera
 
     def centre_of(self, position: NDArray) -> NDArray:
         """Return the mean position of the particles that the camera follows [m], shape [3]."""
         return in_space(np.asarray(position, dtype=np.float64)[self.followed], np.float64).mean(axis=0)
+
+
+def _smooth(times: NDArray, values: NDArray, time: float) -> NDArray[np.float64]:
+    """Return values at a time, given those at some times, shape [any, k]: cubics that rest at both ends.
+
+    They overshoot nowhere: slopes are harmonic means of those on both sides, or 0 at a turn (F. N. Fritsch and
+    J. Butland, SIAM Journal on Scientific and Statistical Computing 5, 1984).
+    """
+    if len(times) == 1:
+        return values[0]
+    step = np.diff(times)[:, None]
+    slope = np.diff(values, axis=0) / step
+    before, after, one, other = slope[:-1], slope[1:], 2 * step[1:] + step[:-1], step[1:] + 2 * step[:-1]
+    rate = np.zeros_like(values)
+    np.divide(
+        (one + other) * before * after, one * after + other * before, out=rate[1:-1], where=before * after > 0
+    )
+    k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(step) - 1))
+    s = float(np.clip((time - times[k]) / step[k, 0], 0, 1))
+    hermite = np.array([(1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2, s**2 * (3 - 2 * s), s**2 * (s - 1)])
+    return hermite @ np.stack([values[k], step[k] * rate[k], values[k + 1], step[k] * rate[k + 1]])

@@ -1,6 +1,5 @@
 """Renderers on Warp, with OpenGL's camera and look: a rasteriser on the CPU, and a ray caster on any device."""
 
-import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -15,7 +14,7 @@ from .arrows import Arrows
 from .drawing import Drawing
 from .light import CORNERS, FILL, HEAD, KEY, SHADED, SHADOW, SHININESS, SOFTNESS, across, spread
 from .shadow_map import ShadowMap
-from .stage import UNSEEN, VIEW_ANGLE, Camera, Stage
+from .stage import UNSEEN, Camera, Stage
 
 BAND, MOST_THREADS = 32, 8
 """Rows of the picture that a thread shades at a time; maximal number of threads."""
@@ -218,7 +217,7 @@ def _look_from(view: Any, camera: Camera, size: tuple[int, int]) -> None:
     """Set the camera and the width and height of pictures; the lights stay."""
     width, height = size
     view.eye = wp.vec3(*camera.eye)
-    pixel = 2 * math.tan(math.radians(VIEW_ANGLE) / 2) / height
+    pixel = 2 * camera.tangent / height
     view.across, view.down = wp.vec3(*(pixel * camera.right)), wp.vec3(*(-pixel * camera.up))
     view.corner = wp.vec3(*(camera.forward + pixel * (height * camera.up - width * camera.right) / 2))
     view.far = 100 * float(np.linalg.norm(camera.eye - camera.target))

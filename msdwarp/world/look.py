@@ -1,6 +1,7 @@
 """Look: colours and other properties of a scene in pictures."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,17 @@ from .. import checks
 
 OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "particles", "tube")
 """Fields that a body can set for itself; the others belong to the whole picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Viewpoint:
+    """Where the camera is at a `time` [s]: a point of `Look.path`. What is None is as in the look."""
+
+    time: float
+    azimuth: float | None = None
+    elevation: float | None = None
+    target: tuple[float, ...] | None = None
+    distance: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,9 +49,14 @@ class Look:
         Point in the middle of the picture [m], shape [3]. None: fitted to the run.
     distance
         Distance of the camera from that point [m]. None: everything is in view.
+    field_of_view
+        Vertical angle between the lower and upper edges of the picture, as the camera sees them [degrees].
     follow
         Name of a group of particles. The camera moves with their mean position, which is then the target; without
         a `distance` they fill two fifths of the picture.
+    path
+        Viewpoints in the order of their times, between which the camera moves smoothly: it is at rest at the first
+        and at the last, and stays there before and after. Empty: it stands still, or follows.
     background, ground
         Colours of the backdrop and of the ground beneath the body, "#rrggbb".
     obstacle
@@ -68,7 +85,9 @@ class Look:
     elevation: float = 16.0
     target: tuple[float, ...] | None = None
     distance: float | None = None
+    field_of_view: float = 30.0
     follow: str | None = None
+    path: Sequence[Viewpoint] = ()
     background: str = "#eef1f4"
     ground: str = "#cfd6dc"
     obstacle: str = "#c9c3ba"
@@ -97,18 +116,35 @@ class Look:
                 raise ValueError(f"target is {self.target}; it must have 3 coordinates")
         if self.distance is not None:
             checks.positive("distance", self.distance)
+        checks.between("field_of_view", self.field_of_view, 1, 120)
         if self.follow is not None:
             checks.instance("follow", self.follow, str, "'ball'")
             if self.target is not None:
                 raise ValueError(
                     f"target is {self.target}; it must be None where the camera follows {self.follow!r}"
                 )
+        object.__setattr__(self, "path", tuple(self.path))
+        for one in self.path:
+            checks.instance("path", one, Viewpoint, "Viewpoint(time=0.0, azimuth=-60.0)")
+        times = checks.finite("path", [one.time for one in self.path])
+        if (np.diff(times) <= 0).any():
+            raise ValueError(f"path has the times {times.tolist()}; each must be later than the one before")
+        _ = self.views  # checks them
         checks.one_of("strain", self.strain, (False, True))
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
         checks.one_of("particles", self.particles, (None, False, True))
         if self.tube is not None:
             checks.positive("tube", self.tube)
+
+    @property
+    def views(self) -> "list[Look]":
+        """The look at each point of its path; itself without one."""
+        given = [{name: value for name, value in vars(one).items() if name != "time"} for one in self.path]
+        return [
+            replace(self, path=(), **{name: value for name, value in one.items() if value is not None})
+            for one in given
+        ] or [self]
 
     @property
     def says_colour(self) -> bool:

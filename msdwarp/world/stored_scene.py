@@ -1,7 +1,7 @@
 """Scenes as JSON data and arrays for files, so that pictures of stored runs need no script."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..bodies import System
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .gravity import Gravity, with_potential
-from .look import Look
+from .look import Look, Viewpoint
 from .motion import displacement_and_turn
 from .scene import Scene
 from .schedule import OF_PARTICLES, Change
@@ -19,7 +19,7 @@ Stored = tuple[dict[str, Any], dict[str, NDArray]]
 """JSON data, and arrays by name."""
 _COLLIDERS = {kind.__name__: kind for kind in (Plane, Sphere, Box, Capsule, Cone)}
 _TEXTURES = ("texture", "obstacle_texture")
-_AIM = ("target", "distance", "follow")
+_AIM = ("target", "distance", "follow", "field_of_view", "path")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +96,16 @@ def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[
         if image is not None:
             arrays[f"{place}/{name}"] = np.asarray(image)
     # Earlier versions open files of scenes that do not aim the camera.
-    return {name: _plain(value) for name, value in values.items() if name not in _AIM or value is not None}
+    values["path"] = [asdict(one) for one in look.path] or look.path
+    return {
+        name: _plain(value) for name, value in values.items() if name not in _AIM or value != getattr(Look, name)
+    }
 
 
 def _look(described: Mapping[str, Any], place: str, arrays: Mapping[str, NDArray]) -> Look:
     textures = {name: arrays[f"{place}/{name}"] for name in _TEXTURES if f"{place}/{name}" in arrays}
-    return Look(**{**described, **textures})
+    path = [Viewpoint(**one) for one in described.get("path", [])]
+    return Look(**{**described, **textures, "path": path})
 
 
 def _collider_as_stored(

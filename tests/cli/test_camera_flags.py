@@ -57,6 +57,7 @@ def test_a_run_takes_the_camera_s_flags_and_keeps_them(msdwarp, cube, tmp_path):
         (["--elevation", "nan"], "elevation is nan; it must be from -90 to 90"),
         (["--zoom", "0"], "zoom is 0; it must be a number above 0"),
         (["--distance", "-1"], "distance is -1; it must be a number above 0"),
+        (["--field-of-view", "121"], "field_of_view is 121.0; it must be from 1 to 120"),
         (["--target", "-1,2"], "target is (-1.0, 2.0); it must have 3 coordinates"),
         (["--target", "here"], "target is 'here'; it must be X,Y,Z, such as 0,0,0.5"),
         (["--target", "0,0,1", "--follow", "cube"], "target is (0.0, 0.0, 1.0); it must be None where the camera"),

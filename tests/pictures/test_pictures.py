@@ -13,7 +13,7 @@ from msdwarp import checks
 from msdwarp.bodies.space import in_space
 from msdwarp.pictures.drawing import Drawing
 from msdwarp.pictures.light import SHADOW
-from msdwarp.pictures.stage import UNSEEN, VIEW_ANGLE, Camera, Ground, outermost
+from msdwarp.pictures.stage import UNSEEN, Camera, Ground, outermost
 
 SIZE = (320, 180)
 
@@ -39,7 +39,7 @@ def test_the_camera_is_as_near_as_it_can_be_and_sees_everything(aspect, azimuth)
     camera = Camera.that_sees(points, look, aspect, margin=1.0)
     offset = points - camera.eye
     depth = offset @ camera.forward
-    tan = np.tan(np.radians(VIEW_ANGLE) / 2)
+    tan = np.tan(np.radians(look.field_of_view) / 2)
     across = np.abs(offset @ camera.right) / (depth * tan * aspect)
     along = np.abs(offset @ camera.up) / (depth * tan)
     # 1 is the edge of the picture: reached, to rounding, and not crossed.
