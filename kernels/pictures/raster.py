@@ -123,11 +123,13 @@ def draw_triangles(
 @kernel
 def draw_backdrop(
     view: Surroundings,
+    first_row: int,
     # Out:
     pixels: wp.array2d(dtype=wp.vec3ub),  # shape [height, width]
 ):
-    """Draw the lit ground, and the background."""
-    row, column = wp.tid()
+    """Draw the lit ground, and the background; threads cover some rows from the first one on."""
+    i, column = wp.tid()
+    row = first_row + i
     mean = wp.vec3()
     for p in range(4):
         way = view.corner + (float(column) + ASIDE[p]) * view.across + row_of(4 * row + p) * view.down

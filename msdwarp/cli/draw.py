@@ -15,12 +15,12 @@ from rich.progress import Progress
 from .. import checks
 from ..bodies import stress, von_mises
 from ..files import FrameArray, Trajectory, UsdFrame, UsdMesh, finite_values, write_usd
-from ..pictures import ColourScale, Drawing, Renderer, Stage, framed, timelapse, write_film
+from ..pictures import ColourScale, Drawing, Renderer, Stage, framed, still, timelapse, write_film
 from ..studies import particle_energies, system_in
 from ..world import Scene
 from .options import Pictures, parse_resolution
 from .process import stop_requests
-from .results import overlay_path
+from .results import overlay_path, still_path
 from .signals import Interrupted, word
 
 Values = Callable[[int], NDArray[np.float64]]
@@ -39,12 +39,14 @@ def draw(
     shown: Sequence[int] | None = None,
     fps: float | None = None,
     device: str | None = None,
+    still_at: float | None = None,
+    samples: int = 1,
 ) -> str:
     """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line about the result.
 
     `name` is the film's name, `fps` its pictures per second (by default the trajectory's), and `device` is for the
-    ray caster. Raise Interrupted if a signal asks to stop: between two pictures, and never while VTK is imported,
-    which would crash.
+    ray caster. At `still_at` [s] a picture of so many samples is drawn. Raise Interrupted if a signal asks to
+    stop: between two pictures, and never while VTK is imported, which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()
@@ -79,6 +81,19 @@ def draw(
                 results.append(f"{folder / 'frame_0000.png'}{others}")
             if path is not None:
                 results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+        if still_at is not None:
+            k = shown[int(np.abs(np.asarray(times[shown]) - still_at).argmin())]
+
+            def numbers() -> Iterator[int]:
+                for sample in progress.track(range(samples), description="drawing"):
+                    _raise_if_stopped(requests)
+                    yield sample
+
+            path = still_path(folder, name)
+            what = positions[k], times[k], values and values(k), None if forces is None else forces[k]
+            Image.fromarray(still(renderer, numbers(), *what)).save(path)
+            drawn.append(f"the frame at {times[k]:.4g} s from {samples} sample{'s' if samples > 1 else ''}")
+            results.append(str(path))
         if pictures.overlay is not None:
             chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
             path = overlay_path(folder, name)
@@ -113,12 +128,12 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
     def frames() -> Iterator[UsdFrame]:
         for k in numbers:
             position = finite_values(trajectory, k, "position")
-            time = float(trajectory.times[k])
-            drawing.follow(position, time)
+            at = float(trajectory.times[k])
+            drawing.follow(position, at)
             points = [*(one.points.numpy() for one in parts), *floor]
             normals = [*(one.normals.numpy() for one in parts), *([None] * len(floor))]
             colours = [one.colours.numpy() if drawing.colours_move else None for one in drawing.body]
-            camera, others = stage.camera_at(time, position), [None] * (len(meshes) - len(colours))
+            camera, others = stage.camera_at(at, position), [None] * (len(meshes) - len(colours))
             view = np.array([camera.right, camera.up, -camera.forward, camera.eye])
             yield UsdFrame(points, normals, colours + others, view)
 

@@ -87,13 +87,15 @@ def render(
     last: int = -1,
     every: int = 1,
     speed: float = 1.0,
+    still: float | None = None,
+    samples: int = 64,
     out: Path | None = None,
     script: Script = UNTRUSTED,
     force: Flag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Draw a trajectory: images, a film, or several poses in one picture.
+    """Draw a trajectory: images, a film, several poses in one picture, or one frame for print.
 
     Obstacles and colours come from the file. With --scene or --trust they come from the script as it is now.
 
@@ -108,6 +110,10 @@ def render(
     speed
         Playback speed of the film; 1 is real time, 0.25 is slow motion. A fast film skips frames to stay at 60 a
         second.
+    still
+        Draw only the frame at this time [s], for print: SCENE_still.png, with the camera of the film.
+    samples
+        Number of pictures, each shifted by parts of a pixel, whose mean a still is: more make edges smoother.
     out
         Folder for the pictures. Default: `render` beside the trajectory, or render-2 ... if that exists.
     force
@@ -117,12 +123,17 @@ def render(
     with at_once():
         from rich.console import Console
 
+        from .. import checks
         from .draw import draw
     talk = Console(stderr=True, quiet=quiet)
     with opened(file) as trajectory:
         shown, fps = frames_shown(trajectory, first, last, every, speed)
+        if still is not None:
+            checks.between("still", still, trajectory.times[shown[0]], trajectory.times[shown[-1]])
+            checks.count("samples", samples, 1)
+            pictures = replace(pictures, frames="none", video="none")
         pictures.check(len(shown))
-        if not pictures.any:
+        if not pictures.any and still is None:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
         name, scene = _scene_of(trajectory, talk, script)
         replace(scene, look=pictures.aimed(scene.look))  # raises ValueError for a body that it has not
@@ -134,8 +145,9 @@ def render(
         writable_folder("out", folder, folder)
         for picture in there:  # an earlier, longer film may have left more pictures
             picture.unlink()
+        of_still = {"still_at": still, "samples": samples}
         with progress_on(talk) as progress:
-            line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps)
+            line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps, **of_still)
     if not quiet:
         print(line)
 

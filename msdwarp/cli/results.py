@@ -82,8 +82,14 @@ def pictures_in(folder: Path, name: str) -> list[Path]:
     """Return the pictures in a folder that a run of this name would replace."""
     from ..pictures import FILM_FORMATS
 
-    others = [folder / f"{name}.{end}" for end in FILM_FORMATS] + [overlay_path(folder, name)]
+    others = [folder / f"{name}.{end}" for end in FILM_FORMATS]
+    others += [overlay_path(folder, name), still_path(folder, name)]
     return [*sorted(folder.glob("frame_[0-9]*.png")), *(path for path in others if path.exists())]
+
+
+def still_path(folder: Path, name: str) -> Path:
+    """Return the path of the picture for print."""
+    return folder / f"{name}_still.png"
 
 
 def overlay_path(folder: Path, name: str) -> Path:

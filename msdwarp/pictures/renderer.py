@@ -16,7 +16,7 @@ from .drawing import ColourScale, Drawing
 from .legend import ROOM, arrow, bar, with_corner
 from .opengl import OpenGL
 from .opengl_window import ADVICE, has_card, opengl_window
-from .stage import Stage
+from .stage import Camera, Stage
 from .warp_renderers import Rasteriser, RayCaster
 
 BACKENDS = ("auto", "raster", "raycast", "opengl")
@@ -136,7 +136,12 @@ class Renderer:
         Without positions, it is where the body is at the start.
         """
         if self.stage.moves:
-            self._backend.look_from(self.stage.camera_at(time, position), (self.stage.width, self.stage.height))
+            self.look_from(self.stage.camera_at(time, position))
+
+    @in_turn
+    def look_from(self, camera: Camera) -> None:
+        """Set the camera of the next pictures; the lights stay."""
+        self._backend.look_from(camera, (self.stage.width, self.stage.height))
 
     @in_turn
     def bare(

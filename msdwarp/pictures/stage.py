@@ -119,6 +119,12 @@ class Camera:
         """Return this camera, moved [m], shape [3]."""
         return replace(self, eye=self.eye + way, target=self.target + way)
 
+    def shifted_by_pixels(self, right: float, up: float, height: int) -> "Camera":
+        """Return this camera, turned so that a picture of this height shows what is beside by some pixels."""
+        way = 2 * self.tangent / height * (right * self.right + up * self.up)
+        distance = float(np.linalg.norm(self.target - self.eye))
+        return replace(self, target=self.target + distance * way, forward=self.forward + way)
+
     def pixels(self, points: NDArray, height: int, width: int) -> tuple[NDArray, NDArray]:
         """Return the rows and columns of points in a picture of this size, counted from its upper left."""
         offset = points - self.eye

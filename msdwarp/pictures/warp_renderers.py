@@ -54,7 +54,14 @@ class Rasteriser:
         """Set the camera of the next pictures, which have the stage's `size`; the lights stay."""
         self._camera = camera
         _look_from(self._view, camera, size)
-        wp.launch(raster.draw_backdrop, self._backdrop.shape, [self._view], [self._backdrop], device="cpu")
+        self._draw_backdrop(0)  # compiles the kernel before threads launch it
+        for _ in self._pool.map(self._draw_backdrop, range(BAND, size[1], BAND)):
+            pass
+
+    def _draw_backdrop(self, row: int) -> None:
+        """Draw a band of the lit ground, and of the background, from a row on."""
+        shape = min(BAND, self._stage.height - row), self._stage.width
+        wp.launch(raster.draw_backdrop, shape, [self._view, row], [self._backdrop], device="cpu")
 
     def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
         """Return the picture of the drawing's current state, uint8 of shape [height, width, 3]."""

@@ -93,6 +93,28 @@ def test_every_frame_a_range_and_slow_motion_are_drawn(msdwarp, cube):
     assert sum(shown) == pytest.approx(FRAMES * 4000 / 60, abs=FRAMES)
 
 
+@pytest.mark.slow
+def test_a_still_is_one_picture_with_the_film_s_camera(msdwarp, cube):
+    frames = ("render", "out/cube", *SMALL[:2], "--renderer", "raster")
+    code, out, _ = msdwarp(*frames, "--still", "0.1", "--samples", "4", "--out", "print")
+    assert code == 0
+    assert out.startswith("drew the frame at 0.1 s from 4 samples")
+    (path,) = cube.parents[1].joinpath("print").iterdir()
+    assert path.name == "cube_still.png"
+    assert msdwarp(*frames, "--video", "none", "--out", "film")[0] == 0
+    sharp = np.asarray(Image.open(cube.parents[1] / "film" / "frame_0006.png")).astype(int)
+    # The same picture but for its edges, a few hundred of 9216 pixels.
+    assert np.median(np.abs(np.asarray(Image.open(path)) - sharp)) <= 1
+    assert (
+        msdwarp(*frames, "--still", "0.21", "--out", "no")[2].count("still is 0.21; it must be from 0 to 0.2") == 1
+    )
+    assert (
+        msdwarp(*frames, "--still", "0.1", "--samples", "0", "--out", "no")[2].count("samples is 0; it must be")
+        == 1
+    )
+    assert not cube.parents[1].joinpath("no").exists()
+
+
 class Run:
     def __init__(self, fps):
         self.fps = fps

@@ -7,6 +7,7 @@ import pytest
 from backends import BACKENDS
 
 import msdwarp as msd
+from msdwarp.pictures import still
 from msdwarp.pictures.stage import Stage, _smooth
 from msdwarp.world.stored_scene import scene_as_stored, scene_from_stored
 
@@ -126,3 +127,20 @@ def test_a_stored_scene_keeps_its_camera(cube):
 def test_a_camera_that_cannot_be_is_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
         msd.Look(**wrong)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_still_is_the_mean_of_shifted_views(cube, backend):
+    """It is close to a picture of eight times the size, reduced, and nothing moves."""
+    scene = scene_of(cube, azimuth=20.0)
+    coarse = msd.Renderer(scene, cube.position, resolution=SIZE, backend=backend)
+    fine = msd.Renderer(scene, cube.position, resolution=(8 * SIZE[0], 8 * SIZE[1]), backend=backend)
+    exact = fine.image(cube.position).reshape(SIZE[1], 8, SIZE[0], 8, 3).mean(axis=(1, 3))
+    plain = coarse.image(cube.position)
+    smooth = still(coarse, range(32), cube.position)
+    near = np.ptp(exact[1:-1, 1:-1], axis=2) > 40  # the body and its edges; shadows on the ground are grey
+    # Samples may lie half a pixel beside their pixel: at edges, a tenth of these pixels, that is a slight blur.
+    assert np.abs(smooth - exact)[1:-1, 1:-1][near].mean() < 1.0  # of 255
+    middles = (np.array(reddish(image)).mean(axis=1) for image in (smooth, plain))
+    np.testing.assert_allclose(*middles, atol=0.25)  # pixels
+    np.testing.assert_array_equal(coarse.image(cube.position), plain)  # the camera is where it was
