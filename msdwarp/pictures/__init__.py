@@ -9,6 +9,5 @@ from .opengl_window import no_display as no_display
 from .parts import Part as Part
 from .renderer import Renderer as Renderer, no_opengl as no_opengl
 from .stage import Camera as Camera, Stage as Stage
-from .still import still as still
-from .timelapse import timelapse as timelapse
+from .timelapse import still as still, timelapse as timelapse
 from .warp_renderers import RayCaster as RayCaster

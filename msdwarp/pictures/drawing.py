@@ -172,40 +172,47 @@ class Drawing:
         return body
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
-        """Return springs as thin tubes, and particles as dark balls if there are few; else balls at bends."""
-        tubes, unit = self._tubes(system, look, shown, Finish(np.ones(3)), 3)
-        ends, rest_length = system.connections[shown], system.rest_length[shown]
-        tubes.take_strain_of(ends, rest_length, self.device)
+        """Return springs as thin tubes, and particles as dark balls if there are few; else ropes are round."""
+        unit, white = self._unit(system, look, shown), Finish(np.ones(3))
         few = system.particle_count <= MOST_BALLS
-        if look.particles or (look.particles is None and few):
+        dotted = look.particles or (look.particles is None and few)
+        # A rope has at most two springs at a particle; where there are more, neither gaps nor edges are visible.
+        count = np.bincount(system.connections[shown].ravel(), minlength=system.particle_count)
+        rope = (count[system.connections[shown]].min(axis=1, initial=3) <= 2) & (not dotted)
+        parts: list[Part] = []
+        for own, sides in ((shown[~rope], 3), (shown[rope], ROUND)):
+            if len(own) or not len(shown):
+                parts.append(self._tubes(system, unit, own, white, sides))
+                parts[-1].take_strain_of(system.connections[own], system.rest_length[own], self.device)
+        if dotted:
             dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
             halvings = 2 if system.particle_count <= LARGE_BALLS else 1
-            return [tubes, Balls(particles, BALL * unit, dark, self.device, halvings)]
-        # At particles with two springs, in the colour of one of them; with more springs no gap is visible.
-        particle, first, count = np.unique(ends, return_index=True, return_counts=True)
-        bends, along = particle[count == 2], first[count == 2] // 2
-        if not len(bends):
-            return [tubes]
-        balls = Balls(bends, TUBE * unit, tubes.finish, self.device, halvings=0)
-        balls.take_strain_of(ends[along], rest_length[along], self.device)
-        return [tubes, balls]
+            parts.append(Balls(particles, BALL * unit, dark, self.device, halvings))
+        elif rope.any():  # balls in the colour of one of the springs
+            joints, first = np.unique(system.connections[shown[rope]], return_index=True)
+            joints, along = joints[count[joints] <= 2], shown[rope][first[count[joints] <= 2] // 2]
+            parts.append(Balls(joints, TUBE * unit, white, self.device, int(len(joints) <= MOST_BALLS)))
+            parts[-1].take_strain_of(system.connections[along], system.rest_length[along], self.device)
+        return parts
 
     def _ropes(self, system: System, look: Look, shown: NDArray, finish: Finish) -> list[Part]:
         """Return springs as round tubes in the colour of a look, with balls where they meet."""
-        tubes, unit = self._tubes(system, look, shown, finish, ROUND)
+        unit = self._unit(system, look, shown)
         joints = np.unique(system.connections[shown])
         halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
-        return [tubes, Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device, halvings)]
+        balls = Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device, halvings)
+        return [self._tubes(system, unit, shown, finish, ROUND), balls]
 
-    def _tubes(
-        self, system: System, look: Look, shown: NDArray, finish: Finish, sides: int
-    ) -> tuple[Tubes, float]:
-        """Return some springs as tubes, and the length unit of TUBE and BALL [m]."""
-        rest_length = system.rest_length[shown]
-        unit = float(np.median(rest_length)) if len(rest_length) else 0.0
-        unit = unit if look.tube is None else look.tube / TUBE
+    def _unit(self, system: System, look: Look, shown: NDArray) -> float:
+        """Return the length unit of TUBE and BALL for some springs [m]."""
+        if look.tube is not None:
+            return look.tube / TUBE
+        return float(np.median(system.rest_length[shown])) if len(shown) else 0.0
+
+    def _tubes(self, system: System, unit: float, shown: NDArray, finish: Finish, sides: int) -> Tubes:
+        """Return some springs as tubes."""
         broken_at = np.array(system.broken_at[shown]) if system.tears else None
-        return Tubes(system.connections[shown], TUBE * unit, finish, self.device, sides, broken_at), unit
+        return Tubes(system.connections[shown], TUBE * unit, finish, self.device, sides, broken_at)
 
     def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
         """Return a finish, without highlights if colours show a quantity."""

@@ -148,7 +148,7 @@ class Tubes(Part):
         first = self.corners * np.arange(len(connections))[:, None, None]
         self.triangles = (first + side).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((self.corners * len(connections), 2)), finish
-        self.radius, self.closed = radius, sides == 3  # so thin that no end is visible from inside
+        self.radius = radius
         self.connections = wp.array(connections, dtype=wp.vec2i, device=device)
         self._follow_particles(np.tile(connections, (1, sides)).reshape(-1, 1), None, device)  # start, end in turn
         if broken_at is not None:

@@ -161,6 +161,17 @@ def test_strain_is_shown_of_all_bodies_by_the_looks_of_none():
     assert sum(len(part.connections) for part in parts if isinstance(part, Tubes)) == SYSTEM.connection_count
 
 
+def test_strain_is_shown_on_round_ropes_whose_balls_do_not_stick_out():
+    rope = msd.chain(5, 0.1, mass=0.01, stiffness=100.0, damping=0.1)
+    both = rope + BALL.translate((9.0, 0.0, 0.0))
+    slender, lattice = msd.Look(tube=0.02, particles=False), msd.Look(particles=False)
+    tubes, balls = parts_of(msd.Scene(system=rope, look=slender), "strain")
+    assert (tubes.corners, tubes.radius) == (16, 0.02)
+    assert (balls.radius, len(balls.points)) == (0.02, 5 * 42)
+    thin, round_, ends = parts_of(msd.Scene(system=both, look=lattice), "strain")
+    assert [thin.corners, round_.corners, len(round_.connections), len(ends.points)] == [6, 16, 4, 5 * 42]
+
+
 def test_ropes_alone_have_colours_where_looks_are_given():
     plain = Drawing(msd.Scene(system=ROPE), "texture")
     dressed = Drawing(msd.Scene(system=ROPE, looks={"rope": BLUE}), "texture")
