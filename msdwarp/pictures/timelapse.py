@@ -75,7 +75,8 @@ def still(
     stage, count = renderer.stage, 0
     camera, total = stage.camera_at(time, position), np.zeros((stage.height, stage.width, 3), np.uint32)
     for k in samples:
-        renderer.look_from(camera.shifted_by_pixels(*((k + 1) * STEPS % 1 - 0.5), stage.height))
+        right, up = (k + 1) * STEPS % 1 - 0.5
+        renderer.look_from(camera.shifted_by_pixels(right, up, stage.height))
         total += renderer.bare(position, time, values=values, forces=forces)
         count += 1
     renderer.look_from(camera)
