@@ -93,8 +93,10 @@ class Sums:
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.lengths_change or not everything
         between = None if plain else model.system.between_neighbours
-        laws = Laws(model.system.damper.law, model.laws.spring)
-        self._what = laws, assembly.fracture is not None, between is not None
+        self._what = Laws(), False, False  # a pass over the particles alone has one kernel, whatever joins them
+        if everything:
+            laws = Laws(model.system.damper.law, model.laws.spring)
+            self._what = laws, assembly.fracture is not None, between is not None
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
@@ -106,7 +108,7 @@ class Sums:
         model = self._model
         if self._work is not None and self._shares is not None:
             self._work.launch(x, u, self._shares)
-        compensated = model.compensated and x_lost is not None
+        compensated = model.compensated and x_lost is not None and self._everything
         how = model.dim, model.scalar, model.in_worlds, self._everything
         inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]
         inputs += [model.connections, self._counts, x, x_lost if compensated else x, u, v, self._shares]
