@@ -1,11 +1,15 @@
 """Fixtures that every test may use."""
 
 import contextlib
+import gc
 import os
+import re
 import signal
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from inspect import signature
+from itertools import combinations
 from pathlib import Path
 
 if sys.dont_write_bytecode:
@@ -38,7 +42,8 @@ pytest.register_assert_rewrite(
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that has every test done in full."""
-    parser.addoption("--every-route", action="store_true", help="by each algorithm with all that a test is given")
+    told = "by each algorithm, with all combinations of what a test is given"
+    parser.addoption("--every-route", action="store_true", help=told)
 
 
 def pytest_report_header() -> str | None:
@@ -47,17 +52,31 @@ def pytest_report_header() -> str | None:
     return None if wp.is_cuda_available() else "there is no CUDA device here: tests marked gpu are left out"
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Leave collected tests out of all later searches for garbage: there are thousands, and they stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 @pytest.hookimpl(tryfirst=True)  # before anything shuffles them
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what needs a GPU where there is none, and much of what is tried by other algorithms on the CPU.
 
-    Of what is left of a product of parameters, a few tests that have all values are quick.
+    Of a product of three or more parameters, tests that have all pairs of values are left. Of what is left of any
+    product, a few tests that have all values are quick.
     """
     start_warp()
     gpu, full = wp.is_cuda_available(), config.getoption("--every-route")
     kept = [item for item in items if gpu or not item.get_closest_marker("gpu")]
     if not full:
         left_out = _by_other_routes(kept)
+        kept = [item for item in kept if item not in left_out]
+        left_out = set().union(*(set(tests) - _covering(tests, 2) for tests in _products(kept)))
         kept = [item for item in kept if item not in left_out]
     there = set(kept)
     left = [item for item in items if item not in there]
@@ -76,16 +95,21 @@ def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
     """Return what is not tried by other algorithms on the CPU, which are slow.
 
     How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
-    that are composed of both: each algorithm is tried with every value of each of several parameters, or with
-    every fourth one of the only parameter. Where there is nothing but the device to choose, both have their turn.
+    that are composed of both. The functions of a file take turns: every other one is tried by gathering, those
+    between by the stencil, with every value of each of several parameters, or every fourth of the only one.
     """
     left: set[pytest.Item] = set()
     for tests in _products(items):
         force_algorithm = tests[0].callspec.params.get("device")  # type: ignore[attr-defined]
-        if force_algorithm in ("cpu gather", "cpu stencil") and _values(tests[0]):
-            k = int(force_algorithm == "cpu stencil")  # which begins at the other end
-            chosen = tests[k::4] if len(_values(tests[0])) == 1 else _covering(tests[:: 1 - 2 * k])
-            left |= set(tests) - set(chosen)
+        if force_algorithm in ("cpu gather", "cpu stencil"):
+            # Whatever of the file is run.
+            module = vars(tests[0].module)  # type: ignore[attr-defined]
+            given = {name: str(signature(module[name])) for name in module if name.startswith("test_")}
+            functions = [name for name in given if re.search(r"\bdevice", given[name])]
+            odd = functions.index(tests[0].originalname) % 2  # type: ignore[attr-defined]
+            left |= set(tests)
+            if force_algorithm == ("cpu gather", "cpu stencil")[odd]:
+                left -= set(_covering(tests) if len(_values(tests[0])) > 1 else tests[::4])
     return left
 
 
@@ -101,14 +125,19 @@ def _products(items: Iterable[pytest.Item]) -> list[list[pytest.Item]]:
     return list(found.values())
 
 
-def _covering(tests: list[pytest.Item]) -> set[pytest.Item]:
-    """Return a few of the tests of a product that have each value of each parameter."""
-    left = {value for test in tests for value in _values(test).items()}
-    chosen = set()
+def _covering(tests: list[pytest.Item], size: int = 1) -> set[pytest.Item]:
+    """Return a few of the tests of a product that have each value of each parameter, or each pair of values.
+
+    Those of fewer parameters than `size` are all returned.
+    """
+    of_each = {test: set(combinations(sorted(_values(test).items()), size)) for test in tests}
+    if not all(of_each.values()):
+        return set(tests)
+    left, chosen = set().union(*of_each.values()), set()
     while left:  # the test that has most of the values that none has yet
-        best = max(tests, key=lambda test: len(left & _values(test).items()))
+        best = max(tests, key=lambda test: len(left & of_each[test]))
         chosen.add(best)
-        left -= _values(best).items()
+        left -= of_each[best]
     return chosen
 
 
