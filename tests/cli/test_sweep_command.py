@@ -58,6 +58,7 @@ def test_the_runs_are_those_of_single_commands_and_are_drawn(msdwarp, tmp_path):
     assert "results.png, which exists" in msdwarp("plot", "out")[2]
 
 
+@pytest.mark.slow
 def test_a_summary_keeps_no_files_and_a_wrong_scene_is_a_row(msdwarp, tmp_path):
     code, out, _ = msdwarp("sweep", "cube", "--mass", "0.02,-1", "--keep", "summary", *HERE)
     assert code == 0

@@ -22,12 +22,12 @@ finally:
     ("words", "needed"),
     [
         ("--help", []),
-        ("--version", []),
+        pytest.param("--version", [], marks=pytest.mark.slow),
         ("list", []),
-        ("render --help", []),
+        pytest.param("render --help", [], marks=pytest.mark.slow),
         ("runn cube", []),
-        ("run no-scene", []),
-        ("export a.vtkhdf --to jpg", []),
+        pytest.param("run no-scene", [], marks=pytest.mark.slow),
+        pytest.param("export a.vtkhdf --to jpg", [], marks=pytest.mark.slow),
         ("run cube --help", ["numpy"]),  # which the scene's own annotations ask for
         pytest.param("view --help", [], marks=pytest.mark.slow),
         pytest.param("view cube --help", ["numpy"], marks=pytest.mark.slow),

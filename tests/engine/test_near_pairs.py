@@ -78,7 +78,8 @@ def listed_pairs(planes: DivisionPlanes) -> list[tuple]:
     return found
 
 
-@pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_all_near_pairs_are_listed_once(plain_device, monkeypatch, precision):
     contact = Contact(self_contact=True, thickness=0.02, stiffness=100.0)
     with pytest.warns(StartWarning):

@@ -270,6 +270,7 @@ def test_what_a_thread_raises_is_raised_and_nobody_waits():
     np.testing.assert_array_equal(simulation.frame().position, x)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_a_whole_frame(heard):
     begun = threading.Event()
 

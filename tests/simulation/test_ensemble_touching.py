@@ -162,6 +162,7 @@ def test_lists_that_are_too_short_are_made_longer_and_the_frame_repeated(plain_d
     np.testing.assert_array_equal(short.frame().position, long_enough.frame().position)
 
 
+@pytest.mark.slow
 def test_worlds_do_not_see_each_other():
     """A search looks at the bodies of one world alone: none is beside those of the others in the same place."""
     ensemble = Ensemble(two_dice(), 64, **around("cpu"))

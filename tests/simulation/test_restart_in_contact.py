@@ -19,9 +19,9 @@ def thrown(break_strain: float = np.inf) -> System:
     return cloth.replace(break_strain=break_strain).pin(rim) + weight.with_velocity((0, 0, -8))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("break_strain", "frames"),
-    [pytest.param(np.inf, 3, id="whole", marks=pytest.mark.slow), pytest.param(0.1, 10, id="torn")],
+    ("break_strain", "frames"), [pytest.param(np.inf, 3, id="whole"), pytest.param(0.1, 10, id="torn")]
 )
 def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain, frames):
     # Hundreds of facets are near a point of the sheet by then; where the run starts there are none.
@@ -41,6 +41,7 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain
     np.testing.assert_array_equal(restored.frame().velocity, run.frame().velocity)
 
 
+@pytest.mark.slow
 def test_the_largest_strain_is_that_of_what_is_whole(plain_device):
     run = Simulation(thrown(0.1), contact=Contact(), device=plain_device)
     run.step(12)

@@ -34,6 +34,7 @@ def found():
     return fit_field(hanging(), motion(hanging(0.6), 40), noise=NOISE, iterations=30, device="cpu")
 
 
+@pytest.mark.slow
 def test_a_soft_half_is_found(found):
     wanted = hanging(0.6).system.stiffness
     # The other method and step of the measured motion differ by less than the noise. What the motion does not

@@ -138,6 +138,7 @@ def test_the_frame_rate_is_told_by_the_times(times, fps):
     assert frame_rate(channels_of(points, SCENE, None)) == pytest.approx(fps, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_command_fits(msdwarp, tmp_path):
     (tmp_path / "own.py").write_text(
         "from msdwarp import Scene, box\n"

@@ -191,6 +191,7 @@ def test_a_lost_call_fails_alone_and_its_worker_is_replaced():
         assert calls[2].result() != os.getpid()
 
 
+@pytest.mark.slow
 def test_a_sweep_that_ends_amid_a_run_leaves_no_half_of_it(tmp_path):
     points = [Point({"k": k}, None) for k in range(1000)]
     with ThreadPoolExecutor(2) as workers:
@@ -225,6 +226,7 @@ def test_submitit_loses_a_job_and_the_sweep_does_not(tmp_path, monkeypatch):
     )  # its jobs are processes from scratch
     executor = submitit.LocalExecutor(tmp_path / "jobs")
     executor.update_parameters(timeout_min=5)
+    monkeypatch.setattr(submitit.Job, "_results_timeout_s", 1)  # a killed job writes none
     found = msd.sweep(swept.build, GRID, tmp_path / "out", parameters=parameters, executor=executor, device="cpu")
     assert not list((tmp_path / "mark").glob("kill-*"))
     assert_equal_results(found, quiet_sweep(tmp_path, parameters))
