@@ -23,7 +23,8 @@ from msdwarp import (
 from msdwarp.bodies.dampers import LINEAR, Damper
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
-LAWS = [LINEAR, QuadraticDamper(3.0), QuadraticDamper(0.5), CoulombDamper(0.01), CoulombDamper(0.4)]
+# Each law and speed has kernels of its own.
+LAWS = [LINEAR, QuadraticDamper(0.5), CoulombDamper(0.4)]
 ORDERS = [
     (SymplecticEuler(), 1),
     (Leapfrog(), 1),  # with damping
@@ -67,10 +68,10 @@ def resistance(law: Damper, rate: np.ndarray) -> np.ndarray:
 @every_integrator
 def test_quadratic_drag_slows_by_its_law(device, integrator, order):
     # v' = −(b/m) v²: v = v0 / (1 + b v0 t/m), here 2/(1 + 2.4).
-    system = sliding(QuadraticDamper(most_speed=5.0), b=0.6, speed=2.0)
+    system = sliding(QuadraticDamper(most_speed=3.0), b=0.6, speed=2.0)
     exact = 2.0 / (1 + 0.6 * 2.0 * 1.0 / 0.5)
     coarse, fine = (speed_after(system, device, 1.0, n, integrator=integrator) - exact for n in (60, 120))
-    # The implicit method takes the law's steepest slope for its slope: h b 2 s/m = 0.1. The others' is less.
+    # The implicit method takes the law's steepest slope for its slope: h b 2 s/m = 0.06. The others' is less.
     assert abs(fine) < 0.1 * exact
     assert math.log2(abs(coarse / fine)) == pytest.approx(order, abs=0.25)  # with 0.1 and 0.2, not yet nothing
 
@@ -156,6 +157,7 @@ def test_every_route_has_every_law(plain_device, force_algorithm, law):
     i, j = body.connections.T
     axis = (body.position[i] - body.position[j]) / body.length[:, None]
     rate = ((body.velocity[i] - body.velocity[j]) * axis).sum(axis=1)
+    assert np.abs(rate).min() < 0.4 < 0.5 < np.abs(rate).max()  # on both sides of a law's speed
     force = -0.7 * resistance(law, rate)[:, None] * axis
     expected = np.zeros_like(body.velocity)
     np.add.at(expected, i, force)
@@ -198,7 +200,7 @@ def test_dampers_keep_momentum(device, law):
     np.testing.assert_allclose(end.angular_momentum, start.angular_momentum, rtol=0, atol=400 * 4 * EPS64)
 
 
-@pytest.mark.parametrize("law", [QuadraticDamper(3.0), CoulombDamper(0.002)], ids=str)
+@pytest.mark.parametrize("law", [QuadraticDamper(3.0), CoulombDamper(0.01)], ids=str)
 @pytest.mark.parametrize(
     "integrator",
     [SymplecticEuler(), Leapfrog(damper_extrapolation=0.5), RK4(), LinearlyImplicitEuler(iterations=2)],
