@@ -3,9 +3,9 @@
     git worktree add ../before SOME_COMMIT
     python -m benchmarks.speed.versions ../before [--device D] [--quick]
 
-The other version is a folder with `msdwarp` in it. Times are µs a substep, medians over rounds in which the one
-that comes first alternates. `ratio` is this version's time over the other's: its median over rounds, and the
-quartiles. On a CPU nothing else may run.
+The other version is a folder with `msdwarp` in it. Times are µs a substep, of scenes µs a frame, as versions may
+take different substeps there. They are medians over rounds in which the one that comes first alternates. `ratio` is
+this version's time over the other's: its median over rounds, and the quartiles. On a CPU nothing else may run.
 """
 
 import argparse
@@ -63,7 +63,7 @@ def serve(device: str) -> None:
                 simulation.reset()
                 simulation.step(2)  # the first frame is recorded
                 # The median: frames that are recorded again, or repeated, take long.
-                return float(np.median([timed(simulation, 1) / simulation.substeps for _ in range(FRAMES)]))
+                return float(np.median([timed(simulation, 1) for _ in range(FRAMES)]))
 
             return play
         if kind == "cube":
@@ -167,7 +167,9 @@ def main() -> None:
         rows.append(row | {"ratio": median(ratios), "ratio_low": low, "ratio_high": high})
         print(rows[-1], flush=True)
     write_csv(options.folder / "versions.csv", rows, machine(options.device))
-    table("µs a substep, before and after", list(rows[0]), [list(row.values()) for row in rows])
+    table(
+        "µs a substep (of scenes: a frame), before and after", list(rows[0]), [list(row.values()) for row in rows]
+    )
 
 
 if __name__ == "__main__":
