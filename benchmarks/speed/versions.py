@@ -3,9 +3,10 @@
     git worktree add ../before SOME_COMMIT
     python -m benchmarks.speed.versions ../before [--device D] [--quick]
 
-The other version is a folder with `msdwarp` in it. Times are µs a substep, of scenes µs a frame, as versions may
-take different substeps there. They are medians over rounds in which the one that comes first alternates. `ratio` is
-this version's time over the other's: its median over rounds, and the quartiles. On a CPU nothing else may run.
+The other version is a folder with `msdwarp` in it. Times are µs a substep, of scenes µs a frame, as versions
+may take different substeps there. They are medians over rounds in which the one that comes first alternates.
+`ratio` is this version's time over the other's: its median over rounds, and the quartiles. On a CPU nothing else
+may run.
 """
 
 import argparse
