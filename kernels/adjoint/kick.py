@@ -46,8 +46,9 @@ def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
 def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     """Compose the kernel, over particles, that leads derivatives back through a drift and a kick.
 
-    Given those by x' and v' it adds h ∂/∂x' to the one by v', which then is that by v as far as forces do not
-    depend on v, and writes φ = s ∂/∂v' /m, the derivative by the force on each particle.
+    It turns the derivatives of a loss by x' and v' into the one by v, ∂/∂v' + h ∂/∂x', to which forces that depend
+    on v add later. It also writes φ = s/m times that: the derivative by the force on each particle. h and s are the
+    lengths of the drift and of the kick [s].
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     lead_back = kick_back(dim, scalar, by_mass, by_gravity)
