@@ -47,8 +47,8 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     """Compose the kernel, over particles, that leads derivatives back through a drift and a kick.
 
     It turns the derivatives of a loss by x' and v' into the one by v, ∂/∂v' + h ∂/∂x', to which forces that depend
-    on v add later. It also writes φ = s/m times that: the derivative by the force on each particle. h and s are the
-    lengths of the drift and of the kick [s].
+    on v add later. It also writes φ = s/m times that, the derivative by the force on each particle. h and s are
+    the lengths of the drift and of the kick [s].
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     lead_back = kick_back(dim, scalar, by_mass, by_gravity)
