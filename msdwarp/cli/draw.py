@@ -118,9 +118,8 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
         for one in parts
     ]
     floor = list[NDArray]()
-    if (ground := stage.ground) is not None:
-        u, v = ground.half * ground.u, ground.half * ground.v
-        floor = [ground.centre + np.array([-u - v, u - v, u + v, v - u])]
+    if stage.ground is not None:
+        floor = [stage.ground.corners]
         faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
         colour = np.array(checks.colour("ground", scene.look.ground))
         meshes.append(UsdMesh("ground", faces, np.zeros((4, 2)), colour, None, 0.0, False))

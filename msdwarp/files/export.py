@@ -59,10 +59,10 @@ def export(
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
         with failure_named(path), replacing(path) as unfinished:
-            if draw_usd is None:
-                _npz(trajectory, numbers, unfinished)
-            else:
+            if to == "usd" and draw_usd is not None:
                 draw_usd(textures, numbers, unfinished)
+            else:
+                _npz(trajectory, numbers, unfinished)
         return paths
     for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
         with failure_named(one), replacing(one) as unfinished:

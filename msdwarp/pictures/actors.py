@@ -26,10 +26,8 @@ def add_lights(pv: Any, plotter: Any, camera: Camera) -> None:
 
 def ground_actor(pv: Any, ground: Ground) -> Any:
     """Return the ground's square, painted."""
-    u, v = ground.half * ground.u, ground.half * ground.v
-    corners = np.array([-u - v, u - v, u + v, v - u]) + ground.centre
-    square = pv.PolyData.from_regular_faces(corners.astype(np.float32), [[0, 1, 2, 3]])
-    square.active_texture_coordinates = ground.uv(corners).astype(np.float32)
+    square = pv.PolyData.from_regular_faces(ground.corners.astype(np.float32), [[0, 1, 2, 3]])
+    square.active_texture_coordinates = ground.uv(ground.corners).astype(np.float32)
     actor = pv.Actor(mapper=pv.DataSetMapper(square))
     actor.texture = pv.Texture(np.ascontiguousarray(ground.texture[::-1]))
     actor.texture.InterpolateOn()

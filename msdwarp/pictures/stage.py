@@ -186,6 +186,12 @@ class Ground:
         for k, (ground, sky) in enumerate(zip(*colours, strict=True)):
             self.texture[..., k] = 255 * (sky + fade * (ground * (1 - 0.07 * odd) - sky)) + 0.5
 
+    @property
+    def corners(self) -> NDArray:
+        """The corners of the square, counter-clockwise seen from above [m], shape [4, 3]."""
+        u, v = self.half * self.u, self.half * self.v
+        return self.centre + np.array([-u - v, u - v, u + v, v - u])
+
     def uv(self, points: NDArray) -> NDArray:
         """Return texture coordinates of points on the ground, shape [any, 2]."""
         offset = points - self.centre
