@@ -11,8 +11,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-import imageio_ffmpeg  # pyright: ignore[reportMissingImports]
-
 from ..common import IMAGES, scene_scripts
 
 FILMS = IMAGES.parent / "films"
@@ -20,6 +18,8 @@ FILMS = IMAGES.parent / "films"
 
 def make(name: str, resolution: str) -> Path:
     """Simulate a scene on the CPU and film it; return the film."""
+    import imageio_ffmpeg  # pyright: ignore[reportMissingImports]
+
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / name
         how = ["--device", "cpu", "--frames", "none", "--video", "mp4", "--resolution", resolution, "--quiet"]
