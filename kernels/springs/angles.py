@@ -1,4 +1,4 @@
-"""Angles between three particles that resist bending (see `msdwarp.bodies.angles`): forces, energies and bounds.
+"""Angles of rods that resist bending (see `msdwarp.bodies.angles`): forces, energies and bounds.
 
 With e from a to b, f from b to c, C = cos θ and T = tan(θ/2), the energy 2 K T² = 2 K (1 − C)/(1 + C) has the
 forces 4 K/(1 + C)² ∂C/∂x. The damper has −D θ' ∂θ/∂x. Both leave momentum and angular momentum as they are.

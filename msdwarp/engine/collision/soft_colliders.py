@@ -1,4 +1,4 @@
-"""SoftColliders: obstacles that push particles out by a force, on a device."""
+"""SoftColliders: obstacles that push particles out by a force. Force and adjoint: `kernels/colliders`."""
 
 from collections.abc import Sequence
 
