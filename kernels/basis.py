@@ -11,7 +11,7 @@ def vector(dim: int, scalar: type):
 def kernel(function, **options):
     """Declare `function` as a forward-only Warp kernel in a module of its own, with options of `wp.kernel`.
 
-    With its own module a kernel is compiled at its first launch, and not again when another kernel is composed.
+    With its own module a kernel is compiled at its first launch, and not again when other kernels are composed.
     Kernels with equal source code and equal terms share one cache entry.
     """
     return wp.kernel(function, module="unique", enable_backward=False, **options)
@@ -20,6 +20,6 @@ def kernel(function, **options):
 def as_function(of):
     """Return the text of a kernel as a function that other kernels can call.
 
-    The text must have no `wp.tid`, but `grid_thread`.
+    The text must use `grid_thread` instead of `wp.tid`.
     """
     return wp.func(of.func)

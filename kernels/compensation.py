@@ -1,7 +1,7 @@
 """Compensated sums.
 
 In float32 a small change added to a large position is rounded away: at 400 m and h = 1/2640 s a particle slower
-than 4 cm/s would not move. Kahan's summation carries the rounding error of each sum to the next one.
+than 4 cm/s would not move. Kahan's summation adds the rounding error of each sum to the next change.
 The compiler must not reorder these sums.
 Reference: Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed. (2002), 4.3.
 """
@@ -21,9 +21,9 @@ def compensated_sum(dim: int, scalar: type, compensated: bool):
 
     `add(total, change, compensation, lost_out, i)` returns total + change.
 
-    The true total is total − compensation[i] before, and the sum − lost_out[i] after. Neighbours also read the
-    rounding errors of positions, so new ones are written to `x_out`, not in place. Without `compensated` it is a
-    plain sum without errors.
+    The true total is total − compensation[i] before, and the result − lost_out[i] after. Neighbours also read the
+    rounding errors of positions, so new errors are written to `x_out`, not in place. Unless `compensated`, `add`
+    is a plain sum.
     """
     V = vector(dim, scalar)
     load, store, _ = records(dim, scalar)

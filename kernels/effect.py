@@ -49,13 +49,13 @@ class ForceTerm(NamedTuple):
     parts: Callable[[Any], Any] | None = None
     """(count, evaluate): wp.func (scene) -> number of parts, and wp.func (scene, compensation, x, v, c).
 
-    A single launch of many stages evaluates all parts before the forces of a stage. Elsewhere the effect launches
-    the same in `before_forces`.
+    A single launch of many stages evaluates all parts before the forces of a stage. Other launches need a kernel
+    for the parts, which the effect launches in `before_forces`.
     """
     drive: Callable[[Any], Any] | None = None
     """`Driving`: the functions that place driven particles."""
     selective: bool = False
-    """Whether the force acts only on the particles that its effect names; every other particle costs one byte."""
+    """Whether the force acts only on the particles that its effect names; each other particle costs a byte."""
     timed: bool = False
     """Whether the force depends on time; the stage's time is `scene.time[scene.stage]`."""
     works: bool = False

@@ -1,4 +1,4 @@
-"""Which points are inside a closed surface of triangles, how deep, and how far its opposite side is."""
+"""Depths of points in a closed surface of triangles, and distances to its opposite side along rays."""
 
 import warp as wp
 
@@ -15,7 +15,7 @@ def find_depths(
 ):
     """Find the depth of each point below the surface; −1 for points outside.
 
-    The winding number, the solid angle that the surface covers seen from the point over 4π, is 1 inside and 0
+    The winding number, which is the solid angle of the surface seen from the point over 4π, is 1 inside and 0
     outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized
     winding numbers"); all points are within `reach` of the surface.
     """

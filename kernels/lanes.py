@@ -1,6 +1,6 @@
-"""GPU threads that share an item of work: what they tell each other. They are adjacent in a warp.
+"""Communication between GPU threads that share an item of work. These threads are adjacent in a warp.
 
-After a call that all of them make, one may overwrite values that others have read.
+After a call by all of them, one may overwrite values that others have read.
 """
 
 import functools

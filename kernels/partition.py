@@ -1,4 +1,4 @@
-"""Partition of points or vertices among CPU threads, and atomic operations on the numbers they share.
+"""Partition of points or vertices among CPU threads, and atomic operations on shared numbers.
 
 On a GPU, or with a single CPU thread, there is one part. Warp's own atomic functions are not atomic on the CPU,
 where Warp runs a kernel in one thread.
@@ -62,7 +62,7 @@ def count_up(numbers: wp.array(dtype=int), at: int) -> int:
 
 @wp.func_native(RAISE)
 def raise_to(numbers: wp.array(dtype=float), at: int, value: float):
-    """Replace numbers[at] by `value` if that is greater; NaN stays."""
+    """Replace numbers[at] by `value` if `value` is greater; NaN stays."""
     ...
 
 

@@ -88,7 +88,7 @@ def records(dim: int, scalar: type) -> Records:
         def add(x: wp.array(dtype=V), i: int, value: V): ...
 
     else:
-        # Warp reads x[-1] as the last element; here it is the memory before the first, which may be read.
+        # Warp reads x[-1] as the last element. Here it means the memory before the first, which may be read.
         @wp.func_native("return x.data[i];")
         def load(x: wp.array(dtype=V), i: int) -> V: ...
 
@@ -125,8 +125,8 @@ ENTRY_OF_VECTORS = """
 def table(kind: type) -> Any:
     """Compose wp.func (values, i) -> values[i], for values that no kernel changes while it runs.
 
-    They are read through a GPU's read-only cache, which keeps them across the barriers of a kernel of many
-    substeps. At these its other cache is emptied.
+    They are read through a GPU's read-only cache. In a kernel of many substeps barriers empty the other cache, but
+    not this one.
     """
     length = getattr(kind, "_length_", 1)
     text = ENTRY if length == 1 else ENTRY_OF_VECTORS.format(kind=f"wp::vec_t<{length}, wp::int32>", length=length)

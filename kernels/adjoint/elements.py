@@ -1,7 +1,7 @@
-"""The adjoint of forces that a few points exert on each other, such as the corners of a triangle or of a cell.
+"""The adjoint of forces of elements: of a few points, such as the corners of a triangle or a cell.
 
 A point is a particle, or a weighted mean of particles. Warp differentiates φ·F, the sum over the points of an
-element; each element writes its derivatives, and each particle then adds up those of its points in a fixed order.
+element; each element writes its derivatives, then each particle sums the derivatives of its points in fixed order.
 """
 
 import functools
@@ -31,16 +31,16 @@ def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: An
     @kernel
     def lead_elements_back(
         data: Data,
-        count: int,  # elements, and particles, after which those of the next world follow
+        count: int,  # elements of a world; below, particles from one world to the next
         stride: int,
         particle: wp.array2d(dtype=int),  # of point k of element e in row e · points + k; -1 for no particle
         weight: wp.array2d(dtype=scalar),  # of these particles in the point
-        time: wp.array(dtype=scalar),  # of each stage of a frame [s]; a single one if no force depends on it
+        time: wp.array(dtype=scalar),  # of each stage of a frame [s]; one entry if no force depends on time
         stage: int,
         # State, at which the force was evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
-        phi: wp.array(dtype=V),  # derivative by the force on each particle
+        phi: wp.array(dtype=V),  # ∂L/∂F of each particle
         # Out, in the same rows:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
@@ -80,7 +80,7 @@ def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: An
 
 @functools.cache
 def add_elements(dim: int, scalar: type):
-    """Compose the kernel, over particles that have any points, that adds up the derivatives by these points."""
+    """Compose the kernel, over particles that have points, that sums the derivatives of these points."""
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
 
     @kernel

@@ -15,10 +15,10 @@ SUMMING = 8192
 
 @functools.cache
 def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
-    """Compose wp.func that returns φ = s back/m, the derivative by the force on particle i of inverse mass w.
+    """Compose wp.func that returns φ = s back/m, the derivative ∂L/∂F of the loss L for particle i.
 
-    `back` is the derivative by the velocity after a kick of s seconds, and `push` its s F/m. The function adds to
-    the derivatives by 1/m, times 1/m, and by gravity.
+    `back` is ∂L/∂v after a kick of s seconds, `push` the kick s F/m, and w = 1/m. The function also adds to
+    (1/m) ∂L/∂(1/m) and to ∂L/∂g.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
 
@@ -44,11 +44,10 @@ def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
 
 @functools.cache
 def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
-    """Compose the kernel, over particles, that leads derivatives back through a drift and a kick.
+    """Compose the kernel, over particles, that propagates derivatives back through a drift and a kick.
 
-    It turns the derivatives of a loss by x' and v' into the one by v, ∂/∂v' + h ∂/∂x', to which forces that depend
-    on v add later. It also writes φ = s/m times that, the derivative by the force on each particle. h and s are
-    the lengths of the drift and of the kick [s].
+    From the derivatives of a loss L it computes ∂L/∂v = ∂L/∂v' + h ∂L/∂x', to which forces that depend on v add
+    later, and φ = ∂L/∂F = s/m ∂L/∂v of each particle. h and s are the lengths of the drift and of the kick [s].
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     lead_back = kick_back(dim, scalar, by_mass, by_gravity)
@@ -60,13 +59,13 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
         gravity: V,  # [m/s²]
         # State:
-        v: wp.array(dtype=V),  # velocities before the kick, and after it
+        v: wp.array(dtype=V),  # velocities before the kick; below, after it
         v_out: wp.array(dtype=V),
         # In and out, derivatives by:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
         by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
-        by_gravity_of: wp.array(dtype=V),  # by that of each particle
+        by_gravity_of: wp.array(dtype=V),  # by the gravity of each particle
         # Out:
         phi: wp.array(dtype=V),
         begin: int,  # particles of this launch
@@ -123,7 +122,7 @@ def forget(dim: int, scalar: type):
 
 @functools.cache
 def widen(dtype: type, wide: type):
-    """Compose the kernel that adds numbers, or vectors, to others of float64, and sets them to 0."""
+    """Compose the kernel that adds numbers or vectors to float64 sums, and sets the former to 0."""
     zero = wp.constant(getattr(dtype, "_wp_scalar_type_", dtype)(0.0))
 
     @kernel
@@ -137,7 +136,7 @@ def widen(dtype: type, wide: type):
 
 @functools.cache
 def squares(dim: int, scalar: type):
-    """Compose the kernel that adds the squares of two arrays of vectors, by world, to a row of sums."""
+    """Compose the kernel that adds the sums of squares of two arrays of vectors, by world, to a row of `sums`."""
     V, load = vector(dim, scalar), records(dim, scalar).load
     lane_here, sum_of_warp = lane_of(WARP), sum_over_lanes(2, wp.float64, WARP)
 

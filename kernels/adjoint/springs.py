@@ -1,8 +1,8 @@
-"""The adjoint of spring forces: what a change of each position, velocity and constant does to a loss.
+"""The adjoint of spring forces: derivatives of a loss L with respect to positions, velocities and constants.
 
-With φ_i the derivative of the loss by the force on particle i, a spring between i and j with the force F on i, and
-−F on j, adds (∂F/∂Δx)ᵀ (φ_i − φ_j) to the derivative by x_i, and minus that to the one by x_j; likewise for
-velocities. So the adjoint of a gather is a gather: no atomics, and sums in a fixed order.
+With φ_i = ∂L/∂F_i for particle i, a spring with the force F on i and −F on j adds (∂F/∂Δx)ᵀ (φ_i − φ_j) to
+∂L/∂x_i, and subtracts it from ∂L/∂x_j; likewise for velocities. So the adjoint of a gather is a gather, without
+atomics, and with sums in a fixed order.
 """
 
 import functools
@@ -21,7 +21,7 @@ from .kick import kick_back
 
 
 class Wanted(NamedTuple):
-    """Which constants of springs a gradient is wanted by; others are not summed."""
+    """The constants of springs whose derivatives are wanted; others are not summed."""
 
     rest_length: bool = False
     stiffness: bool = False
@@ -34,7 +34,7 @@ class Wanted(NamedTuple):
 def projected_force(dim: int, scalar: type, laws: Laws):
     """Compose ψ·F for the force F of a spring on its first particle: its gradient is the adjoint of F.
 
-    It is the law of `springs.law`, in operations that Warp can differentiate. `strain` is an actuator's, else 0.
+    It is the law of `springs.law`, in operations that Warp can differentiate. `strain` is an actuator's, or 0.
     """
     V, (damper, spring) = vector(dim, scalar), laws
     stress = None if spring is None else spring_stress(scalar, spring)
@@ -68,7 +68,7 @@ def projected_force(dim: int, scalar: type, laws: Laws):
 def linear_adjoint(dim: int, scalar: type, damped: bool):
     """Compose the gradient of `projected_force` of the report's spring by hand: half the operations.
 
-    It returns (∂/∂Δx, ∂/∂Δv, along, stretch, rate) with along = ψ·axis, from which those by the constants follow.
+    It returns (∂/∂Δx, ∂/∂Δv, along, stretch, rate) with along = ψ·axis; the last three give other derivatives.
     With u = 1/|Δx| the force is −q Δx, q = k − (k l0 − b l') u, so ∂(ψ·F)/∂Δx = −q ψ − (ψ·Δx) ∂q/∂Δx.
     """
     V, tiny, rsqrt = vector(dim, scalar), TINY[scalar], inverse_root(scalar)
@@ -267,10 +267,10 @@ def springs_adjoint(
 ):
     """Compose the kernel, over particles and their lanes, of the adjoint of spring forces.
 
-    Each lane takes every n-th neighbour (see `springs.lanes`). The constants' derivatives are written by one of a
-    spring's particles. Those by strains of actuators are sums over their springs, by atomics.
+    Each lane takes every n-th neighbour (see `springs.lanes`). One particle of a spring writes the derivatives by
+    its constants. Derivatives by actuators' strains are atomic sums over springs.
 
-    Then it leads derivatives back through the kick and drift of the substep before: `kick` has its arguments.
+    Then derivatives are propagated back through the kick and drift of the substep before; see `kick_back`.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
@@ -286,7 +286,7 @@ def springs_adjoint(
         # State, at which the forces were evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
-        phi: wp.array(dtype=V),  # derivative by the force on each particle
+        phi: wp.array(dtype=V),  # ∂L/∂F of each particle
         # In and out, derivatives by:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),

@@ -36,11 +36,11 @@ def keep_state(dim: int, scalar: type):
 
 @functools.cache
 def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
-    """Compose the kernel, over particles, that leads derivatives back through the combination that is state n.
+    """Compose the kernel, over particles, that propagates derivatives back from state n of a substep.
 
-    Y_n = Y_0 + h Σ_m A_nm (v_m, a_m) over the stages m < n. The kernel keeps the derivatives by Y_n that it is
-    given. From all that it has kept follow those by v_m and a_m of the stage before, m = n − 1, and with these φ,
-    that by the force on each particle. For n = 0 they add up to the derivatives by the start of the substep.
+    Y_n = Y_0 + h Σ_m A_nm (v_m, a_m) over the stages m < n. The kernel stores the given ∂L/∂Y_n. From all that
+    are stored it computes ∂L/∂v_m and ∂L/∂a_m for m = n − 1, and φ = ∂L/∂F of each particle. For n = 0 it sums the
+    stored ones, which gives the derivative with respect to the start of the substep.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     lead_back = kick_back(dim, scalar, by_mass, by_gravity)
@@ -53,13 +53,13 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
         gravity: V,  # [m/s²]
         # State:
-        v_start: wp.array(dtype=V),  # velocities at the start of the substep, and of this state
+        v_start: wp.array(dtype=V),  # velocities at the start of the substep; below, of this state
         v: wp.array(dtype=V),
         # In and out, derivatives by:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
         by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
-        by_gravity_of: wp.array(dtype=V),  # by that of each particle
+        by_gravity_of: wp.array(dtype=V),  # by the gravity of each particle
         kept: wp.array(
             dtype=V
         ),  # by positions, then by velocities, of each state; shape [2 states particle_count]

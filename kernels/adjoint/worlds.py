@@ -1,4 +1,4 @@
-"""The springs of each particle of many worlds, in a table that all worlds share."""
+"""Tables of the springs of each particle, for the worlds of an ensemble."""
 
 import functools
 
@@ -11,7 +11,7 @@ from .springs import Neighbours
 
 @functools.cache
 def in_worlds(scalar: type, damped: bool) -> Neighbours:
-    """Return the neighbours in many worlds of one system, whose particles lie `stride` apart.
+    """Return the neighbours in many worlds of one system; their particles are `stride` apart.
 
     The derivatives by constants have an entry for each spring of each world: w · connection_count + c.
     """
@@ -28,11 +28,11 @@ def in_worlds(scalar: type, damped: bool) -> Neighbours:
         strain: wp.array2d(dtype=scalar)
         particle_count: int
         stride: int
-        # Shared by all worlds, or those of one world after those of another:
+        # Shared by all worlds, or concatenated by world:
         rest_length: wp.array(dtype=scalar)
         stiffness: wp.array(dtype=scalar)
         damping: wp.array(dtype=scalar)
-        differs: wp.vec3i  # for each of these three 0 if it is shared, else 1
+        differs: wp.vec3i  # 0 for each of these three that is shared, else 1
         by_strain: wp.array3d(dtype=scalar)  # derivatives, in and out, by world, stage and column
 
     @wp.func

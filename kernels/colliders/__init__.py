@@ -1,4 +1,4 @@
-"""Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
+"""Contact of particles with obstacles: one rule for obstacles of all shapes, fixed or moving."""
 
 from .collide import (
     NO_COLLIDERS as NO_COLLIDERS,

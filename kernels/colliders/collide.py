@@ -1,8 +1,8 @@
-"""Contact with a scene's obstacles, fixed or moving: the rule is applied to each in turn.
+"""Contact with a scene's obstacles, fixed or moving: the contact rule is applied to each in turn.
 
 The rule is applied at the end of a substep. If a particle has moved so far that it may have passed through an
-obstacle, its whole path is swept instead. No particle can pass through a plane, since everything below it is
-inside: for planes alone no sweep is compiled.
+obstacle, its whole path is swept instead. No particle can pass through a plane, since all below it is
+inside: if all obstacles are planes, no sweep is compiled.
 """
 
 import functools
@@ -57,12 +57,12 @@ def collider_contact(
 ):
     """Compose (Obstacles, collide): obstacles of these kinds, which act on a particle one after the other.
 
-    With `contact_forces` the velocity changes that obstacles cause are stored for each particle. Moving obstacles
-    follow the same rule as fixed ones.
+    If `contact_forces`, the velocity changes that obstacles cause are summed for each particle. The rule is the
+    same for moving and fixed obstacles.
 
     At the start of substep n of a frame, point y of obstacle p in its given pose is at turn[n, p] y + shift[n, p].
     Its velocity in the previous substep was turning[n, p] y + speed[n, p]. v_old is relative to this velocity, so
-    the obstacle's acceleration acts like gravity on a particle that rides on it.
+    the obstacle's acceleration acts like gravity on a particle that rests on it.
 
     A moving obstacle does the work m Δv·u on a particle, where u is the mean of the surface's velocities in this
     substep and the previous one. The work of other forces is computed likewise: half with the velocity before the
@@ -214,7 +214,7 @@ def collider_contact(
                 twice += wp.float64(wp.dot(v - seen, u + u_old))
                 v = v + u
         else:
-            count = int(1)  # known at compile time, so that the data of a single obstacle are read early
+            count = int(1)  # a constant, so that the data of a single obstacle are read early
             if wp.static(several):
                 count = obstacles.count
             for p in range(count):
@@ -231,7 +231,7 @@ def collider_contact(
                         clear = wp.min(clear, found[wp.static(dim)])
                 x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
         if wp.static(swept and bounces):
-            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # thrown back, perhaps through another obstacle
+            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # rebounds, perhaps through another obstacle
                 for p in range(obstacles.count):
                     distance, normal = look(obstacles, p, x)
                     way = x - carried(obstacles, p, x_old)

@@ -1,4 +1,4 @@
-"""Contact of particles with obstacles: one rule for all, fixed or moving, whatever their shape."""
+"""Contact of particles with obstacles: one rule for obstacles of all shapes, fixed or moving."""
 
 import functools
 from typing import NamedTuple
@@ -63,7 +63,7 @@ def contact_response(dim: int, scalar: type, rule: str):
         if wp.static(coulomb):
             speed = wp.length(v_t)
             loss = friction * (v_n_after - v_n)
-            if loss <= scalar(0.0):  # no friction, even at speed 0: the path along the surface is kept, too
+            if loss <= scalar(0.0):  # no friction, even at speed 0: the path along the surface is not shortened
                 share = scalar(1.0)
             elif loss < (scalar(1.0) - tangential_factor) * speed:
                 share = scalar(1.0) - loss / speed
@@ -80,16 +80,16 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     substep's path along the surface, so that a sticking particle does not creep. A particle that already moves out
     is left alone. Velocities and paths are relative to the surface. Returns (x, v).
 
-    With `flies` a bouncing particle is not lifted to the surface but bounces from its place at the substep's
-    start. Lifting it against its neighbours' forces would create energy, which adds up over hits if the
-    restitution is near 1. With velocities half a substep behind positions (leapfrog, symplectic Euler) the
+    If `flies`, a bouncing particle is not moved to the surface but starts from its place at the substep's start.
+    Moving it against its neighbours' forces would create energy, which adds up over bounces if the restitution is
+    near 1. With velocities half a substep behind positions (leapfrog, symplectic Euler) the
     particle continues from there at its new speed. Leapfrog conserves the energy ½ m v_(n−½)·v_(n+½) + U(x_n).
     With the normal speed v_old before the substep, and v after its force, a hit reduces this energy by
 
         ½ m (1 − e)|v_old| (e|v_old| + |v|)
 
-    for every force, which is 0 at e = 1 and never negative. Any change of x but h v' would add a term with the
-    next force. With velocities at the time of positions the particle stays there and loses (1 − e²) ½ m v_old².
+    for every force, which is 0 at e = 1 and never negative. Any change of x other than h v' would add a term with
+    the next force. With velocities at the time of positions the particle stays and loses (1 − e²) ½ m v_old².
 
     Under the rule "coulomb", particles that start inside an obstacle (`overlapping_at_start`) are moved out at a
     constant speed and gain no velocity: moving them to the surface at once would strain their springs.
@@ -145,9 +145,9 @@ def surface(scalar: type, needed: Needed):
         tangential_factor: wp.array(dtype=scalar)  # f
         rest_speed: wp.array(dtype=scalar)  # slower particles do not bounce [m/s]
         if needed.bounces:
-            onward: scalar  # share of a substep that a particle flies on after a bounce
+            onward: scalar  # fraction of a substep for which a particle moves after a bounce
         if needed.overlapping_at_start:
             slack: scalar  # a particle up to this deep at a substep's start is on the surface [m]
-            overlap_release_speed: scalar  # distance that a deeper one is moved out per substep [m]
+            overlap_release_speed: scalar  # distance that a deeper particle is moved out per substep [m]
 
     return Surface

@@ -1,4 +1,4 @@
-"""Corners: resolve a particle pushed from one obstacle into another by sliding it along the first."""
+"""Corners: a particle pushed from one obstacle into another slides out along the first."""
 
 import warp as wp
 
@@ -7,17 +7,17 @@ from ..basis import vector
 ROUNDS = 4
 """Maximal number of passes over all obstacles. Two flat faces need one, three that meet in a point a few."""
 PARALLEL = 1e-3
-"""If the squared sine between two normals is less, the particle is squeezed, and no slide frees it."""
+"""If the squared sine between two normals is less, the particle is squeezed, and sliding cannot free it."""
 NOTHING = 1e-3
-"""A depth below this share of the distance that contact moved the particle is left to the next substep."""
+"""A depth below this fraction of the distance that contact moved the particle is left to the next substep."""
 
 
 def corner(dim: int, scalar: type, Obstacles, look, carried, speed, overlapping_at_start: bool):
     """Compose `settle(obstacles, x, v, x_free, x_old)` -> (x, v), for a particle that contact moved from x_free.
 
     In a narrow corner, pushing the particle out of each obstacle in turn by the shortest way takes many rounds. So
-    it is pushed out of an obstacle along the face of the previous one: two flat faces are then left at once,
-    whatever their angle. The velocity loses its component into each face likewise. `look(obstacles, p, x)`:
+    it is pushed out of an obstacle along the face of the previous one. Between two flat faces one push suffices at
+    any angle. The velocity loses its component into each face likewise. `look(obstacles, p, x)`:
     (distance, normal) of point x from obstacle p; `speed(obstacles, p, x_old)`: the obstacle's velocity at the
     point [m/s]; `carried`: see `sweep`. `contact_rule` moves out particles that started inside.
     """

@@ -38,7 +38,7 @@ def solids(dim: int, scalar: type):
 
 @functools.cache
 def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
-    """Compose `distance(solids, p, x)` for solids of these kinds: n and the signed distance of x from p [m].
+    """Compose `distance(solids, p, x)` for solids of these kinds: (n, signed distance of x from solid p [m]).
 
     The result vector holds the outward unit normal n = grad of the distance, then the distance. Distances are
     exact inside and outside. Derivations: Quilez, Distance functions, iquilezles.org/articles/distfunctions.
@@ -58,7 +58,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
 
     @wp.func
     def from_point(x: V, nearest: V, radius: scalar) -> Result:
-        """Return the outward normal of a ball around `nearest`, upwards at its centre, and x's signed distance."""
+        """Return the outward normal of a ball around `nearest` (up at its centre), and x's signed distance."""
         away = x - nearest
         length = wp.length(away)
         normal = V()

@@ -1,10 +1,10 @@
-"""Soft obstacles: they push particles out by a force that begins without a slope, and can be differentiated.
+"""Soft obstacles: they push particles out by a force with a continuous slope, which can be differentiated.
 
 At depth d an obstacle of stiffness k and ramp δ presses with f(d) = k d²/(2δ) up to d = δ, and with k (d − δ/2)
 beyond: the slope grows from 0 to k. The normal force is N = f max(0, 1 − c v·n) with the dissipation c (Hunt and
 Crossley, Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42 (1975) 440-445), and
-friction −μ N u/√(|u|² + s²) with the velocity u along the surface. The speed s is the obstacle's `rest_speed`, and
-2 μ N Δt/m where that is more: friction then brakes by at most half of u in a substep Δt.
+friction −μ N u/√(|u|² + s²) with the velocity u along the surface. The speed s is the larger of the
+obstacle's `rest_speed` and 2 μ N Δt/m: so friction removes at most half of u in a substep Δt.
 """
 
 import functools
@@ -144,7 +144,7 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
                     e = depth - a
                     k = wp.float64(data.stiffness[p])
                     stored += k * (a * a * a / (wp.float64(6.0) * ramp) + wp.float64(0.5) * e * depth)
-                    springing = push(data, p, x_i, V(), w)  # at rest it only presses
+                    springing = push(data, p, x_i, V(), w)  # elastic force only: v = 0
                     lost += wp.float64(wp.dot(springing - push(data, p, x_i, v_i, w), v_i))
         energy[world, i] = stored
         power[world, i] = lost
@@ -170,7 +170,7 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool):
         # State, at which the force was evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
-        phi: wp.array(dtype=V),  # derivative by the force on each particle
+        phi: wp.array(dtype=V),  # derivative with respect to the force on each particle
         # In and out, derivatives by:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),

@@ -22,14 +22,14 @@ For a convex function each step at least quarters the product of its value and s
 or the speed of approach is less than 2^−32 of its first value.
 """
 NEAR = {wp.float32: 1e-4, wp.float64: 1e-10}
-"""Distance that counts as on the surface, as a share of `inradius`: above rounding errors, and negligible."""
+"""Distance that counts as on the surface, as a fraction of `inradius`: above rounding errors, and negligible."""
 
 
 @functools.cache
 def passing(dim: int, scalar: type):
-    """Compose `passes`: whether the distance at a path's end does not tell which solids the path hit.
+    """Compose `passes`: whether the distance at a path's end does not show which solids the path hit.
 
-    The normal n there belongs to a supporting plane. A particle that started in front of this plane either missed
+    The normal n there is that of a supporting plane. A particle that started in front of this plane either missed
     the solid or entered through that side. One that started behind it, way · n > distance, may have gone through
     the solid, or past its middle. A path longer than the thinnest solid may also have crossed another solid.
     """
@@ -48,13 +48,13 @@ def passing(dim: int, scalar: type):
 def entry(dim: int, scalar: type, Obstacles, look, carried):
     """Compose `enter(obstacles, p, x_old, x)` -> (t, distance, normal) where a path enters an obstacle.
 
-    The entry is after the share t of the path. Distance and normal are those of x from the tangent plane there;
-    distance >= 0 means that the path misses the obstacle or starts inside.
+    The path enters after its fraction t. `distance` is that of x from the tangent plane there, and `normal` the
+    plane's; distance >= 0 means that the path misses the obstacle or starts inside.
 
     It solves distance = 0 by Newton's method, each step ending on a supporting plane. As distances are convex, it
     never overshoots, and is never slower than sphere tracing (Hart, The Visual Computer 12, 1996), which advances
-    by the distance itself. A flat face takes one step. The path misses once its end is in front of such a plane. A
-    path that still approaches after all steps grazes, and stays in front of the last plane: that is safe.
+    by the distance itself. A flat face takes one step. The path misses if its end is in front of such a plane. A
+    path that still approaches after all steps grazes, and stays in front of the last plane, which is safe.
     """
     V = vector(dim, scalar)
     zero, one = wp.constant(scalar(0.0)), wp.constant(scalar(1.0))
@@ -84,7 +84,7 @@ def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
     """Compose `sweep_way(obstacles, x, v, x_old, v_old)` -> (x, v) after contact with all obstacles on the path.
 
     Contacts are resolved in the order of entry, not of the list. After each the path ends on the tangent plane
-    there, and the rest is checked again. The functions of the obstacles:
+    there, and its rest is checked again. The functions of the obstacles:
     `look(obstacles, p, x)`: (distance, normal) of point x from obstacle p at the substep's end;
     `carried(obstacles, p, x_old)`: x_old moved along with the obstacle, so that the obstacle seems fixed;
     `answer(obstacles, p, distance, normal, x, v, start, x_old, v_old)`: (x, v) after contact; friction shortens
@@ -122,12 +122,12 @@ def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
                 break
             start = carried(obstacles, met, x_old)
             entered = start + t * (x - start)
-            if k == meetings:  # wedged between obstacles: the particle stays where it enters the first of them
+            if k == meetings:  # wedged between obstacles: the particle stays where it enters the first one
                 x = entered
             else:
                 free = x
                 x, v = answer(obstacles, met, distance, normal, x, v, entered, x_old, v_old)
-                # The rule ignores particles that move out; this one turned back too late and is past the plane.
+                # The rule ignores particles that move out; this one turned back too late, past the plane.
                 x -= wp.min(distance + wp.dot(x - free, normal), scalar(0.0)) * normal
         # A particle that started inside an obstacle is moved out from its final place, in the list's order.
         for p in range(obstacles.count):

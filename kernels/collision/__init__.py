@@ -1,4 +1,4 @@
-"""Contact between bodies: points of their surfaces against triangles, by neighbor lists and penalty springs."""
+"""Contact between bodies: points on their surfaces against triangles, found with neighbor lists."""
 
 from .body_contact import (
     contact_energy as contact_energy,

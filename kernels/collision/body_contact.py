@@ -3,12 +3,12 @@
 For a point at x that overlaps a facet by δ, with the unit normal n out of the facet and the relative velocity u:
 
     f_n = max(0, k δ − b_n u·n)
-    ξ is turned into the plane of contact, ξ += h u_t, and shortened to at most μ f_n / k_t
-    f_t = −k_t ξ − b_t u_t, shortened to at most μ f_n
+    ξ is projected onto the plane of contact, ξ += h u_t, and limited to the length μ f_n / k_t
+    f_t = −k_t ξ − b_t u_t, limited to μ f_n
 
-The facet's corners take the opposite force by the weights of the nearest point. Forces are summed as integers in a
-small unit. Such sums do not depend on their order: runs repeat to the last bit, and the forces between two bodies
-cancel exactly.
+The opposite force is divided among the facet's corners by the barycentric weights of the nearest point. Forces are
+summed as integers in a small unit. Such sums do not depend on their order: runs repeat to the last bit, and the
+forces between two bodies cancel exactly.
 Reference: Cundall and Strack, A discrete numerical model for granular assemblies, Géotechnique 29 (1979).
 """
 
@@ -34,9 +34,9 @@ def evaluate_contact(
 ):
     """Compose the kernel that sums the contact forces of points; `lanes` of its threads share a point.
 
-    With `limited`, `count_contacts` has counted the contacts, which limits their dampers. Where bodies start
-    inside each other (`overlapping_at_start`), only the excess over an allowed overlap counts. The allowance
-    shrinks to 0, so that bodies are moved apart slowly and not thrown.
+    If `limited`, dampers are limited by the number of contacts, from `count_contacts`. If bodies start inside each
+    other (`overlapping_at_start`), only the excess over an allowed overlap counts. The allowance shrinks to 0, so
+    that bodies are moved apart slowly and not thrown.
     """
     return _each_point(scalar, overlapping_at_start, False, lanes, worlds, limited)
 
@@ -51,10 +51,10 @@ def contact_energy(
 
 @functools.cache
 def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool, limited: bool):
-    """Compose the function that exerts the force of one contact.
+    """Compose the function that adds the force of one contact to its vertices.
 
-    It returns whether there is a force, the contact's tangential displacement [m], and, if `measuring`, its stored
-    energy [J] and dissipated power [W].
+    It returns whether there is a force, the tangential displacement [m], and, if `measuring`, the stored energy
+    [J] and the dissipated power [W].
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
@@ -76,7 +76,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         nearest: Nearest,
         gap: scalar,  # [m]
         normal: V,
-        past: Memory,  # what the point remembers
+        past: Memory,  # contact history of the point
         step: Step,
         flags: wp.array(dtype=float),
     ):
@@ -84,7 +84,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         power = wp.float64(0.0)
         moved = V()
         p = point.number
-        # Distant memory is read early, even if there turns out to be no contact.
+        # Slow memory is read early, even if no contact is found afterwards.
         v = data.surfaces.v
         u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
         mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
@@ -152,7 +152,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
 def count_contacts(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
     """Compose the kernel that counts the contacts of each particle, before `evaluate_contact`.
 
-    It stores the nearest facets of the first bodies of each point, so that they need not be found again.
+    For the first bodies near each point it stores the nearest facet, which `evaluate_contact` reads.
     """
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
     place_on, point_of = places(scalar)[1], points(scalar, worlds)[1]
@@ -213,7 +213,7 @@ def _each_point(
     def evaluate_point(
         data: Data,
         p: int,
-        lane: int,  # index of this thread among those of the point
+        lane: int,  # index among the threads of the point
         step: Step,
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),
@@ -267,7 +267,7 @@ def _each_point(
                 first = next_in_order(
                     data.neighbors.candidate_pair, data.neighbors.body_pairs, p, point.body, n, pair.other
                 )
-        wait()  # the others have read the history, which is now written
+        wait()  # before the history is written, all threads of the point have read it
         if lane == 0:
             if wp.static(measuring):
                 stored[p] = energy

@@ -1,4 +1,4 @@
-"""Device data of contact between bodies: surfaces, rules, neighbor list and history; and of near pairs."""
+"""Device data of contact between bodies: surfaces, rules, neighbor list, history and near pairs."""
 
 import functools
 from typing import Any
@@ -12,11 +12,11 @@ from ..records import table
 
 MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = range(8)
 """Indices of flags: longest path of a vertex since the last search [m], and in a substep; longest row; most bodies
-near one body; deepest overlap [m]; furthest that a particle was held back in a substep [m]; and of all worlds, in
-the first world's flags, near pairs, and points with facets near them."""
+near one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also
+has, for all worlds, the numbers of near pairs and of points with facets near them."""
 FLAGS = 8
 STORED = 2
-"""Bodies near a point whose nearest facets are stored, where contacts are counted first."""
+"""Number of bodies near a point whose nearest facets are stored, if contacts are counted first."""
 NOT_DUE, DUE, FORCED = range(3)
 """Whether lists must be made: no; yes, since vertices have moved far; yes, since positions were changed."""
 HISTORY = 2
@@ -25,14 +25,14 @@ HISTORY = 2
 
 @functools.cache
 def Pair(scalar: type):
-    """Compose the struct of the body of a point and a body that the point may touch."""
+    """Compose the struct of constants for contact of the points of one body with the facets of another."""
 
     @wp.struct
     class Pair:
         mine: int  # body of the point
         other: int  # body of the facets
-        place: int  # in the row of body_pairs
-        closed: int  # whether the other body is another one that has an inside
+        place: int  # index of the other body in the row of body_pairs
+        closed: int  # whether the other body is a different one and has an inside
         reach: scalar  # largest distance at which a facet pushes the point [m]
         thickness: scalar  # distance at which contact begins [m]
         stiffness: scalar  # of one point [N/m]
@@ -47,15 +47,15 @@ def Pair(scalar: type):
 def BodyContactData(scalar: type, worlds: bool = False):
     """Compose the struct of contact between bodies. Four owners on the host fill its parts.
 
-    A vertex is a weighted mean of particles; points and facets are made of vertices. A point is a vertex (both of
-    its ends are the same) or lies on an edge. A facet is a triangle, for a rope a segment, for a grain a point.
+    A vertex is a weighted mean of particles. A contact point is a vertex (its two ends are the same) or lies on an
+    edge between two vertices. A facet is a triangle; a segment for a rope; a point for a grain.
     In an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
     """
     V, Side, PointAndBody = vector(3, scalar), wp.types.vector(4, scalar), Pair(scalar)
 
     @wp.struct
     class ContactSurfaces:
-        # Vertices; x and v are in records, and are recomputed before each evaluation of forces:
+        # Vertices; x and v are stored as `records`, and recomputed before each evaluation of forces:
         first: wp.array(dtype=int)  # row starts of particle and weight, shape [vertex_count + 1]
         particle: wp.array(dtype=int)  # shape [any]
         weight: wp.array(dtype=scalar)  # of each particle, shape [any]
@@ -69,7 +69,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         v: wp.array(dtype=V)  # velocity [m/s]
         force: wp.array2d(dtype=wp.int64)  # on the vertex, in units, shape [vertex_count, 3]
         # Particles, if dampers are limited, see `damping_limits`:
-        touches: wp.array(dtype=int)  # in how many contacts it is now, shape [particle_count]
+        touches: wp.array(dtype=int)  # number of its contacts now, shape [particle_count]
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], shape [particle_count]
         damping_limit: wp.array(dtype=scalar)  # of each world [1/s]
         # Points:
@@ -93,26 +93,26 @@ def BodyContactData(scalar: type, worlds: bool = False):
     class ContactRules:
         kind: wp.array(dtype=int)  # of each body, shape [body_count]
         table: wp.array2d(dtype=int)  # rule for two kinds of bodies; −1: no contact
-        # By rule:
+        # Of each rule:
         self_contact: wp.array(dtype=int)  # whether a body touches itself
         friction: wp.array(dtype=scalar)
         damping: wp.array(dtype=scalar)  # damping ratio of a contact, from its restitution
-        thickness: wp.array(dtype=scalar)  # [m]; below 0: as each body has
-        stiffness: wp.array(dtype=scalar)  # [N/m]; below 0: as each body has
+        thickness: wp.array(dtype=scalar)  # [m]; below 0: from the bodies
+        stiffness: wp.array(dtype=scalar)  # [N/m]; below 0: from the bodies
 
     @wp.struct
     class NeighborList:
         x_found: wp.array(dtype=V)  # positions of vertices at the last search [m], in records
-        since: wp.array(dtype=float)  # time from it to the end of the last substep [s], shape [1]
+        since: wp.array(dtype=float)  # time from the last search to the end of the last substep [s], shape [1]
         due: wp.array(dtype=int)  # whether lists are invalid: NOT_DUE, DUE or FORCED, shape [1]
         # Rows of facets near points:
         candidates: wp.array2d(dtype=int)  # facets, grouped by body, shape [point_count, room]
-        candidate_pair: wp.array2d(dtype=int)  # its body, as an index in the row of body_pairs
+        candidate_pair: wp.array2d(dtype=int)  # body of each candidate, as an index in the row of body_pairs
         candidate_distance: wp.array2d(dtype=scalar)  # distance at the last search [m]
         candidate_count: wp.array(dtype=int)  # length of each row
         # Points:
         in_order: wp.array(dtype=int)  # points in an order that keeps near points together
-        near_own: wp.array(dtype=int)  # whether it may touch its own body, if that is open
+        near_own: wp.array(dtype=int)  # whether the point may touch its own body, if that is open
         search_points: wp.array(dtype=int)  # points to search rows for, in any order
         search_point_count: wp.array(dtype=int)  # number of search_points, shape [1]
         active_points: wp.array(dtype=int)  # points that have a row, or overlap since the start, in any order
@@ -120,7 +120,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         speeds: wp.array(dtype=wp.vec3)  # of active points by axis: max v and max −v [m/s], shape [2]
         # Bodies:
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
-        pairs: wp.array2d(dtype=PointAndBody)  # the numbers of each such pair
+        pairs: wp.array2d(dtype=PointAndBody)  # constants of each such pair
         body_pair_count: wp.array(dtype=int)  # length of each row
         if worlds:
             root_of_world: wp.array(dtype=int)  # root of each world's subtree in the tree of bodies
@@ -130,7 +130,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         # If dampers are limited, what `count_contacts` has found for the first bodies in each row:
         facet: wp.array2d(dtype=int)  # the nearest facet, shape [STORED, point_count]
         until: wp.array2d(dtype=int)  # end of the body's facets in the row
-        weights: wp.array2d(dtype=V)  # of its corners at the nearest point
+        weights: wp.array2d(dtype=V)  # of the facet's corners at the nearest point
         side: wp.array2d(dtype=Side)  # unit normal, and gap [m], FAR if out of reach
 
     @wp.struct
@@ -156,30 +156,30 @@ def BodyContactData(scalar: type, worlds: bool = False):
 def InnerSurfaces(scalar: type):
     """Compose the struct of inner surfaces, which lie inside closed bodies.
 
-    Closed bodies may overlap, but not cross each other's inner surfaces. Each vertex of one lies on the chord from
-    a drawn vertex to the opposite side of its body.
+    Closed bodies may overlap, but their inner surfaces may not cross. Each vertex of an inner surface lies on the
+    chord from a drawn vertex to the opposite side of its body.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
 
     @wp.struct
     class InnerSurfaces:
-        chord: wp.array(dtype=wp.vec4i)  # the drawn vertex and those of the opposite facet; −1: none
-        weight: wp.array(dtype=W)  # theirs
+        chord: wp.array(dtype=wp.vec4i)  # the drawn vertex, and the three of the opposite facet; −1: none
+        weight: wp.array(dtype=W)  # of these four vertices
         x: wp.array(dtype=V)  # positions at the last search [m], in records
-        inset: wp.array(dtype=float)  # of each body: largest distance of one of them from the drawn one then [m]
-        more: wp.array(dtype=scalar)  # by this much more than half a skin may one of its vertices move [m]
+        inset: wp.array(dtype=float)  # of each body: largest distance from drawn to inner vertex then [m]
+        more: wp.array(dtype=scalar)  # of each body: a vertex may move this much more than half a skin [m]
 
     return InnerSurfaces
 
 
 @functools.cache
 def NearPairs(scalar: type):
-    """Compose the struct of near pairs, and of the impulses and shortened displacements that keep them apart."""
+    """Compose the struct of near pairs, and of the impulses and displacement limits that keep them apart."""
     V, W, Inner = vector(3, scalar), wp.types.vector(4, scalar), InnerSurfaces(scalar)
 
     @wp.struct
     class NearPairs:
-        # Vertices: first those that are drawn, then those of inner surfaces:
+        # Vertices, first drawn ones, then vertices of inner surfaces:
         first_particle: wp.array(dtype=int)  # row starts of particle_of and weight
         particle_of: wp.array(dtype=int)
         weight: wp.array(dtype=scalar)  # of each particle
@@ -188,7 +188,7 @@ def NearPairs(scalar: type):
         inner: Inner
         # Edges; a grain is an edge whose ends are the same:
         edge: wp.array(dtype=wp.vec2i)  # the ends of each, shape [edge_count]
-        rank: wp.array(dtype=int)  # of each body by the length of its edges, the shortest first
+        rank: wp.array(dtype=int)  # of each body, by the mean length of its edges: 0 for the shortest
         # Facets:
         owned: wp.array(dtype=int)  # its corners (bits 0 to 2) and sides (3 to 5) that belong to no other facet
         points: wp.array(dtype=int)  # six each: in owned corners, in the middle of owned sides; below 0: none
@@ -198,13 +198,13 @@ def NearPairs(scalar: type):
         count: wp.array(dtype=int)  # number of pairs, shape [1]
         weights: wp.array(dtype=W)  # of the vertices in the shortest line from the second side to the first
         normal: wp.array(dtype=V)  # of the plane between the two sides, towards the first
-        gap: wp.array(dtype=scalar)  # from the second side to the first along it [m], at most 0 where they cross
-        least: wp.array(dtype=scalar)  # the least that may be left on either side of the plane [m]
+        gap: wp.array(dtype=scalar)  # along the normal, from the second side to the first [m]; <= 0: they cross
+        least: wp.array(dtype=scalar)  # the least distance that either side must keep from the plane [m]
         reserve: wp.array(dtype=scalar)  # how much more the sides may approach before anything must be done [m]
         watched: wp.array(dtype=int)  # the pairs that may come too near in this substep, in any order
-        watched_count: wp.array(dtype=int)  # number of them, shape [1]
+        watched_count: wp.array(dtype=int)  # number of watched pairs, shape [1]
         pushing: wp.array(dtype=int)  # the pairs that come too near in a round, in any order
-        pushing_count: wp.array(dtype=int)  # number of them, shape [1]
+        pushing_count: wp.array(dtype=int)  # number of pushing pairs, shape [1]
         # Particles:
         in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
         particle: wp.array(dtype=int)  # the particles in pairs, in any order
@@ -212,8 +212,8 @@ def NearPairs(scalar: type):
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], of the particles of all worlds
         pushes: wp.array(dtype=int)  # pairs that push each particle in a round
         impulse: wp.array2d(dtype=wp.int64)  # of pairs on each particle, times the substep [kg m], in units
-        share: wp.array(dtype=float)  # of its displacement in the substep that each particle may make
-        held: wp.array(dtype=int)  # whether that is less than all, as of an earlier round
+        share: wp.array(dtype=float)  # fraction of its displacement in the substep that each particle may make
+        held: wp.array(dtype=int)  # whether that fraction was below 1 after an earlier round
         body: wp.array(dtype=int)  # its body
         shift: wp.array(dtype=float)  # length of its path by impulses in this substep [m]
         most_shift: wp.array(dtype=float)  # the longest such path in each body [m]
@@ -221,7 +221,7 @@ def NearPairs(scalar: type):
         most_weight: float  # largest sum of the absolute weights of a vertex
         driven: wp.array(dtype=int)  # indices of the driven particles
         done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
-        contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not asked for
+        contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not requested
         # Rules, see `ContactRules`:
         kind: wp.array(dtype=int)
         rules: wp.array2d(dtype=int)
@@ -232,18 +232,18 @@ def NearPairs(scalar: type):
         tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
         may_meet: wp.array(dtype=int)  # whether inner surfaces may meet in this substep, shape [1]
         alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
-        many: wp.array(dtype=int)  # whether there are then too many pairs for a single launch, shape [1]
+        many: wp.array(dtype=int)  # whether there are too many pairs for a single launch, shape [1]
         exceeded: wp.array(dtype=int)  # whether a path is longer than foreseen in this substep, shape [1]
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
         cutting: wp.array(dtype=int)  # whether any displacement is shortened in this substep, shape [1]
-        unsettled: wp.array(dtype=int)  # of each world: whether the last round but one held particles back
+        unsettled: wp.array(dtype=int)  # of each world: whether the second-last round held particles back
 
     return NearPairs
 
 
 @functools.cache
 def Substep(scalar: type):
-    """Compose the struct of the numbers that kernels over contact points need of the current substep."""
+    """Compose the struct of the current substep, for kernels over contact points."""
 
     @wp.struct
     class Substep:
@@ -273,7 +273,7 @@ def first_flag(scalar: type, worlds: bool):
 
 @functools.cache
 def body_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the force term of contact between bodies: the vertices' forces, spread to their particles."""
+    """Return the force term of contact between bodies: forces on vertices, divided among their particles."""
     V, entry, weight_of = vector(dim, scalar), table(int), table(scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
 

@@ -1,4 +1,4 @@
-"""Division planes: what did not cross when a substep began does not cross when it ends.
+"""Division planes: surfaces that do not cross when a substep begins do not cross when it ends.
 
 So cloth does not pass through itself or other bodies. Near pairs of a vertex and a triangle, or of two edges, are
 listed. When a substep begins, a plane separates the vertex from the triangle, or one edge from the other. When it
@@ -7,13 +7,13 @@ thickness. If so,
 
 1. impulses act between the two sides of each such pair, in a few rounds. All pairs act at the same time, so each
    divides the mass of a particle by the number of pairs that push it;
-2. of pairs that would still come too near, the displacement in this substep of each particle that would reach the
-   plane of the pair is shortened. Then planes of other pairs of these particles count, too, and so on.
+2. if a pair would still come too near, the displacements of those particles that would reach its plane in this
+   substep are shortened. Then the other pairs of these particles are tested against their planes, and so on.
 
-Both sides of a pair are then convex sets on the two sides of a plane, also all along the straight paths there. The
-plane stands still if a particle of the pair is held back; else it moves with the pair, so that bodies that fly
-together are not held back. The impulses of a pair add up to nothing and are summed as integers; a displacement is
-shortened to the least that any pair of the particle allows. So nothing depends on the order of pairs.
+The two sides of a pair then stay on their sides of a plane during the whole substep, since particles move on
+straight lines. The plane is at rest if a particle of the pair is held back; else it moves with the pair, so that
+bodies that fly together are not held back. The impulses of a pair sum to 0 and are added as integers, and a
+displacement is shortened to the least that any of its pairs allows. So the order of pairs changes no result.
 References: Chen et al., Offset geometric contact, ACM TOG 44 (2025); Tonge et al., Mass splitting for jitter-free
 parallel rigid body simulation, ACM TOG 31 (2012).
 """
@@ -32,19 +32,19 @@ from .pair_gaps import longest_shifts, ways
 from .pair_impulses import pair_impulses
 
 ROUNDS, FIRST_ROUNDS = 16, 4
-"""Rounds of impulses, at most, and those that keep as much of a gap as is wanted; the others are for pairs that
-would be held back. Without any a driven end of a folded cloth lags by 0.3 m, with four by some millimetres. Two
-blocks that meet at 20 m/s need up to 8."""
+"""Maximal number of rounds of impulses, and number of first rounds, which keep as much of a gap as is wanted; late
+rounds are only for pairs that would be held back. Without rounds a driven end of a folded cloth lags by 0.3 m,
+with four by some millimetres. Two blocks that meet at 20 m/s need up to 8."""
 ALLOWED = 0.8
-"""The share of its distance from the plane by which a vertex may approach it."""
+"""Fraction of its distance from the plane by which a vertex may approach the plane."""
 LEAST_SHARE = 0.05
-"""The least share of the gap on either side of a plane."""
+"""The least fraction of the gap on either side of a plane."""
 CATCH_UP = 50.0
 """How far a particle with a drive at rest may go in a substep to catch up, as a multiple of the least gap."""
 FORESEEN = 4.0
-"""The path by impulses that is foreseen, by that of the last substep: other pairs are not looked at."""
+"""Ratio of the expected path by impulses to that of the last substep; pairs that it cannot close are skipped."""
 CUTS = 4
-"""Rounds in which displacements are shortened. If more would be needed, the last is for all pairs."""
+"""Rounds in which displacements are shortened. The last is for all pairs, in case more would be needed."""
 PHASES = 3 * ROUNDS + 2 * CUTS
 """Phases of `keep_apart`: three for each round of impulses, two for each in which displacements are shortened. One
 ends before the next begins."""
@@ -63,15 +63,15 @@ LOWER = """
 
 @wp.func_native(LOWER)
 def lower_to(numbers: wp.array(dtype=float), i: int, value: float):
-    """Replace numbers[i] by `value` if that is less. Neither is negative: then their bits have the same order."""
+    """Replace numbers[i] by `value` if that is less; both are >= 0, so that their bits have the same order."""
     ...
 
 
 @functools.cache
 def catch_up(scalar: type):
-    """Compose the kernel that limits the speed at which driven particles that were held back reach their drives.
+    """Compose the kernel that limits how fast driven particles that were held back catch up with their drive.
 
-    In a substep they go at most twice as far as their drive, or `CATCH_UP` times the least gap if that is more.
+    In a substep they go at most twice as far as the drive, or `CATCH_UP` times the least gap if that is more.
     """
     V, Pairs = vector(3, scalar), NearPairs(scalar)
     load, store, _ = records(3, scalar)
@@ -104,8 +104,7 @@ def catch_up(scalar: type):
 def keep_apart(scalar: type, blocks: int):
     """Compose the kernel that keeps the near pairs apart, in phases; its threads share pairs and particles.
 
-    Where one launch has several phases, all threads belong to one cluster of `blocks` blocks, on the CPU to one
-    thread.
+    If one launch runs several phases, it has one cluster of `blocks` blocks, or on the CPU one thread.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
@@ -133,9 +132,9 @@ def keep_apart(scalar: type, blocks: int):
         calm: bool,
         k: int,
     ):
-        """Lower the shares of displacement that particles of pair k may make, so that none reaches its plane.
+        """Reduce the fractions of displacement that particles of pair k may make, so that none reaches its plane.
 
-        Unless `everywhere`, only if the pair comes too near, or one of its particles has been held back.
+        Unless `everywhere`, only if one was held back, or if the pair comes too near (never a `calm` pair).
         """
         normal = pairs.normal[k]
         gap = pairs.gap[k]
@@ -167,7 +166,7 @@ def keep_apart(scalar: type, blocks: int):
         most = wp.max(scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]), gap - apart)
         if furthest_first + furthest_second <= most:
             return
-        # Where the plane is, as a share of the gap from the second side on: the faster side has more room, and a
+        # The plane's place, as a fraction of the gap from the second side: the faster side has more room, and a
         # driven side as much as it needs.
         share = furthest_second / (furthest_first + furthest_second)
         if mobility_first == zero and mobility_second > zero:
@@ -196,7 +195,7 @@ def keep_apart(scalar: type, blocks: int):
     def hold_back(
         pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v_out: wp.array(dtype=V), h: scalar, i: int
     ) -> float:
-        """Shorten the displacement of particle i to the share that its pairs allow; return by how much [m]."""
+        """Shorten the displacement of particle i to the fraction that its pairs allow; return the loss [m]."""
         share = scalar(pairs.share[i])
         if share == one:
             return float(0.0)
@@ -222,7 +221,7 @@ def keep_apart(scalar: type, blocks: int):
         k: int,
     ):
         """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
-        # Whatever impulses have done to these bodies, the pair has not come too near.
+        # Even with the impulses on these bodies the pair has not come too near.
         calm = pairs.reserve[k] - pairs.least[k] > scalar(1.001 * longest_shift(pairs, pairs.most_shift, k))
         if calm and phase <= wp.static(3 * ROUNDS):
             return
@@ -275,7 +274,7 @@ def keep_apart(scalar: type, blocks: int):
 
     @wp.func
     def end(pairs: Pairs, thread: int, threads: int):
-        """Foresee paths of impulses in the next substep, by those in this one."""
+        """Estimate the paths due to impulses in the next substep from those in this one."""
         body = thread
         while body < pairs.most_shift.shape[0]:
             longest = wp.static(FORESEEN) * pairs.most_shift[body]
@@ -291,7 +290,7 @@ def keep_apart(scalar: type, blocks: int):
         per_unit: wp.float64,  # units of impulse times substep [1/(kg m)]
         apart: scalar,  # beyond this distance pairs are left alone [m]
         particles: int,  # number of particles in each world
-        most: int,  # with more pairs, a single launch of all phases leaves them to those of a phase each
+        most: int,  # a single launch of all phases does nothing with more pairs: then each phase is a launch
         first_phase: int,
         last_phase: int,
         threads: int,
@@ -315,8 +314,8 @@ def keep_apart(scalar: type, blocks: int):
         phase = first_phase
         while phase <= last_phase:
             cut = phase - wp.static(3 * ROUNDS)
-            # A round follows only if pairs came too near in the one before, each phase only in such a round; and
-            # displacements are shortened further only if any has been.
+            # A round is run only if pairs came too near in the one before. Displacements are shortened further
+            # only if any has been shortened.
             needed = phase == 0 or pairs.lacking[0] >= (phase + 2) / 3
             if cut >= 0:
                 needed = cut == 0 or phase == wp.static(PHASES - 1) or pairs.cutting[0] != 0

@@ -1,9 +1,9 @@
 """The tree of boxes around the facets of each body, and the broad phase: which bodies are near each other.
 
-The facets of a body are sorted so that near ones follow each other. Runs of them are pieces, runs of pieces are
-groups; each has a box. The boxes follow the facets, while the tree stays as it was at the start. On a GPU several
-threads share a search: each tests one box. So few memory accesses wait for each other; a thread alone in a binary
-tree has hundreds of them. But it tests fewer boxes: on the CPU one thread searches alone, in a binary tree
+The facets of a body are sorted so that near ones follow each other. Consecutive facets form a piece, consecutive
+pieces a group; each piece and group has a box. The boxes are updated as facets move; the tree is not. On a GPU
+several threads share a search, each tests one box, and few memory accesses wait for each other; a single thread in
+a binary tree would wait for hundreds. But a binary tree needs fewer tests: on the CPU one thread searches one
 (`wp.Bvh`) of the same facets.
 """
 
@@ -24,13 +24,13 @@ NEVER = 1e30
 
 @wp.struct
 class FacetTree:
-    """The tree, see above."""
+    """The tree of boxes, see the module's docstring."""
 
     # Facets in the order of the tree, shape [facet_count]:
     facet: wp.array(dtype=int)
     binary: wp.uint64  # binary tree of their boxes, for single threads
-    root: wp.array(dtype=int)  # root of each body's subtree in it
-    lower: wp.array(dtype=wp.vec3)  # its box [m]
+    root: wp.array(dtype=int)  # root of each body's subtree in `binary`
+    lower: wp.array(dtype=wp.vec3)  # box of each facet [m]
     upper: wp.array(dtype=wp.vec3)
     # Pieces:
     piece: wp.array(dtype=wp.vec4i)  # body, group, first facet and end in the order above, shape [piece_count]
@@ -51,7 +51,7 @@ class FacetTree:
 
 @wp.struct
 class Cursor:
-    """Where a search of the facets of one body has come to."""
+    """State of a search through the facets of one body."""
 
     facet: int  # the facet found by this thread, or -1
     ended: bool
@@ -59,7 +59,7 @@ class Cursor:
     last_place: int
     first_piece: int  # first of the pieces that were tested together, and the end of their group
     last_piece: int
-    pieces: wp.uint32  # those of them that are still to be searched, as bits
+    pieces: wp.uint32  # which of these pieces are still to be searched, as bits
     first_group: int
     last_group: int
     groups: wp.uint32
@@ -75,7 +75,7 @@ def overlap(low: wp.vec3, high: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool
 def overlaps_box(
     low: wp.vec3, high: wp.vec3, lower: wp.array(dtype=wp.vec3), upper: wp.array(dtype=wp.vec3), k: int, end: int
 ) -> bool:
-    """Tell whether a box overlaps box k of those before `end`; False if k is not before it."""
+    """Tell whether a box overlaps box k of an array of boxes; False unless k < end."""
     if k >= end:
         return False
     return overlap(low, high, lower[k], upper[k])
@@ -83,7 +83,7 @@ def overlaps_box(
 
 @wp.func
 def box_around(a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Return the least and the greatest corner of the box around three places."""
+    """Return the lowest and the highest corner of the box around three points."""
     return wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c)
 
 
@@ -99,7 +99,7 @@ def extend(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), i: int, 
 def facets_within(lanes: int):
     """Compose (begin, find_next), which find the facets of a body whose boxes overlap a box low … high.
 
-    `lanes` threads share a search, and find up to as many facets at a time. The box may shrink meanwhile.
+    `lanes` threads share a search; each call finds up to `lanes` facets. The box may shrink between calls.
     """
     ballot = ballot_of_lanes(lanes)
 
@@ -188,7 +188,7 @@ def begin_search(scalar: type, worlds: bool = False):
 def box_facets(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel that bounds facets and pieces, and extends the boxes of groups and bodies.
 
-    Its threads share the pieces, `lanes` of them a piece.
+    Each piece has `lanes` threads.
     """
     Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
     load = records(3, scalar).load
@@ -251,8 +251,8 @@ def find_roots():
 def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel that lists the bodies each body may touch, and finds a box around all of these.
 
-    A point outside this box touches none of them. Most points of a large body are outside: no further test. The
-    threads share the bodies: `lanes` of them test all others of a world, or, if 0, one searches a tree of bodies.
+    A point outside this box touches none of them, and needs no further test; most points of a large body are
+    outside. Each body has `lanes` threads that test all others of its world; if 0, one that searches a tree.
     """
     Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
     find_rule, first_of, pair_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds), pair_with(scalar, worlds)
@@ -273,7 +273,7 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         around: scalar,
         flags: wp.array(dtype=float),
         i: int,
-        lane: int,  # index of this thread among those of body i
+        lane: int,  # index among the threads of body i
     ):
         lower = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         upper = -lower

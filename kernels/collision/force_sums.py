@@ -1,6 +1,6 @@
-"""Contact forces on vertices as integers in a unit of force, whose sums do not depend on their order.
+"""Contact forces on vertices, as integers in a small unit: integer sums do not depend on their order.
 
-Also their impulses on particles, summed over a frame, for probes, pictures and files.
+Also the impulses of these forces on particles, summed over a frame, for probes, pictures and files.
 """
 
 import functools
@@ -19,8 +19,8 @@ Units = wp.types.vector(3, wp.int64)
 def exert_force(scalar: type, lanes: int):
     """Compose (force, ends, s, corner, w, f, per_unit, lane, parts), which adds f [N] to a point, −f to a facet.
 
-    The point lies between the vertices `ends`; s is the weight of the second. It touches the facet where its
-    corners have the weights w. The corners' forces sum to exactly the point's, in units of 1 / per_unit [N].
+    The point lies between the vertices `ends`; s is the weight of the second. It touches the facet where the
+    corners have the weights w. In units of 1 / per_unit [N] the forces on the corners sum to exactly −f.
     """
     V = vector(3, scalar)
 
@@ -40,7 +40,7 @@ def exert_force(scalar: type, lanes: int):
         lane: int,
         parts: int,  # number of parts for threads of the CPU
     ):
-        """Add force f to a point, and −f to a facet; of several threads of a point each adds some coordinates."""
+        """Add force f to a point, and −f to a facet; each thread of the point adds some of the coordinates."""
         for k in range(lane, 3, wp.static(lanes)):
             total = wp.int64(wp.float64(f[k]) * per_unit)
             if ends[0] == ends[1]:
@@ -60,9 +60,9 @@ def exert_force(scalar: type, lanes: int):
 
 @functools.cache
 def exert_on_segments(scalar: type):
-    """Compose (in_units, take_from, add_to), for points that touch segments or grains only.
+    """Compose (in_units, take_from, add_to), for points that touch only segments or grains.
 
-    `in_units` turns a force [N] into integers, `take_from` subtracts them from the ends of a segment, and `add_to`
+    `in_units` converts a force [N] to integers; `take_from` subtracts them from the ends of a segment; `add_to`
     adds them to a point. The forces of several contacts on a point may be summed first, since atomic additions
     dominate the cost.
     """
@@ -71,7 +71,7 @@ def exert_on_segments(scalar: type):
 
     @wp.func
     def in_units(f: V, per_unit: wp.float64) -> Units:
-        """Return a force as integers."""
+        """Return a force [N] as integers, in units of 1 / per_unit [N]."""
         return Units(
             wp.int64(wp.float64(f[0]) * per_unit),
             wp.int64(wp.float64(f[1]) * per_unit),
@@ -103,7 +103,7 @@ def exert_on_segments(scalar: type):
 def add_impulses(dim: int, scalar: type, compensated: bool):
     """Compose the kernel, over particles, that sums the impulses of contact with other bodies, in float64.
 
-    The force of each stage is weighted by the stage's time in the method's sum over the substep [s].
+    `seconds` is the weight of the current stage in the method's sum over the substep.
     """
     VertexForces = body_contact_term(dim, scalar, compensated).Data
     Wide = vector(dim, wp.float64)
@@ -111,7 +111,7 @@ def add_impulses(dim: int, scalar: type, compensated: bool):
     @kernel
     def add_impulse(
         body_contact: VertexForces,
-        seconds: wp.float64,  # weight of the forces: their time [s]
+        seconds: wp.float64,  # duration for which the forces count [s]
         # In and out:
         impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]
     ):

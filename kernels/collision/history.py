@@ -1,4 +1,4 @@
-"""Contact history: the tangential displacement of points along the bodies that they touch."""
+"""Contact history: the tangential displacement of each point along the bodies that it touches."""
 
 import functools
 
@@ -13,8 +13,8 @@ from .pairs import NONE
 def memories(scalar: type, worlds: bool):
     """Compose (Memory, no_memory, remember, keep, shrink_overlap).
 
-    A point remembers two bodies that it touches, those with the lowest indices if there are more, NONE if it has
-    fewer. `keep` stores them; `shrink_overlap` reduces the overlap at the start that is still allowed.
+    The memory of a point has two bodies that it touches: the two of lowest index if there are more, NONE for a
+    missing one. `keep` stores it; `shrink_overlap` reduces the initial overlap that is still allowed.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
 
@@ -62,7 +62,7 @@ def memories(scalar: type, worlds: bool):
 
 @functools.cache
 def displacements(scalar: type, worlds: bool):
-    """Compose (held, moved_along): what a point remembers, and its tangential displacement along a body [m].
+    """Compose (held, moved_along): the memory of a point, and its tangential displacement along a body [m].
 
     The displacement is 0 without contact.
     """

@@ -19,9 +19,9 @@ def friction(scalar: type):
     """Compose the law of friction, (moved, u_t, k_t, b_t, most) -> (held, f_t, slides).
 
     `moved` is the tangential displacement [m], `u_t` the tangential velocity [m/s], k_t and b_t are the spring
-    [N/m] and damper [N s/m], and `most` is Coulomb's limit μ f_n [N]. It returns the displacement after limiting,
-    the force f_t = −k_t held − b_t u_t, shortened to the limit, and whether it was shortened: Cundall and Strack
-    1979.
+    [N/m] and damper [N s/m], and `most` is Coulomb's limit μ f_n [N]. It returns the limited displacement `held`,
+    the force f_t = −k_t held − b_t u_t, limited to `most`, and whether the force was limited (it slides).
+    Reference: Cundall and Strack (1979).
     """
     V = vector(3, scalar)
 
@@ -43,17 +43,16 @@ def friction(scalar: type):
 
 @functools.cache
 def damping_limits(scalar: type, lanes: int):
-    """Compose (count, load): how strong the damper of a contact may be beside all others there are.
+    """Compose (count, load), which bound the damper of a contact, given all other contacts of its particles.
 
     With the gradient g of a contact, n_i the contacts of particle i, and its mass m_i, Cauchy's inequality says
 
         (g·v)² ≤ (Σ g_i² n_i/m_i) (Σ m_i v_i²/n_i),
 
-    and the second sum, added up over all contacts, is Σ m_i v_i². So if each b ≤ c / Σ g_i² n_i/m_i, no rate of
-    all dampers together exceeds c. A particle in several vertices of a contact counts once for each.
-    `count` adds a contact to its particles, and `load` returns Σ g_i² n_i/m_i [1/kg]. The `lanes` threads of a
-    point share the five vertices. They take arrays, not the whole data struct: on the CPU a function copies its
-    arguments.
+    and the second sum, added up over all contacts, is Σ m_i v_i². So if each b ≤ c / Σ g_i² n_i/m_i, all dampers
+    together have no rate above c. A particle in several vertices of a contact counts once for each.
+    `count` adds a contact to its particles; `load` returns Σ g_i² n_i/m_i [1/kg]. The `lanes` threads of a point
+    share the five vertices. Both functions take arrays, since on the CPU a call would copy the whole data struct.
     """
     V, Sum, one, zero = vector(3, scalar), vector(1, scalar), scalar(1.0), scalar(0.0)
     sum_of, index_of, number_of = sum_over_lanes(1, scalar, lanes), table(int), table(scalar)
@@ -114,12 +113,12 @@ def damping_limits(scalar: type, lanes: int):
 
 @functools.cache
 def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
-    """Compose (press, record, per_unit_of): the force of one contact, and statistics of active contacts.
+    """Compose (press, record, per_unit_of): the force of one contact, and sums over active contacts.
 
     `press` returns the stiffness [N/m], the normal force [N], the tangential force [N], the new tangential
     displacement [m], the normal velocity of the point, positive when leaving [m/s], and whether it slides.
     `record` updates the deepest overlap and the work of depenetration. `per_unit_of` returns the units of force
-    per newton: in an ensemble each world has its own.
+    per newton, which differ between the worlds of an ensemble.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     PointAndBody, zero, one = Pair(scalar), scalar(0.0), scalar(1.0)
@@ -129,11 +128,11 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
     @wp.func
     def press(
         pair: PointAndBody,
-        mobility: scalar,  # 1 / the reduced mass of both [1/kg]
+        mobility: scalar,  # 1 / reduced mass of point and facet [1/kg]
         overlap: scalar,  # [m]
         normal: V,  # unit vector out of the facet
-        faces: scalar,  # share of the damping
-        strongest: scalar,  # damper that is still stable [N s/m]
+        faces: scalar,  # fraction of the damping, see `facing`
+        strongest: scalar,  # largest stable damping [N s/m]
         u: V,  # velocity of the point relative to the facet [m/s]
         before: V,  # tangential displacement before this substep [m]
         step: Step,
@@ -141,9 +140,9 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
         k_n = pair.stiffness
         u_n = wp.dot(u, normal)
         u_t = u - u_n * normal
-        # A point has a share of the stiffness, and the same share of the mass.
+        # A point has a fraction of the stiffness, and the same fraction of the mass.
         root = wp.sqrt(pair.density * k_n / mobility)
-        # A pair has two contacts, a point on a facet each way: each has half of the damping.
+        # Two bodies touch in two contacts, a point of each on a facet of the other: each has half of the damping.
         b_n = faces * scalar(2.0**0.5) * pair.damping * root
         b_t = wp.sqrt(tangential) * b_n
         # If velocities lag, the damper acts on the mean of those before and after a substep.

@@ -1,4 +1,4 @@
-"""Near pairs: a vertex and a triangle, or two edges, that may meet before pairs are listed again."""
+"""Near pairs: a vertex and a triangle, or two edges, that may come too near before pairs are listed again."""
 
 import functools
 
@@ -14,7 +14,7 @@ from .nearest_point import nearest_on_segments, nearest_on_triangle
 from .pairs import never_touches
 
 FIRST_OF_EDGES = 12
-"""The first test of two edges among those of two facets."""
+"""Index of the first test of two sides among the tests of two facets."""
 MARK = """
 #if defined(__CUDA_ARCH__)
     return atomicExch(&wp::index(marks, i), 1) == 0;
@@ -26,13 +26,13 @@ MARK = """
 
 @wp.func_native(MARK)
 def mark(marks: wp.array(dtype=int), i: int) -> bool:
-    """Set marks[i] to 1, and tell whether it was 0 before."""
+    """Set marks[i] to 1; return whether it was 0 before."""
     ...
 
 
 @wp.func
 def vertex_of(vertices: wp.vec4i, m: int) -> int:
-    """Return the m-th vertex of a pair; ~v, which marks a pair of edges, stands for vertex v."""
+    """Return the m-th vertex of a pair; in a pair of edges the first is stored as ~v (bitwise not)."""
     v = vertices[m]
     if v < 0:
         v = -1 - v
@@ -49,7 +49,7 @@ def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
 def clear_pairs(scalar: type):
     """Compose the kernel that empties the list of pairs, before `place_inner` and `find_pairs`.
 
-    Its threads share the particles, which are at least as many as bodies.
+    Its threads share the particles; there are at least as many particles as bodies.
     """
     Pairs = NearPairs(scalar)
 
@@ -69,9 +69,9 @@ def clear_pairs(scalar: type):
 
 
 def tests_at(k: int, n: int) -> int:
-    """Return the tests between two facets, as in `tests_of`, that touch corner k of the first or n of the second.
+    """Return the bits of `tests_of` for corner k of the first facet, corner n of the second, and their sides.
 
-    Of tests between sides those count that touch both.
+    Tests between two sides count only if one ends at corner k and the other at corner n.
     """
     sides, others = (k, (k + 2) % 3), (n, (n + 2) % 3)
     points = (k, *(3 + side for side in sides), 6 + n, *(9 + side for side in others))
@@ -88,9 +88,9 @@ def PairSearch(scalar: type):
         other: int  # the body that is searched
         alike: bool  # whether it is the same body
         x: wp.array(dtype=V)  # positions of drawn or of inner vertices [m]
-        further: int  # by how much the indices of these are greater among the vertices of pairs
+        further: int  # index in `NearPairs` minus index here, of these vertices
         inset: float  # distance of inner from drawn vertices, else 0 [m]
-        reach: scalar  # of pairs [m]; below 0: there are none
+        reach: scalar  # distance within which pairs are listed [m]; below 0: none are
         touching: scalar  # distance within which points of the same body may touch it [m]
 
     return PairSearch
@@ -101,8 +101,8 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
     """Compose (tests_of, test_point, test_edges), which add the near pairs of two facets to the list.
 
     The facets are of drawn or of inner surfaces. Each vertex and each edge belongs to one of the facets around it,
-    so every pair is found once. With `tangled` vertices that `find_tangles` has marked are left out. Of two facets
-    of one body the points that may touch the other facet are marked, too.
+    so every pair is found once. If `tangled`, vertices that `find_tangles` has marked are left out. If both facets
+    belong to one body, points that may touch the other facet are marked.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     Search, load, margin, half = PairSearch(scalar), records(3, scalar).load, margin_of_boxes(scalar), scalar(0.5)
@@ -144,7 +144,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
 
     @wp.func
     def corner_of(facet: Facet, k: int):
-        """Return the vertex at corner k, and its position: an index into a vector would put it in memory."""
+        """Return the vertex at corner k and its position; an index into the vector would move it to memory."""
         vertex = facet.corner[0]
         x = facet.a
         if k == 1:
@@ -175,9 +175,9 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
     ) -> wp.uint32:
         """Return the tests that two facets need, as bits.
 
-        Bits 0 to 5 are for the corners of the first facet and the points in the middle of its sides against the
-        second, 6 to 11 for those of the second against the first, 12 + 3 k + n for side k of the first and side n
-        of the second.
+        Bits 0 to 2 test the corners of the first facet against the second, bits 3 to 5 the midpoints of its sides.
+        Bits 6 to 11 do the same with the facets exchanged. Bit 12 + 3 k + n tests side k of the first against side
+        n of the second.
         """
         one = facet_at(corner, search.x, mine)
         other = facet_at(corner, search.x, found)
@@ -191,7 +191,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
             if (own & (8 << k)) != 0:
                 edges |= (others >> 3) << (3 * k)
         tests = own | others << 6 | edges << wp.static(FIRST_OF_EDGES)
-        if not search.alike:  # no points in the middle of sides are to be marked
+        if not search.alike:  # midpoints of sides need no marks
             tests &= ~wp.static(0b111000 << 6 | 0b111000)
         for k in range(3):
             for n in range(3):
@@ -203,7 +203,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
     def test_point(
         data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int, flags: wp.array(dtype=float)
     ):
-        """Add the pair of a corner and a facet; mark the point there, or that in the middle of a side."""
+        """Add the pair of a corner and a facet; mark the contact point at the corner or at a side's midpoint."""
         number = mine
         facing = found
         if test >= 6:
@@ -230,7 +230,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
     def test_edges(
         data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int, flags: wp.array(dtype=float)
     ):
-        """Add the pair of a side of a facet and a side of another."""
+        """Add the pair of two sides of different facets."""
         one = facet_at(data.surfaces.corner, search.x, mine)
         other = facet_at(data.surfaces.corner, search.x, found)
         k = (test - wp.static(FIRST_OF_EDGES)) / 3
@@ -240,12 +240,12 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         m, c = corner_of(other, n)
         o, d = corner_of(other, (n + 1) % 3)
         if (i == j or m == o) and (one.corner[1] != one.corner[2] or other.corner[1] != other.corner[2]):
-            return  # a grain and a triangle are a pair already
+            return  # the pair of a grain and a triangle is listed by `test_point`
         shares = on_segments(a, b, c, d)
         if wp.length(a + shares[0] * (b - a) - c - shares[1] * (d - c)) < search.reach:
             first = wp.vec2i(wp.min(i, j), wp.max(i, j))
             second = wp.vec2i(wp.min(m, o), wp.max(m, o))
-            # Which edge of one body is the first does not depend on which facet has found the other.
+            # Within one body the order of the two edges does not depend on which facet found the other.
             if search.alike and second[0] < first[0]:
                 first, second = second, first
             more = wp.vec4i(-search.further, search.further, search.further, search.further)

@@ -1,6 +1,6 @@
-"""Find the facet of a body that is nearest to a point, its side, and how much the two surfaces face each other.
+"""The facet of a body nearest to a point, the side where the point is, and how far the surfaces face each other.
 
-It is one of those that `neighbor_search` has listed for the point.
+Only facets that `neighbor_search` has listed for the point are examined.
 """
 
 import functools
@@ -15,9 +15,9 @@ from .contact_data import BodyContactData, Pair
 from .pairs import ALMOST, FAR, NONE, places, points, unit_normal
 
 LEAST_FACING = 0.1
-"""Below this cosine between the point's and the opposite of the facet's normal there is no damping."""
+"""Below this cosine between the normal at the point and minus the facet's normal there is no damping."""
 FULL_FACING = 0.4
-"""From this cosine on there is all damping. The corner of a block against a plane has 0.41 or more."""
+"""Above this cosine there is full damping. The corner of a block against a plane has 0.41 or more."""
 
 
 @functools.cache
@@ -25,8 +25,8 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
     """Compose (Nearest, find_nearest, separate).
 
     `find_nearest` finds the facet of one body in the point's row that is nearest to the point. `lanes` threads
-    share the row, and all receive the facet. `separate` returns the signed distance of the point from the facet
-    [m], below 0 on the wrong side, and the unit vector in which the distance grows.
+    share the row, and all get the result. `separate` returns the signed distance of the point from the facet
+    [m], negative on the wrong side, and the unit vector along which it grows.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
     Point, PointAndBody = points(scalar, worlds)[0], Pair(scalar)
@@ -37,7 +37,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
 
     @wp.struct
     class Nearest:
-        facet: int  # NONE where there is none
+        facet: int  # NONE if the row has none
         corner: wp.vec3i
         squared: scalar  # distance² [m²]
         w: V  # weights of its corners at the nearest point
@@ -51,7 +51,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
     def find_nearest(
         data: Data,
         point: Point,
-        lane: int,  # index of this thread among those of the point
+        lane: int,  # index among the threads of the point
         pair: PointAndBody,
         first: int,
         buffer: scalar,  # bound on how much distances have shrunk since the last search [m]
@@ -110,9 +110,9 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         height: scalar,  # above the plane of the nearest facet [m]
         buffer: scalar,
     ) -> scalar:
-        """Return the signed height of a point above one of the facets that share its nearest edge or corner [m].
+        """Return the signed height of a point above a facet at its nearest edge or corner [m]; negative inside.
 
-        That facet faces the point most: its height is the largest in magnitude. It is negative inside.
+        Of the facets there it is the one above which the height is largest in magnitude.
         """
         p = point.number
         x = data.surfaces.x
@@ -165,14 +165,14 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
 
 @functools.cache
 def facing(scalar: type, lanes: int):
-    """Compose (first_facet, facet, corner, x, ends, normal, closed, lane) -> the share of damping, 0 to 1.
+    """Compose (first_facet, facet, corner, x, ends, normal, closed, lane) -> the fraction of damping, 0 to 1.
 
-    A point of a surface that slides beneath an edge of another body enters it through its side. The spring pushes
-    it along the direction of sliding, and gives the work back at the other end. A damper would brake the body, as
-    if it ran against the point, and so would friction on a side along which the body slides. So both act only
-    where the two surfaces face each other. The point lies between the vertices `ends`; `closed` tells whether its
-    body has an inside, and `normal` points out of the other body, which has one. The share is 1 for a point
-    without a surface. The `lanes` threads of the point share the facets around it.
+    A point that slides past an edge of another body may enter through a side face. There the spring pushes along
+    the direction of sliding, and returns the work where the point leaves. A damper would brake the body as in a
+    collision; so would friction on a side along which the body slides. So both act only where the two surfaces
+    face each other. The point lies between the vertices `ends`; `closed` tells whether its body has an inside;
+    `normal` points out of the other body, which is closed. The fraction is 1 for a point without a surface. The
+    `lanes` threads of the point share the facets around it.
     """
     V, normal_of, sum_of = vector(3, scalar), unit_normal(scalar), sum_over_lanes(3, scalar, lanes)
     entry, corner_of = table(int), table(wp.vec3i)
@@ -193,7 +193,7 @@ def facing(scalar: type, lanes: int):
         outward = V()
         first = entry(first_facet, ends[0])
         count = entry(first_facet, ends[0] + 1) - first
-        second = int(0)  # where the facets around the second vertex begin, if it is another one
+        second = int(0)  # start of the facets around the second vertex, if the ends differ
         both = int(count)
         if ends[0] != ends[1]:
             second = entry(first_facet, ends[1])

@@ -36,7 +36,7 @@ def nearest_on_triangle(scalar: type):
 
     @wp.func
     def on_longest_edge(ap: V, ab: V, ac: V) -> V:
-        """Return the weights for collinear corners: those on the longest edge, which contains the others."""
+        """Return the weights for collinear corners, on the longest edge, which contains the other two."""
         bc = ac - ab
         if wp.length_sq(bc) > wp.max(wp.length_sq(ab), wp.length_sq(ac)):
             t = share(wp.dot(bc, ap - ab), wp.length_sq(bc))
@@ -62,7 +62,7 @@ def nearest_on_triangle(scalar: type):
         d4 = wp.dot(ac, bp)
         d5 = wp.dot(ab, cp)
         d6 = wp.dot(ac, cp)
-        # Weights up to a factor. If several regions around the triangle hold p, the last one below counts.
+        # Weights up to a factor. If p is in several regions around the triangle, the last one below counts.
         u = d3 * d6 - d5 * d4
         v = d5 * d2 - d1 * d6
         w = d1 * d4 - d3 * d2

@@ -1,4 +1,4 @@
-"""Narrow search: lists of the facets near each point, valid until a vertex has moved by half of the buffer."""
+"""Narrow search: lists of the facets near each point, valid until a vertex has moved by half of the skin."""
 
 import functools
 
@@ -13,14 +13,14 @@ from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overla
 from .pairs import FAR, NONE, never_touches, places, unit_normal
 
 ON_GPU, MANY_ON_GPU = 8, 4
-"""Threads per point on a GPU in scenes with triangles: few points take less time by more threads, which also share
-the facets around a point; many points fill a GPU anyway."""
+"""Threads per point on a GPU in scenes with triangles. For few points more threads, which also share the facets
+around a point, are faster; many points fill a GPU anyway."""
 MOST_BY_MORE = 2**14
-"""Points of a world up to which it is the larger number."""
+"""Number of points of a world up to which ON_GPU is used."""
 FEW_ON_GPU = 2
-"""The same for grains and ropes only, which need less computation."""
+"""Threads per point for only grains and ropes, which need less computation."""
 GRAINS_ON_GPU = 8
-"""The same for grains only: each of its threads looks at other grains near the point."""
+"""Threads per point for only grains: each thread tests different grains near the point."""
 BLOCK = 64
 """Threads per block on a GPU: in larger blocks many threads wait for those with long rows."""
 BLOCKS = 10
@@ -28,14 +28,14 @@ BLOCKS = 10
 
 
 def bounds_of_blocks(scalar: type) -> tuple[int, int]:
-    """Return the launch bounds: threads per block, and concurrent blocks, for the compiler's use of registers."""
-    return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two
+    """Return threads per block and concurrent blocks, from which the compiler bounds the registers of a thread."""
+    return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two registers
 
 
 def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, counts_time: bool = False):
-    """Compose the kernel that evaluates all active points; `lanes` of its threads share a point.
+    """Compose the kernel that calls `evaluate_point` for each active point, with `lanes` threads a point.
 
-    One such kernel of each substep also counts the time since the last search (`counts_time`).
+    One such kernel in each substep also adds up the time since the last search (`counts_time`).
     """
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
 
@@ -71,8 +71,8 @@ def find_candidates(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the points which may be near a facet, or have ended contacts to clear.
 
     Its threads share the points; near points become adjacent in the list. Most points of large bodies are left out
-    here, because idle threads in a search take as long as busy ones. `find_pairs` has marked those points of open
-    bodies that may touch their own.
+    here, because idle threads in a search take as long as busy ones. `find_pairs` has marked the points of open
+    bodies that may touch their own body.
     """
     Data, place_of, margin = BodyContactData(scalar, worlds), places(scalar)[0], margin_of_boxes(scalar)
 
@@ -118,7 +118,7 @@ def find_candidates(scalar: type, worlds: bool = False):
 
 @functools.cache
 def Row(scalar: type):
-    """Compose the struct of one point's row of facets while it is searched for."""
+    """Compose the struct of one point's row of facets during the search."""
 
     @wp.struct
     class Row:
@@ -130,9 +130,9 @@ def Row(scalar: type):
         place: int  # its index in the row of body_pairs
         begin: int  # where its facets begin in the row
         count: int  # entries so far
-        missed: int  # not listed for lack of room
-        limit: scalar  # no facet of this body counts beyond [m]
-        nearest: scalar  # at most this far is the nearest facet of this body [m]
+        missed: int  # facets not listed for lack of room
+        limit: scalar  # facets of this body beyond this distance do not count [m]
+        nearest: scalar  # upper bound on the distance of the nearest facet of this body [m]
         buffer: scalar  # [m]
 
     return Row
@@ -140,10 +140,10 @@ def Row(scalar: type):
 
 @functools.cache
 def entries(scalar: type, lanes: int, worlds: bool):
-    """Compose (enter, is_outside, keep_near): the entries of one body in a row, shared by the threads of a point.
+    """Compose (enter, is_outside, keep_near) for the entries of one body in the row of a point.
 
-    `enter` adds the facets that these threads have found. `is_outside` tells whether the point is outside the
-    closed body. `keep_near` keeps the entries up to a distance.
+    `enter` adds the facets that the threads of the point have found. `is_outside` tells whether the point is
+    outside a closed body. `keep_near` removes entries beyond a distance.
     """
     Data, SearchedRow = BodyContactData(scalar, worlds), Row(scalar)
     (_, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
@@ -189,7 +189,7 @@ def entries(scalar: type, lanes: int, worlds: bool):
 
     @wp.func
     def keep_near(data: Data, row: SearchedRow, limit: scalar, lane: int) -> int:
-        """Keep the entries of the body up to the distance `limit`, the nearest first; return the row's end."""
+        """Keep the body's entries up to the distance `limit` [m], the nearest first; return the end of the row."""
         p = row.point
         kept = int(row.begin)
         first = int(wp.static(NONE))
@@ -225,9 +225,9 @@ def entries(scalar: type, lanes: int, worlds: bool):
 
 @functools.cache
 def row_end(scalar: type, worlds: bool):
-    """Compose wp.func (data, p, body, count, missed, most, flags) that ends the row of point p.
+    """Compose wp.func (data, p, body, count, missed, most, flags) that stores the length of the row of point p.
 
-    The row has `count` facets, `missed` had no room, and at most `most` were found at a time.
+    The row has `count` facets; `missed` more had no room; `most` is the largest number found at any time.
     """
     Data, first_of = BodyContactData(scalar, worlds), first_flag(scalar, worlds)
 
@@ -250,10 +250,10 @@ def row_end(scalar: type, worlds: bool):
 def find_rows(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel that lists the facets which each point may touch before the next search.
 
-    Its threads share the points to search for, `lanes` of them a point. For each body it keeps the facets that may
-    become the nearest, the current nearest first; none if the point is outside and cannot get in. Distances are
-    stored, so that later most facets can be skipped. Results depend neither on listed facets without contact, nor
-    on the buffer, nor on the order in which facets are found.
+    Each point to search for has `lanes` threads. For each body it keeps the facets that may become the nearest,
+    the current nearest first; none if the point is outside and cannot get in. Distances are stored, so that most
+    facets can be skipped later. No result depends on listed facets without contact, on the skin, or on the order
+    in which facets are found.
     """
     Data, margin, SearchedRow = BodyContactData(scalar, worlds), margin_of_boxes(scalar), Row(scalar)
     place_of, place_on, nearest_to = places(scalar)
@@ -263,7 +263,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
 
     @wp.func
     def search_body(data: Data, tree: FacetTree, before: SearchedRow, reach: scalar, known: int, lane: int):
-        """Return the row with the facets of body `other`; `known` is the facet that was nearest before, or -1."""
+        """Return row `before` with the facets of its body `other`; `known` is the last nearest facet, or -1."""
         row = before
         row.limit = reach + row.buffer
         row.begin = row.count
@@ -288,7 +288,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
                 if not cursor.ended:
                     row = enter(data, row, cursor.facet, lane)
                     wide = margin(x, x, wp.min(row.limit, doubt * (row.nearest + scalar(2.0) * row.buffer)))
-        wait()  # each thread reads what the others have entered
+        wait()  # before a thread reads the row, all have entered their facets
         return row
 
     @wp.func
@@ -296,7 +296,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         data: Data,
         tree: FacetTree,
         p: int,
-        lane: int,  # index of this thread among those of the point
+        lane: int,  # index among the threads of the point
         farthest: scalar,  # largest distance of any contact [m]
         buffer: scalar,  # [m]
         flags: wp.array(dtype=float),
@@ -308,7 +308,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         row.mine = data.surfaces.body[p]
         row.buffer = buffer
         most = int(0)
-        known = int(-1)  # the facet that was nearest before
+        known = int(-1)  # the previous nearest facet
         if data.neighbors.candidate_count[p] > 0:
             known = data.neighbors.candidates[p, 0]
         wait()
@@ -354,7 +354,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
 def range_of_speeds(scalar: type, lanes: int):
     """Compose the kernel that finds the range of velocities of the active points.
 
-    Its threads share these points; `lanes` of them combine their results.
+    Its threads share the points; each group of `lanes` threads combines its results.
     """
     Data, least_of = BodyContactData(scalar, False), least_of_lanes(wp.float32, lanes)
     place_of = places(scalar)[0]

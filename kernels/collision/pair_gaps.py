@@ -17,17 +17,17 @@ ROUNDING = 4.0
 """The least gap, as a multiple of the spacing of floating-point numbers at the coordinates of the pair."""
 
 AHEAD = 2.0
-"""Inner surfaces must be kept apart if they may come near each other in this many substeps at their speed: they
-may become faster."""
+"""Inner surfaces must be kept apart if they may come near each other in this many substeps at their present speed,
+which may increase."""
 
 
 @functools.cache
 def ways(scalar: type):
     """Compose (place_of, way_towards, approach_of).
 
-    `place_of` returns a vertex's position, `way_towards` its largest displacement against a normal [m]: since each
-    of its particles may be held back alone, particles that move along the normal count as at rest. `approach_of`
-    returns how far the two sides of a pair approach each other along its normal, if none is held back [m].
+    `place_of` returns a vertex's position. `way_towards` bounds its displacement against a normal [m]: each of its
+    particles may be held back alone, so particles that move along the normal count as at rest. `approach_of`
+    returns how far the two sides of a pair approach along its normal if no particle is held back [m].
     """
     V, load = vector(3, scalar), records(3, scalar).load
     Pairs, W = NearPairs(scalar), wp.types.vector(4, scalar)
@@ -74,9 +74,9 @@ def ways(scalar: type):
 
 @functools.cache
 def longest_shifts(scalar: type):
-    """Compose the function that bounds by how much impulses bring the sides of pair k together [m].
+    """Compose (pairs, paths, k) -> a bound on how far impulses move the sides of pair k together [m].
 
-    `paths` has for each body the longest path of a particle by impulses [m].
+    `paths` has for each body the longest path of a particle due to impulses [m].
     """
     Pairs = NearPairs(scalar)
 
@@ -92,9 +92,9 @@ def longest_shifts(scalar: type):
 def measure_pairs(scalar: type, watched: bool):
     """Compose the kernel that finds the gap of each near pair, and sets `alarm` if any comes too near.
 
-    That is within the substep. Without an alarm `keep_apart` does nothing. It lists the pairs which may come too
-    near by impulses, too. Its threads share the pairs. If they are `watched`, by `find_alarm`, it does nothing
-    unless they may meet.
+    Only this substep counts. Without an alarm `keep_apart` does nothing. The kernel also lists the pairs that
+    impulses may bring too near. Its threads share the pairs. If `watched`, it does nothing unless `find_alarm` has
+    found that inner surfaces may meet.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs = NearPairs(scalar)
@@ -107,8 +107,8 @@ def measure_pairs(scalar: type, watched: bool):
     def gap_along(normal: V, b: V, c: V, d: V, edges: bool) -> scalar:
         """Return the gap along a normal [m], negative if the two overlap.
 
-        It is between vertex a and triangle bcd, or between edges ab and cd (`edges`). a is the origin; the normal
-        points from the triangle to the vertex, or from cd to ab.
+        The two are vertex a and triangle bcd or, with `edges`, edges ab and cd. a is the origin; the normal points
+        from the triangle to the vertex, or from cd to ab.
         """
         lowest = zero
         highest = wp.max(wp.dot(normal, c), wp.dot(normal, d))
@@ -143,8 +143,8 @@ def measure_pairs(scalar: type, watched: bool):
             weights = W(one, -on[0], -on[1], -on[2])
             away = -(on[0] * b + on[1] * c + on[2] * d)
             across = wp.normalize(wp.cross(c - b, d - b))
-        # The nearest points of edges that are almost parallel, or very near, are not exact. So the normal is that
-        # of two directions along which the gap is larger.
+        # The nearest points of almost parallel or very near edges are inexact. So of two directions the normal
+        # is the one along which the gap is larger.
         away = wp.normalize(away)
         if wp.dot(across, away) < zero:
             across = -across
@@ -157,7 +157,7 @@ def measure_pairs(scalar: type, watched: bool):
         pairs.weights[k] = weights
         pairs.gap[k] = gap
         pairs.normal[k] = normal
-        # With smaller gaps rounding would decide on which side a vertex is.
+        # With a smaller gap, rounding would decide on which side a vertex is.
         pairs.least[k] = wp.max(least, rounding * wp.max(wp.abs(a)))
 
     @kernel
@@ -198,11 +198,11 @@ def measure_pairs(scalar: type, watched: bool):
 
 @functools.cache
 def find_alarm(scalar: type, worlds: bool = False):
-    """Compose the kernel that tells, in flags too, whether inner surfaces may meet and so must be kept apart.
+    """Compose the kernel that sets `may_meet`, and the number of pairs in `flags`, if inner surfaces may meet.
 
-    It looks at the vertices that have been placed as the substep begins: pairs of them are near if they may come
-    within `apart` in `AHEAD` substeps. That is sooner than `measure_pairs` finds, and takes a tenth of the time.
-    Its threads share the pairs, all of inner surfaces.
+    It tests the vertices as placed when the substep begins: the two sides of a pair may meet if they can come
+    within `apart` in `AHEAD` substeps. `measure_pairs` would find that later, and takes ten times as long.
+    Its threads share the pairs; the list has only pairs of inner surfaces.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)

@@ -1,4 +1,4 @@
-"""Impulses between the two sides of near pairs that come too near within a substep.
+"""Impulses between the two sides of pairs that come too near within a substep.
 
 The first side is the vertex or the first edge, the second side the triangle or the second edge.
 """
@@ -14,13 +14,13 @@ from .contact_data import NearPairs
 from .near_pairs import vertex_of
 
 KEPT = 0.5
-"""The share of its gap that impulses try to keep for a pair in a substep, unless the gap remains wide."""
+"""Fraction of a pair's gap that impulses try to keep in a substep, unless the gap remains wide."""
 LARGEST_APPROACH = 0.8
-"""The share of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
+"""Fraction of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
 LATE_APPROACH = 0.9
-"""The share that it may have lost before a late round: rounds approach the one above, and would never end."""
+"""Fraction that it may have lost before a late round: rounds converge to LARGEST_APPROACH, and would not end."""
 HOLD_BEYOND = 0.95
-"""The largest approach of a pair in a substep, by its gap, less the least gap, before anything is held back."""
+"""Largest approach of a pair in a substep before particles are held back, as a fraction of gap − least gap."""
 ALL_KEPT = 4.0
 """Below this multiple of the least gap, impulses try to keep all of the gap."""
 
@@ -31,9 +31,9 @@ def pair_impulses(scalar: type):
 
     `may_lose` returns by how much the gap of a pair may shrink in a substep before impulses act [m],
     `may_approach` by how much any two of its vertices may approach before they are held back [m].
-    `lacks` finds the place where the gap shrinks most. It returns (weights, nearest, way, lack): the weights of
-    the vertices there, whether these are the nearest points, the displacement of the first side relative to the
-    second in the substep [m], and by how much more than allowed the gap shrinks [m], not above 0 if it does not.
+    `lacks` finds where the gap shrinks most. It returns (weights, nearest, way, lack): the weights of the vertices
+    there; whether these are the nearest points; the displacement of the first side relative to the second in the
+    substep [m]; and how far the gap shrinks beyond what is allowed [m], at most 0 if it is allowed.
     `late` rounds are only for pairs that would be held back otherwise.
     In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
     """
@@ -64,7 +64,7 @@ def pair_impulses(scalar: type):
         """Add the impulses of pair k, with each particle's mass divided by the number of pairs that push it.
 
         At the nearest points they reduce the approach by `lack` for restitution 0, reverse it for restitution 1,
-        and cause friction; at other points they only reduce it.
+        and include friction; at other points they only reduce the approach by `lack`.
         """
         vertices = pairs.vertices[k]
         normal = pairs.normal[k]
@@ -93,8 +93,8 @@ def pair_impulses(scalar: type):
             total = Units()
             for c in range(3):
                 total[c] = wp.int64(wp.float64(impulse[c]) * per_unit)
-            # The vertices of the second side get exactly the opposite of what those of the first side get: what is
-            # left by rounding goes to one of these that is pushed.
+            # The impulses on both sides sum to exactly 0: one pushed vertex of the first side gets the rest that
+            # rounding leaves.
             rest = Units()
             for m in range(3, -1, -1):
                 v = vertex_of(vertices, m)
@@ -123,7 +123,7 @@ def pair_impulses(scalar: type):
         unit: wp.float64,
         i: int,
     ):
-        """Change the position and velocity of particle i by the impulses of its pairs, then clear these."""
+        """Change the position and velocity of particle i by the impulses of its pairs, then clear the impulses."""
         if pairs.pushes[i] != 0:
             moved = V()
             impulse = wp.vec3d()
@@ -170,7 +170,7 @@ def pair_impulses(scalar: type):
         lack = -wp.dot(way, pairs.normal[k]) - may_lose(gap, pairs.least[k], apart)
         nearest = lack > zero and not late
         if not nearest:
-            # Where a side turns, another of its vertices may be faster.
+            # If a side rotates, another of its vertices may be faster.
             first = int(0)
             second = int(3)
             if vertices[0] < 0 and rises[1] < rises[0]:

@@ -14,20 +14,20 @@ from .facet_tree import NEVER, FacetTree, box_around, facets_within, margin_of_b
 from .near_pairs import FIRST_OF_EDGES, PairSearch, both_closed, pairs_of_facets
 
 ROOM = 2 * WARP
-"""Room in a queue: each thread may add to one that has not yet work for all threads."""
+"""Entries in a queue: each thread may add one while there is not yet work for all threads."""
 SHARES = 4
-"""Warps that share a piece: where many layers lie on each other, some pieces take four times as long as most."""
+"""Warps that share a piece: in a stack of many layers some pieces take four times as long as most."""
 QUEUES = 3 * ROOM
-"""Room of a warp: it has queues of pairs of facets, of tests of points and of tests of edges."""
+"""Entries of a warp's queues: one of pairs of facets, one of tests of points and one of tests of edges."""
 
 
 @functools.cache
 def searches(scalar: type, inner: bool, worlds: bool):
-    """Compose (search_of, box_of): what the facets of a body look for, and where.
+    """Compose (search_of, box_of), which define what the facets of a body search for, and where.
 
-    `search_of` returns the search for pairs with body b of those near it. Its reach is below 0 if there are none,
-    or if the other body searches: that with shorter edges does, near which fewer facets are. `box_of` returns the
-    box around the facet at a place in the tree outside of which no box of the other body is near.
+    `search_of` returns the search for pairs with the b-th body near `body`. Its reach is below 0 if no pairs are
+    possible, or if the other body searches: the body with shorter edges does, whose facets have fewer others near.
+    `box_of` returns the box around the facet at `place` in the tree that every near box must overlap.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, load, doubt = margin_of_boxes(scalar), records(3, scalar).load, scalar(1.01)
@@ -45,7 +45,7 @@ def searches(scalar: type, inner: bool, worlds: bool):
             if wp.static(inner) and not search.alike:
                 search.x = pairs.inner.x
                 search.further = data.surfaces.x.shape[0]
-                search.inset = pairs.inner.inset[search.other]  # the boxes in the tree are around drawn facets
+                search.inset = pairs.inner.inset[search.other]  # the tree has the boxes of drawn facets
                 search.reach += pairs.inner.more[body] + pairs.inner.more[search.other]
             else:
                 search.reach = scalar(-1.0)
@@ -72,12 +72,12 @@ def searches(scalar: type, inner: bool, worlds: bool):
 
 @functools.cache
 def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: bool = False, grains: bool = False):
-    """Compose the kernel that lists the near pairs: those that may come too near before the next search.
+    """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
 
-    Each side of a pair moves by half of a skin at most until then, and pairs beyond the distance `apart` are left
-    alone. So a pair beyond a skin plus `apart` need not be listed; listing it changes no result. `lanes` threads
-    share a facet. With `inner` pairs of the inner surfaces of closed bodies are listed, too. If all bodies are
-    `grains`, the facet of a body has its number.
+    Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
+    more than `apart` needs no impulse. So pairs beyond skin + `apart` are not listed; listing one changes no
+    result. `lanes` threads share a facet. If `inner`, pairs of inner surfaces of closed bodies are listed, too. If
+    all bodies are `grains`, facets and bodies have the same indices.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
@@ -107,7 +107,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
         lane: int,
         flags: wp.array(dtype=float),
     ):
-        """Add the near pairs of a facet with those whose boxes overlap the box from `low` to `high`."""
+        """Add the near pairs of a facet with the facets whose boxes overlap the box from `low` to `high`."""
         if wp.static(grains):
             if lane == 0 and not search.alike:
                 test_all(data, pairs, search, facet, search.other, flags)
@@ -136,7 +136,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
         apart: scalar,
         flags: wp.array(dtype=float),
     ):
-        """Add the near pairs of the facet at a place in the tree."""
+        """Add the near pairs of the facet at `place` in the order of the tree."""
         facet = tree.facet[place]
         body = data.surfaces.owner[facet]
         wide = margin(tree.lower[place], tree.upper[place], skin + apart)
@@ -172,11 +172,11 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
 
 @functools.cache
 def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool = False):
-    """Compose the kernel that lists the same pairs as `find_pairs`, for the many facets that fill a GPU.
+    """Compose the kernel that lists the same pairs as `find_pairs`, for so many facets that they fill a GPU.
 
-    Its threads share the pieces of the tree, `SHARES` warps each piece. A warp searches the tree for all facets of
-    the piece at once, and each thread tests the box of its own. What they find, and then the tests that it needs,
-    wait in queues until there is work for all threads: few would have some at the same time.
+    `SHARES` warps share a piece of the tree. A warp searches the tree for all facets of the piece at once; each
+    thread tests the box of its own facet. Found facets, and then the tests between them, wait in queues until all
+    threads of the warp have work: without queues most would be idle.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
@@ -195,22 +195,22 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool 
         pairs: Pairs,
         search: Search,
         queue: int,
-        share: int,  # of the facets that this warp finds
+        share: int,  # which of the facets near the piece this warp takes
         place: int,
         low: wp.vec3,  # the box of this thread's facet
         high: wp.vec3,
         lane: int,
         flags: wp.array(dtype=float),
     ):
-        """Add the near pairs of the facets of a piece with those of the body that is searched."""
+        """Add the near pairs of the facets of a piece with facets of the body that is searched."""
         below = least_corner(low)
         above = -least_corner(-high)
         cursor = begin(tree, search.other)
-        found = wp.uint32(0)  # facets near the piece, of those that were tested together
-        facets = int(0)  # pairs of facets, tests of points and tests of edges that wait
+        found = wp.uint32(0)  # which of the facets tested together are near the piece
+        facets = int(0)  # number of waiting pairs of facets; below, of waiting tests
         points = int(0)
         edges = int(0)
-        tests = wp.uint32(0)  # those of a pair of facets of this thread
+        tests = wp.uint32(0)  # the tests, as bits, of this thread's pair of facets
         mine = int(0)
         other = int(0)
         done = bool(False)

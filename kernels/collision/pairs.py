@@ -12,16 +12,16 @@ from .nearest_point import nearest_on_triangle
 NONE = 2**31 - 1
 """No body or no facet: greater than any index."""
 ALMOST = 0.9999
-"""Factor on listed distances, which rounding may have made too large."""
+"""Factor for listed distances, which may be too large by rounding."""
 FAR = 1.0e30
 """A distance greater than any [m]."""
 
 
 @wp.func
 def never_touches(first_near: wp.array(dtype=int), near: wp.array(dtype=int), ends: wp.vec2i, c: wp.vec3i) -> bool:
-    """Tell whether a point of an edge, whose ends these are, is so near a facet of its body that they never touch.
+    """Tell whether a point between the vertices `ends` is so near facet c of its own body that they never touch.
 
-    `near` has the vertices near each vertex.
+    `near` lists the vertices near each vertex, from row starts `first_near`.
     """
     found = bool(False)
     for k in range(2):
@@ -35,8 +35,8 @@ def places(scalar: type):
     """Compose (place_of, place_on, nearest_to).
 
     `place_of` returns the position of a point; `place_on` the position on a facet for given weights of its corners
-    (or the velocity, for an array of velocities); `nearest_to` the weights of the place on a facet nearest to p.
-    They take arrays, not the whole data struct: on the CPU a function copies its arguments.
+    (or the velocity, for an array of velocities); `nearest_to` the weights of the point of a facet nearest to p.
+    They take arrays, since on the CPU a call would copy the whole data struct.
     """
     V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
@@ -73,7 +73,7 @@ def unit_normal(scalar: type):
 def pairs(scalar: type, worlds: bool = False):
     """Compose (find_rule, thickness_of, reach_of, stiffness_of).
 
-    They return the contact rule and its numbers for a point of body `mine` and a facet of body `other`.
+    They return the contact rule and its parameters for a point of body `mine` and a facet of body `other`.
     """
     Data = BodyContactData(scalar, worlds)
 
@@ -96,7 +96,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the distance up to which a facet pushes a point in front of it, or inside a closed body [m]."""
+        """Return the largest distance, on either side of a facet, at which it pushes a point out [m]."""
         reach = thickness_of(data, rule, mine, other)
         if data.surfaces.closed[other] != 0 and mine != other:
             reach = wp.max(reach, data.surfaces.depth[other])
@@ -104,7 +104,7 @@ def pairs(scalar: type, worlds: bool = False):
 
     @wp.func
     def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the contact stiffness of one point [N/m]: a share of the harmonic mean of both bodies'."""
+        """Return the contact stiffness of one point [N/m]: a fraction of the harmonic mean for both bodies."""
         k = data.rules.stiffness[rule]
         if k < scalar(0.0):
             a = data.surfaces.stiffness[mine]
@@ -117,7 +117,7 @@ def pairs(scalar: type, worlds: bool = False):
 
 @functools.cache
 def pair_with(scalar: type, worlds: bool):
-    """Compose (data, rule, mine, other, place) -> the numbers of a point of one body and another body."""
+    """Compose (data, rule, mine, other, place) -> `Pair`, constants for points of `mine` and facets of `other`."""
     Data, PointAndBody = BodyContactData(scalar, worlds), Pair(scalar)
     _, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
 
@@ -142,7 +142,7 @@ def pair_with(scalar: type, worlds: bool):
 
 @functools.cache
 def points(scalar: type, worlds: bool = False):
-    """Compose (Point, point_of, mobility_of): a contact point, and its mobility from its two vertices' [1/kg]."""
+    """Compose (Point, point_of, mobility_of): a contact point, and its mobility from those of its ends [1/kg]."""
     V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
     place_of, body_of, ends_of, number_of = places(scalar)[0], table(int), table(wp.vec2i), table(scalar)
 
@@ -150,7 +150,7 @@ def points(scalar: type, worlds: bool = False):
     class Point:
         number: int
         body: int
-        ends: wp.vec2i  # the vertices that it lies between
+        ends: wp.vec2i  # the two vertices between which it lies
         share: scalar  # weight of the second vertex
         x: V  # [m]
 
@@ -185,7 +185,7 @@ def next_in_order(
 ) -> int:
     """Return where the facets of the body with the lowest index above `before` start in row p of n entries.
 
-    Return n if there is no such body. The point is of body `mine`.
+    Return n if there is no such body. The point belongs to body `mine`.
     """
     least = int(wp.static(NONE))
     first = int(n)

@@ -30,9 +30,9 @@ def evaluate_segments_and_spheres(
 ):
     """Compose the kernel that sums the contact forces of points if no facet is a triangle.
 
-    Such bodies are many, and have neither an inside nor sides. So each of the `lanes` threads of a point handles
-    other bodies near it. `overlapping_at_start` and `limited` are as for `evaluate_contact`; with `counting` the
-    kernel only counts the contacts of each particle, as `count_contacts` does; with `grains` each body is one.
+    Such bodies are many, and are not closed. So each of the `lanes` threads of a point handles different bodies
+    near it. For `overlapping_at_start` and `limited` see `evaluate_contact`. If `counting`, the kernel only counts
+    the contacts of each particle, as `count_contacts` does. If `grains`, each body is a grain.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
@@ -60,7 +60,7 @@ def evaluate_segments_and_spheres(
     def find_nearest(data: Data, point: Point, first: int, place: int, buffer: scalar):
         """Return the nearest facet of a near body, its squared distance [m²], and the weight of its second end.
 
-        `place` is that of the body in the row of body_pairs.
+        `place` is the index of the body in the row of body_pairs, `first` of its first facet in the point's row.
         """
         p = point.number
         best = far
@@ -88,7 +88,7 @@ def evaluate_segments_and_spheres(
 
     @wp.func
     def least_of_all(own: Memory) -> Memory:
-        """Return the two bodies with the lowest indices among those that the point's threads remember."""
+        """Return the two bodies with the lowest indices among those that the threads of the point have found."""
         found = no_memory()
         body = own.body_0
         moved = own.moved_0
@@ -105,7 +105,7 @@ def evaluate_segments_and_spheres(
 
     @wp.func
     def limit_of(data: Data, point: Point, mine: int, corner: wp.vec3i, w: V) -> scalar:
-        """Return how strong the damper of a contact may be [N s/m]."""
+        """Return the largest damping of a contact [N s/m]."""
         world = int(0)
         if wp.static(worlds):
             world = mine / data.surfaces.bodies_each
@@ -118,15 +118,15 @@ def evaluate_segments_and_spheres(
     def evaluate_point(
         data: Data,
         p: int,
-        lane: int,  # index of this thread among those of the point
+        lane: int,  # index among the threads of the point
         step: Step,
         flags: wp.array(dtype=float),
         stored: wp.array(dtype=wp.float64),  # not used here
         heated: wp.array(dtype=wp.float64),
     ):
         point = point_of(data, p)
-        memory = no_memory()  # of the bodies in contact that this thread finds
-        total = Units()  # of the forces on the point
+        memory = no_memory()  # the bodies in contact that this thread finds
+        total = Units()  # sum of the forces on the point
         for first in range(lane, data.neighbors.candidate_count[p], wp.static(lanes)):
             place = data.neighbors.candidate_pair[p, first]
             begins = bool(True)  # whether a body's facets, which are adjacent, start here
@@ -147,7 +147,7 @@ def evaluate_segments_and_spheres(
                 if wp.static(overlapping_at_start):
                     overlap = overlap - data.history.initial_overlap[p]
                 mobility = zero
-                if overlap > zero:  # most listed facets are not in contact: avoid the memory reads
+                if overlap > zero:  # memory is read only in contact: most listed facets are not
                     mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]
@@ -183,9 +183,9 @@ def evaluate_segments_and_spheres(
 
 @functools.cache
 def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
-    """Compose the kernel that lists the same as `find_rows`, if each body is a grain: one facet of its number.
+    """Compose the kernel that lists the same as `find_rows`, if each body is a grain: its one facet has its index.
 
-    Each of the `lanes` threads of a point looks at other bodies near its own.
+    Each of the `lanes` threads of a point tests different bodies near it.
     """
     Data, load, ballot = BodyContactData(scalar, worlds), records(3, scalar).load, ballot_of_lanes(lanes)
     end_row, far = row_end(scalar, worlds), scalar(FAR)

@@ -1,22 +1,21 @@
-"""Contact of facets with obstacles: edges and solids that enter between particles, unseen by particle contact.
+"""Contact of facets with obstacles, whose edges or corners may enter between particles.
 
-An obstacle keeps particles out. An edge or corner of it may still enter between them, as may a solid smaller than
-the spacing. So each facet is sampled at a grid of points that includes its corners. Each sample at depth δ in the
-obstacle is a spring of energy k δ²/2; their sum approximates an integral over the facet. The spring pushes the
-corners along the gradient n of the obstacle's signed distance, by the weights of the sample. For the whole facet,
-with the velocity u of the δ-weighted mean sample,
+Contact of particles alone misses an obstacle's edge or corner between them, and a solid smaller than the spacing.
+So each facet is sampled at a grid of points that includes its corners. Each sample at depth δ in the obstacle is a
+spring of energy k δ²/2; their sum approximates an integral over the facet. The spring pushes the corners along the
+gradient n of the obstacle's signed distance, with the weights of the sample. For the whole facet, with the
+velocity u of the δ-weighted mean sample,
 
     f_n = max(0, |Σ k δ n| − b_n u·n)
 
 and friction as between bodies.
 
-A deep sample in a thin obstacle may be nearer to its other side. So the plane of the side where the facet entered
-is stored, and δ is the depth below this plane, up to twice the distance from the nearest side: forces do not jump
-at entry and exit.
+A deep sample in a thin obstacle may be nearer to the far side. So the plane of the side where the facet entered is
+stored. δ is the depth below this plane, at most twice the distance from the nearest side, so that forces do not
+jump at entry and exit.
 
-Solids are convex, so the tangent plane at the point of a solid nearest to a facet's centre has the whole solid
-behind it. A facet in front of this plane is skipped; so is one that lies flat on a face, which holds its
-particles.
+Solids are convex: the whole solid is behind its tangent plane at the point nearest to a facet's centre. A facet in
+front of this plane is skipped. So is a facet that lies flat on a face: contact of its particles suffices.
 """
 
 import functools
@@ -37,10 +36,10 @@ CAP = 2.0
 def evaluate_surface(
     scalar: type, kinds: tuple[str, ...], moving: bool, overlapping_at_start: bool, measuring: bool
 ):
-    """Compose the kernel of obstacles' forces on facets, or of their stored energy [J] and dissipated power [W].
+    """Compose the kernel of the forces of obstacles on facets; if `measuring`, of the energy [J] and power [W].
 
-    Its threads share the facets. If any facet starts inside an obstacle (`overlapping_at_start`), only the excess
-    over an allowed depth counts, which shrinks to 0. Forces are summed as integers, as between bodies.
+    Its threads share the facets. If any facet starts inside an obstacle (`overlapping_at_start`), only the depth
+    beyond an allowed one counts, which shrinks to 0. Forces are summed as integers, as between bodies.
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
@@ -48,7 +47,7 @@ def evaluate_surface(
 
     @wp.func
     def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
-        """Transform position x to the frame of obstacle p, interpolated by `share` between two rows of poses."""
+        """Transform position x to the frame of obstacle p, a fraction `share` from pose `row` to the next."""
         if wp.static(moving):
             begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
             if share > zero:
@@ -59,7 +58,7 @@ def evaluate_surface(
 
     @wp.func
     def turned(data: Data, p: int, row: int, share: scalar, normal: V) -> V:
-        """Transform a direction from the frame of obstacle p to the scene's."""
+        """Transform a direction from the frame of obstacle p to the frame of the scene."""
         if wp.static(moving):
             begun = data.turn[row, p] * normal
             if share > zero:
@@ -83,7 +82,7 @@ def evaluate_surface(
         b: V
         c: V
         row: int  # row of the obstacles' poses at the substep's start
-        share: scalar  # share of the substep that has passed
+        share: scalar  # fraction of the substep that has passed
         begins: scalar  # depth beyond which samples are pushed out [m]
 
     @wp.struct
@@ -117,7 +116,7 @@ def evaluate_surface(
 
     @wp.func
     def add_places(data: Data, facet: Facet, before: Inside) -> Inside:
-        """Return history `before` with the sums over the samples of a facet that are inside its obstacle."""
+        """Return history `before`, with the sums over those samples of a facet that are inside the obstacle."""
         inside = before
         p = before.solid
         kept = wp.dot(before.side, before.side) > zero
@@ -155,7 +154,7 @@ def evaluate_surface(
     def surface_velocity(data: Data, facet: Facet, p: int, w: V) -> V:
         """Return the velocity of obstacle p at the point of a facet where its corners have the weights w [m/s]."""
         y = place_of(data, p, facet.row, facet.share, w[0] * facet.a + w[1] * facet.b + w[2] * facet.c)
-        following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # a frame's last pose has no successor
+        following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # a frame's last row has no next one
         return scalar(0.5) * (
             data.turning[facet.row, p] * y
             + data.speed[facet.row, p]
@@ -167,8 +166,8 @@ def evaluate_surface(
     def bear(data: Data, facet: Facet, before: Inside, h: scalar, behind: scalar, unit: wp.float64):
         """Exert the force of one contact between a facet and an obstacle.
 
-        Return its new history, whether it has a force, its stored energy [J], its dissipation [W], and the power
-        of the obstacle's motion and of depenetration [W].
+        Return the new history, whether there is a force, the stored energy [J], the dissipated power [W], and the
+        power of the obstacle's motion and of depenetration [W].
         """
         energy = wp.float64(0.0)
         power = wp.float64(0.0)
@@ -197,7 +196,7 @@ def evaluate_surface(
                 u = u - surface
             u_n = wp.dot(u, normal)
             u_t = u - u_n * normal
-            # The samples inside have a share of the stiffness around a vertex, and the same share of the mass.
+            # The samples inside have the same fraction of a vertex's mass as of the stiffness around it.
             b_n = scalar(2.0) * data.damping[p] * inside.count * k / wp.sqrt(data.whole[t] * mobility)
             b_t = wp.sqrt(tangential) * b_n
             late = one / (one + behind * b_n * mobility)
@@ -299,8 +298,8 @@ def evaluate_surface(
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
     ):
-        # Most facets are far from all obstacles. They are found here, without a function call: on the CPU each
-        # call copies `data`.
+        # Most facets are far from all obstacles. This is tested without a function call: on the CPU a call copies
+        # `data`.
         t = wp.tid()
         while t < data.corner.shape[0]:
             corner = data.corner[t]

@@ -51,8 +51,8 @@ def SurfaceContactData(scalar: type, moving: bool):
         power: wp.array(dtype=wp.float64)  # power of the obstacles on it [W]
         force: wp.array2d(dtype=wp.int64)  # on particles, in units, shape [particle_count, 3]
         # Obstacles:
-        solid: wp.array(dtype=int)  # indices of all that are not planes, shape [solid_count]
-        solids: Solids  # the shapes of all
+        solid: wp.array(dtype=int)  # indices of the obstacles that are not planes, shape [solid_count]
+        solids: Solids  # shapes of all obstacles
         lower: wp.array(dtype=V)  # bounding boxes in the given pose [m], shape [obstacle_count]
         upper: wp.array(dtype=V)
         friction: wp.array(dtype=scalar)  # μ
@@ -95,9 +95,9 @@ def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm
 
 @functools.cache
 def add_pushes(scalar: type):
-    """Compose the kernel, over particles, that adds the impulses of obstacles' forces on facets to sums.
+    """Compose the kernel, over particles, that sums the impulses of obstacles' forces on facets.
 
-    A force is weighted by its time `seconds`. The sums are impulses per mass [m/s], in float64.
+    A force counts for the duration `seconds`. The sums are impulses per mass [m/s], in float64.
     """
     Wide = vector(3, wp.float64)
 
@@ -106,7 +106,7 @@ def add_pushes(scalar: type):
         force: wp.array2d(dtype=wp.int64),  # in units, shape [particle_count, 3]
         unit: wp.float64,  # [N]
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], shape [particle_count]
-        seconds: wp.float64,  # weight of the forces: their time [s]
+        seconds: wp.float64,  # duration for which the forces count [s]
         # In and out:
         impulse: wp.array(dtype=Wide),  # per mass [m/s], shape [particle_count]
     ):
@@ -127,6 +127,6 @@ def add_energies(
     # In and out:
     done: wp.array(dtype=wp.float64),  # [J], shape [any]
 ):
-    """Add each power times `seconds` to its sum of work."""
+    """Add to each work in `done` the power times `seconds`."""
     i = wp.tid()
     done[i] = done[i] + seconds * power[i]

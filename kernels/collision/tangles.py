@@ -1,4 +1,4 @@
-"""Surfaces that cross since the start: they are left out of near pairs until they are apart."""
+"""Surfaces that have crossed since the start: they are left out of near pairs until they are apart."""
 
 import functools
 
@@ -15,10 +15,10 @@ from .near_pairs import both_closed
 
 @functools.cache
 def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
-    """Compose the kernel that marks the vertices that no near pair may have: surfaces cross there since the start.
+    """Compose the kernel that marks vertices where surfaces cross since the start: no near pair may have these.
 
-    They are the vertices of an edge that goes through a triangle, those of this triangle, and those of points
-    inside another body since the start. Its threads share edges and points, `lanes` of them one.
+    Marked are the vertices of an edge that goes through a triangle, those of this triangle, and the ends of points
+    that have been inside another body since the start. Each edge and each point has `lanes` threads.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     load, (begin, find_next) = records(3, scalar).load, facets_within(lanes)
@@ -64,7 +64,7 @@ def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
         lane: int,
         at: wp.array(dtype=V),
         further: int,
-        wide: wp.vec3,  # by how much the boxes of the tree are exceeded [m]
+        wide: wp.vec3,  # by how much boxes of the tree are enlarged [m]
     ):
         a = load(at, ends[0])
         b = load(at, ends[1])

@@ -1,4 +1,4 @@
-"""Positions and velocities of surface vertices, from those of particles; and positions of inner vertices."""
+"""Positions and velocities of surface vertices, from those of particles; also positions of inner vertices."""
 
 import functools
 
@@ -17,10 +17,10 @@ from .facet_tree import FacetTree, overlap
 def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
     """Compose the kernel that updates vertices from their particles and clears their forces and contacts.
 
-    It also measures how far vertices have moved since the last search, beyond the common drift of points in
-    contact, and how far they move in a substep. A new search is due if any has moved by more than half of the
-    skin, or may do so in the coming substep. Vertices far from other bodies may move further. Its threads share
-    the vertices. On the CPU a part has a single thread, since each thread would copy `data`.
+    It also measures how far vertices have moved since the last search, less the common drift of points in contact,
+    and how far they move in a substep. A new search is due if a vertex has moved by more than half of the skin, or
+    may do so in the coming substep. Vertices far from other bodies may move further. The threads share the
+    vertices. On the CPU a part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -36,10 +36,10 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         v: wp.array(dtype=V),
         after: float,  # time from the end of the last substep [s]
         h: float,  # length of a substep [s]
-        ahead: float,  # for how long the lists must still hold [s]
+        ahead: float,  # how long the lists must stay valid [s]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
-        more: float,  # additional path allowed to distant vertices, both together [m]
-        beyond: float,  # a vertex that has moved further is flying apart [m]
+        more: float,  # additional path of two distant vertices together [m]
+        beyond: float,  # a vertex that has moved further belongs to a diverging body [m]
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -93,7 +93,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 def place_inner(scalar: type, worlds: bool = False):
     """Compose the kernel that places the inner vertices for a search, and finds how far they are from drawn ones.
 
-    `clear_pairs` has set the furthest of each body to 0. Its threads share the vertices.
+    `clear_pairs` has set the largest distance in each body to 0. Its threads share the vertices.
     """
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
     load, store, _ = records(3, scalar)

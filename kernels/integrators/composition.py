@@ -17,7 +17,7 @@ from .differences import Differences, world_data
 
 
 class Composition(NamedTuple):
-    """What the kernels of a scene are composed from; hashable, so that equal scenes share kernels."""
+    """The parts from which the kernels of a scene are composed; hashable, so that equal scenes share kernels."""
 
     dim: int
     """Number of coordinates."""
@@ -57,7 +57,7 @@ class Stage(NamedTuple):
     advance: Any
     """wp.func (scene, step, force, i): advance particle i under this force."""
     forced: bool = True
-    """Whether it needs the force; otherwise `force` is 0."""
+    """Whether `advance` needs the force; otherwise `force` is 0."""
 
 
 @functools.cache
@@ -185,7 +185,7 @@ def loads(composition: Composition) -> Any:
 
 @functools.cache
 def parts(composition: Composition) -> tuple[Any, Any]:
-    """Return (count, evaluate) of the effect that has parts, as in `ForceTerm.parts`; (None, None) without."""
+    """Return (count, evaluate) of the effect with `ForceTerm.parts`; (None, None) if there is none."""
     found = [piece.parts for piece in composition.pieces if piece.parts is not None]
     assert len(found) < 2, "only one effect may have parts"
     return found[0](scene(composition)) if found else (None, None)
@@ -228,5 +228,5 @@ def driving(composition: Composition) -> Driving:
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:
-    """Join several functions into one that calls them in turn; None if there are none."""
+    """Join functions into one, two at a time by `both`, which calls one after the other; None if none."""
     return functools.reduce(both, functions) if functions else None

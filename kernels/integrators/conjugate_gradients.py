@@ -14,7 +14,7 @@ RZ, NEXT_RZ, PQ = 0, 1, 2
 def conjugate_gradients(dim: int, scalar: type):
     """Compose the kernels of preconditioned conjugate gradients for A x = b with x = 0, r = b at the start.
 
-    Each thread takes a strided share of the particles, so that few atomic additions compete for a scalar. The
+    Each thread sums over several particles, so that few atomic additions compete for a scalar. The
     scalars stay on the device, so that a graph can hold any number of iterations. Reference: Golub & Van Loan,
     Matrix Computations, 4th ed. (2013), 11.5.
     """

@@ -10,8 +10,8 @@ from ..springs import NO_SUBSTEP
 from .composition import Composition, beginning, loads, tools
 
 ABORT = 16
-"""Index in `PartOfParticles.meeting` of the flag that a thread is missing; not in the cache line that all threads
-poll."""
+"""Index in `PartOfParticles.meeting` of the flag that a thread is missing. It is outside the cache line that all
+threads poll."""
 MEET = f"""
 #if !defined(__CUDA_ARCH__)
     int* arrived = meeting.data;

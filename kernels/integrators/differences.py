@@ -8,7 +8,7 @@ import warp as wp
 from ..basis import vector
 
 SHARED, UNIFORM, EACH = "shared", "uniform", "each"
-"""How a constant of connections differs: not at all; one number per world; several numbers per world."""
+"""How a constant of connections differs between worlds: not at all; one number each; several numbers each."""
 
 
 class Differences(NamedTuple):
@@ -31,8 +31,8 @@ class Differences(NamedTuple):
 def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_contact: bool) -> Any:
     """Compose the struct of all differences. World w has row w mod (number of rows).
 
-    stride: bytes from one world's vectors to the next one's. frozen: the status of each world; if not 0, the world
-    is no longer advanced, shape [world_count]. unit: unit of contact forces [N], shape [world_count].
+    stride: bytes between the vectors of successive worlds. frozen: status of each world, which is advanced only
+    while it is 0, shape [world_count]. unit: unit of contact forces [N], shape [world_count].
     """
     V, Three = vector(dim, scalar), vector(3, scalar)
     fields: dict[str, Any] = {"stride": wp.int64, "frozen": wp.array(dtype=wp.int32)}

@@ -1,8 +1,8 @@
 """Give a thread the data of its own world of an ensemble.
 
-Arrays hold all particles of one world after those of another. A thread shifts the arrays of its stage to its own
-world and replaces the scene's numbers by its world's. Then it calls the functions of a single scene. So each world
-moves exactly as it would alone, to the last bit.
+Arrays concatenate the particles of all worlds. A thread shifts the arrays of its stage to its own world, and
+replaces parameters of the scene by those of its world. Then it calls the functions of a single scene. So each
+world moves as in a single run, to the last bit.
 """
 
 import functools
@@ -76,9 +76,8 @@ def _constants(composition: Composition, SceneData: Any) -> Any:
     """Compose wp.func (scene, w) that stores the connection constants of world w where the algorithm reads them.
 
     Storage "one" and "table" are as in `springs.constants`, with one table per world; "own" has arrays for each
-    world. With "lattice" the constants by direction are in the algorithm's struct; one that is equal in all
-    directions is a single number, which stays in a register. With "lattices" there is a table by kind and
-    direction.
+    world. With "lattice" the constants by direction are in the algorithm's struct; a constant that is equal in
+    all directions is a single number, kept in a register. With "lattices" there is a table by kind and direction.
     """
     *_, storage, lengths, stiffnesses, dampings, _ = composition.differs
     if storage == "one":

@@ -1,14 +1,14 @@
-"""FIRE (fast inertial relaxation engine): leads a body to a minimum of its energy.
+"""FIRE (fast inertial relaxation engine): moves a body to a minimum of its energy.
 
-After each substep, with the acceleration a that it has had and |·| weighted by mass, velocities become
+After each substep, with its acceleration a and norms weighted by mass, velocities become
 
     v ← (1 − α) v + α |v| a/|a|  if a·v > 0, and 0 otherwise,
 
 and positions follow, as if the substep had ended with these velocities.
 
-α falls from 0.1 by 1 % a substep while a·v > 0 has lasted for more than five, and is 0.1 again after a stop. The
-substep h is constant, about as long as is stable. The factor α |v|/|a| of a makes springs stiffer in effect. It is
-therefore at most h: so all is stable if h² λ < 2 for the fastest mode.
+α is 0.1 at first and after each stop. It falls by 1 % in each substep after a·v > 0 has lasted for five. The
+substep h is constant, about the largest stable one. The factor α |v|/|a| of a makes springs stiffer in effect. It
+is limited to h: then the method is stable if h² λ < 2 for the fastest mode.
 Reference: Bitzek, Koskinen, Gähler, Moseler and Gumbsch, Structural relaxation made simple, Phys. Rev. Lett. 97
 (2006) 170201.
 """
@@ -27,8 +27,8 @@ POWER, SPEED, ACCELERATION, RESIDUAL = 0, 1, 2, 3
 """Rows of the sums: Σ m a·v, Σ m v², Σ m a², and the largest m |a|."""
 ROWS = 4
 KEPT, TOWARDS, MIXING, LASTING, LARGEST_FORCE, STRONGEST = 0, 1, 2, 3, 4, 5
-"""Columns of the decision: factors of v and of a, α, for how many substeps a·v > 0 has lasted, the largest force
-on a particle [N], and the largest of these so far."""
+"""Columns of `decision`: factors of v and of a, α, for how many substeps a·v > 0, the largest force on a particle
+[N], and its maximum so far."""
 COLUMNS = 6
 MIXING_AT_START, MIXING_FALLS, LASTS = 0.1, 0.99, 5.0
 
@@ -43,7 +43,7 @@ def fire_sums(dim: int, scalar: type):
     def sum_power(
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
         before: Vectors,  # velocities at a substep's start [m/s]
-        after: Vectors,  # and at its end
+        after: Vectors,  # velocities at its end
         dt: scalar,  # [s]
         # Out:
         sums: wp.array2d(dtype=wp.float64),  # shape [ROWS, threads]
@@ -110,7 +110,7 @@ def fire_decision(
 
 @functools.cache
 def fire_mixing(dim: int, scalar: type):
-    """Compose the kernel, over particles, that mixes velocities with accelerations, and moves them on."""
+    """Compose the kernel, over particles, that mixes velocities with accelerations, and corrects positions."""
     _, Vectors, _ = state_types(dim, scalar, False)
     load, store, _ = records(dim, scalar)
 
@@ -121,7 +121,7 @@ def fire_mixing(dim: int, scalar: type):
         dt: scalar,  # [s]
         decision: wp.array(dtype=wp.float64),  # shape [COLUMNS]
         # In and out:
-        x: Vectors,  # positions at its end [m]
+        x: Vectors,  # positions at the substep's end [m]
         after: Vectors,  # velocities at its end
     ):
         i = wp.tid()

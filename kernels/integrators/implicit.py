@@ -97,7 +97,7 @@ def impulse(composition: Composition) -> Stage:
 def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), then x += h v, then contact.
 
-    For driven particles `impulse` is that of all forces in the substep, which their drives balance.
+    For driven particles `impulse` is the impulse of all forces in the substep, which their drives balance.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)

@@ -20,11 +20,11 @@ MOST_THREADS = 512
 def persistent(composition: Composition, method: Any, blocks: int, block: int = 0, together: int = 0):
     """Compose the kernel that takes many steps in one launch; its threads share the particles, with barriers.
 
-    Step k is steps[k mod len(steps)]; `steps` has those of two substeps. A single launch for all steps matters for
-    small bodies, for which launches dominate. Several blocks form a cluster, from compute capability 9.0 on.
+    Step k is steps[k mod len(steps)]; `steps` has the steps of two substeps. For small bodies the launches of
+    single steps would dominate the time. Several blocks form a cluster, from compute capability 9.0 on.
 
-    In an ensemble one block of threads advances each world, on the CPU one thread. Worlds do not wait for each
-    other, so frozen worlds are skipped.
+    In an ensemble one block of threads, or on the CPU one thread, advances each world. Frozen worlds are skipped,
+    since worlds do not wait for each other.
 
     `blocks` is the number of blocks for a single scene. A world has `block` threads, and a multiprocessor holds
     `together` threads of worlds, which limits registers.

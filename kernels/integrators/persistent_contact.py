@@ -34,11 +34,11 @@ from .composition import Composition, beginning, by_first_lane, tools
 from .persistent import MOST_THREADS
 
 SEARCH_LANES = 8
-"""Threads that share a point in a search: a cluster has too few for more."""
+"""Threads that share a point in a search; a cluster has too few threads for a larger number."""
 
 
 class ContactParts(NamedTuple):
-    """What a kernel with contact is composed from."""
+    """The choices from which a kernel with contact is composed."""
 
     triangles: bool
     """Whether any body has triangles: otherwise there are only segments and spheres."""
@@ -53,7 +53,7 @@ class ContactParts(NamedTuple):
 
 @functools.cache
 def ContactNumbers(scalar: type):
-    """Compose the struct of the numbers that the parts take, named as there."""
+    """Compose the struct of the arguments of the parts, with the names that they have there."""
 
     @wp.struct
     class ContactNumbers:
@@ -71,7 +71,7 @@ def ContactNumbers(scalar: type):
 
 @functools.cache
 def search_in_launch(scalar: type, inner: bool):
-    """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists where vertices are now."""
+    """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists for the current vertices."""
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
@@ -168,7 +168,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     ):
         place_all(data, tree, numbers, buffer, flags, step, step.x, step.v, numbers.ahead, threads)
         wait()
-        if data.neighbors.due[0] != 0:  # the same for all: it changes behind the search's first barriers
+        if data.neighbors.due[0] != 0:  # equal for all threads: it changes only after the search's first barriers
             search(data, tree, pairs, numbers, buffer, flags, threads)
         if wp.static(parts.inner):
             watch(data, pairs, numbers.apart, numbers.h, threads, 0, 1, flags)

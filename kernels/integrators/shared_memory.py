@@ -51,9 +51,9 @@ def on_chip_worlds(
 
     A block has a thread for each particle of its world, or for each column of particles (see `column_forces`). All
     forces are computed before any thread moves its particle, so a stage may update arrays in place. `steps` has
-    those of one substep; their arrays are byte offsets in shared memory. An array has `words` numbers of four
-    bytes, and `margin` zeros before and after it, which may be read; arrays are `each` words apart. Array s of
-    world 0 is copied from `home[s]` and back.
+    the steps of one substep; their arrays are byte offsets in shared memory. An array has `words` numbers of four
+    bytes, with `margin` readable zeros before and after it; arrays are `each` words apart. Array s of world 0 is
+    copied from `home[s]` and back.
 
     The algorithm must not scatter. A block has `threads` threads and `room` bytes of shared memory, and a
     multiprocessor holds `together` threads, which limits registers. Columns are for lattices of layers.

@@ -68,7 +68,7 @@ def each_connection(composition: Composition, method: Any = None):
 def each_particle(composition: Composition, method: Any):
     """Compose the kernel, over particles (and worlds), of one stage of a method.
 
-    With a second pass, it leaves masked particles to `each_masked`, and stores the forces of connections for it.
+    With a second pass, it leaves masked particles to `each_masked`, and stores their forces of connections.
     """
     V, SceneData, _, _, store, _ = tools(composition)
     force_algorithm, masked_particles = composition.force_algorithm, bool(composition.selective)

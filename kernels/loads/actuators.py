@@ -50,7 +50,7 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def add_tension(dim: int, scalar: type):
-    """Compose the kernel that adds the change of springs' transverse stiffness by actuators to particles' blocks.
+    """Compose the kernel that adds the transverse stiffness due to actuators to the diagonal blocks of K.
 
     Over springs: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
     `msdwarp.kernels.springs.linearised`. Along the axis the stiffness stays k.

@@ -58,8 +58,8 @@ def attachments(
         speed: wp.array2d(dtype=V)  # do/dt [m/s]
         if moving:
             ahead: int  # row offset from the velocity before a stage to that after it
-            # Work of each [J], shape [2, attachment_count], to be summed: that of all forces so far, and that of
-            # the next force with the current velocity, estimated from the last force
+            # Work of each [J], shape [2, attachment_count], to be summed: of all forces so far, and of the next
+            # force with the current velocity, estimated from the last force
             done: wp.array2d(dtype=wp.float64)
 
     @wp.func

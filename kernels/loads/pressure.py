@@ -1,4 +1,4 @@
-"""Pressure on the triangles of a surface: given, or that of an enclosed gas."""
+"""Pressure on the triangles of a surface: given, or of an enclosed gas."""
 
 import functools
 from typing import Any
@@ -80,7 +80,7 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     """Compose the kernel for the pressure of each gas, p = p0 (V0 / V)^γ; a block for each gas and world.
 
     The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, in float64, relative to one of the corners. Each
-    thread sums a share, and the shares are added in a fixed order.
+    thread sums a part, and the parts are added in a fixed order.
     """
     V = vector(dim, scalar)
     load = records(dim, scalar).load
@@ -152,7 +152,7 @@ def given_projection(dim: int, scalar: type, Pressed: Any):
 
 @functools.cache
 def gas_adjoint(dim: int, scalar: type):
-    """Compose (Gases, projected, kernel) of the adjoint of gases: φ·F of a triangle, and what that needs.
+    """Compose (Gases, projected, kernel) of the adjoint of gases: φ·F of a triangle, and the sums that it needs.
 
     With S = Σ a·φ over a gas' triangles and their mean φ, φ·F = p S: its derivative is p ∂S/∂x + p' S ∂V/∂x.
     The kernel sums S and V for each gas, by a block.

@@ -15,8 +15,8 @@ from ..records import records
 def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     """Compose (Faces, corners): triangles with the particles at their corners, and the geometry of one.
 
-    With `mixed`, vertices are weighted means of particles, and x and v are those of vertices, from `mix_vertices`.
-    A particle then gets a triangle's force in proportion to its weights in the corners.
+    If `mixed`, vertices are weighted means of particles; `mix_vertices` computes their x and v. A particle then
+    gets a triangle's force in proportion to its weights in the corners.
 
     corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners,
     and half the cross product of two edges, outward by the right-hand rule. Area vectors exist in 3D only.

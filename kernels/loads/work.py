@@ -68,9 +68,9 @@ def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: A
 
 @functools.cache
 def sum_work(dim: int, scalar: type):
-    """Compose the kernel that sums the work on all particles; each thread sums a share of a world.
+    """Compose the kernel that sums the work on all particles; each thread sums over some particles of a world.
 
-    It adds the work summed so far and f·x of steady forces. The host subtracts f·x at the start.
+    The sum includes f·x of steady forces; the host subtracts f·x at the start.
     """
     V = vector(dim, scalar)
     load = records(dim, scalar).load
@@ -118,7 +118,7 @@ def add_work(
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
-    """Add the work that effects sum themselves, `done`, to the threads' shares of the work in each world."""
+    """Add the work that effects sum themselves, `done`, to the threads' partial sums in each world."""
     share = wp.tid()
     threads = shares.shape[0] / worlds
     count = done.shape[0] / worlds

@@ -33,7 +33,7 @@ SIDES = 8
 RINGS = 5
 """Start and end of an arrow's shaft, base and tip of its head, and the base again, which closes the cone."""
 THICK, WIDE, HEAD = 0.025, 0.07, 0.25
-"""Radii of shaft and head, and length of the head, over the longest arrow's length; on short arrows all are
+"""Radii of shaft and head, and length of the head, as fractions of the longest arrow; on short arrows all are
 smaller."""
 SHORTEST = 0.5
 

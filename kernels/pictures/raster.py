@@ -94,7 +94,7 @@ def draw_triangles(
         return
     if lowest > highest:
         return
-    # Inside, no corner's share is below 0; the shares are linear in x and y, and so is 1 / depth.
+    # Inside, no corner's weight is below 0. The weights and 1 / depth are linear in x and y.
     start, across, down = shares_of(view, a, b, c)
     sign = wp.sign(volume)
     slopes = sign * across
@@ -261,7 +261,7 @@ def mean_texel(
 def shade_pixel(
     body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
 ):
-    """Draw triangles and their shadow on the ground in one pixel; each is shaded once, amid its covered points."""
+    """Draw triangles and their shadow on the ground in one pixel; each is shaded at its covered points' mean."""
     faces = faces_at(nearest, row, column, 4)
     for q in range(4):
         if faces[q] >= 0:
@@ -301,8 +301,8 @@ def shade_square(
 ) -> int:
     """Shade 2 x 2 pixels, each triangle once, and return 0; return 4 if each pixel needs its own shading.
 
-    They need it at edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
-    ground. Elsewhere light hardly changes between pixels; textures are still sampled in each pixel.
+    Pixels need it at edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
+    ground. Elsewhere light hardly changes between pixels. Textures are always sampled in each pixel.
     """
     if 4 * row + 8 > nearest.shape[0] or column + 2 > nearest.shape[1]:
         return 4

@@ -25,7 +25,7 @@ class DepthMap:
     towards: wp.vec3
     corner: wp.vec3  # its first corner along u and v, and the origin of distances towards the light [m]
     scale: float  # texels per metre
-    depth: wp.array2d(dtype=float)  # place along the light of the surface nearest to it [m], shape [size, size]
+    depth: wp.array2d(dtype=float)  # distance towards the light of the first surface [m], shape [size, size]
     around: wp.array2d(dtype=wp.vec4)  # maximum over a block and the blocks around it, shape [size / BLOCK] * 2
     softness: float  # radius of the light over its distance
     spots: wp.array(dtype=wp.vec2)  # points of the light, a disc of radius 1, evenly spread as `light.spread` does
@@ -102,7 +102,7 @@ def draw_depth(
 
 @wp.func
 def nearest_around_spot(shadows: DepthMap, at: wp.vec3) -> float:
-    """Return how far towards the light the surface nearest to it is around a point [m], linear between blocks."""
+    """Return how near to the light the first surface around a point is [m], linear between blocks."""
     last = shadows.around.shape[0] - 1
     column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))

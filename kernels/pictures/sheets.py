@@ -1,4 +1,4 @@
-"""Sheets between obstacles: flat triangles that cut corners and curves are bent around them (float32, in 3D)."""
+"""Sheets near obstacles: flat triangles that cut their corners are bent around them (float32, in 3D)."""
 
 import warp as wp
 
@@ -8,7 +8,7 @@ from ..colliders import KINDS, signed_distance, solids
 Solids = solids(3, wp.float32)
 distance_from = signed_distance(3, wp.float32, KINDS)
 STEPS = 12
-"""Steps that move a point outwards; the last three go the shortest way, should the others not arrive."""
+"""Steps that move a point outwards; the last three go the shortest way, if the others did not suffice."""
 BULGE = wp.constant(0.5)
 """Further distance from an obstacle, over the depth that a point had in it: a bend is round and not sharp, so that
 pieces of the sheet do not cut the edge that they bend around."""
@@ -33,7 +33,7 @@ def outside(s: Solids, p: int, gap: float, x: wp.vec3, a: wp.vec3, b: wp.vec3, c
     wanted = gap + 0.5 * before
     if before < 0.0:
         wanted = gap - BULGE * before
-    # From inside, the nearest side may be the wrong one. The corners, which the solid has kept out, know the way.
+    # From inside, the nearest side may be wrong. The corners are outside, and show the right side.
     ahead = shares[0] * way_out(s, p, a) + shares[1] * way_out(s, p, b) + shares[2] * way_out(s, p, c)
     steps = wp.static(STEPS)
     if wp.length(ahead) < 0.1:
@@ -43,7 +43,7 @@ def outside(s: Solids, p: int, gap: float, x: wp.vec3, a: wp.vec3, b: wp.vec3, c
         r = distance_from(s, p, x)
         if k >= steps - 3:
             ahead = wp.vec3(r[0], r[1], r[2])
-        x += wp.max(wanted - r[3], 0.0) * ahead  # never too far, since a distance grows by at most the way
+        x += wp.max(wanted - r[3], 0.0) * ahead  # never too far: a distance grows by at most the step
     return x
 
 

@@ -1,7 +1,7 @@
-"""Which column of the table of measures, a row per world, has which sum or extreme of a state, in float64."""
+"""Columns of the table of measures: sums and extremes of a state, in float64, with a row per world."""
 
 FIRST, STRAIN, KINETIC, POTENTIAL, WORK = 0, 1, 2, 3, 4
-"""Minus the index of the first non-finite particle, or −NONE; largest |l / l0 − 1|, 0 if not computed; three [J].
+"""Minus the index of the first non-finite particle, or −NONE; largest |l / l0 − 1|, or 0; three energies [J].
 
 The kinetic energy is that of the method's own velocities.
 """

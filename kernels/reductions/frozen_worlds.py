@@ -27,7 +27,7 @@ def judge(
         return
     work = before[w] + found[w, wp.static(columns.WORK)]
     energy = found[w, wp.static(columns.KINETIC)] + found[w, wp.static(columns.POTENTIAL)] - work
-    # Work is known only to first order in the step, and errors remain when it has been returned.
+    # Work is known only to first order in the step, and errors remain after forces have taken it back.
     most_work[w] = wp.max(most_work[w], wp.abs(work))
     particle[w] = int(-found[w, wp.static(columns.FIRST)])
     if particle[w] < wp.static(NONE):
@@ -46,7 +46,7 @@ def put_back(
     # Out:
     live: wp.array2d(dtype=wp.uint32),
 ):
-    """Copy the state that was kept at the frame's start back into worlds that have been frozen."""
+    """Restore the state at the frame's start in worlds that have been frozen."""
     w, i = wp.tid()
     if frozen[w] == wp.static(RUNNING):
         return

@@ -118,9 +118,9 @@ def sum_up(
 ):
     """Compose the kernel that fills all `columns` for a state.
 
-    With `everything` false it only visits particles, and fills the LOOKED columns that show divergence. With
-    `compensated` true, lengths use the positions x − x_lost. With `tears` true, connections without stiffness and
-    damping are broken, and their strain does not count. With `chosen` true only chosen connections' strain counts.
+    Unless `everything`, it only visits particles, and fills the LOOKED columns that show divergence. If
+    `compensated`, lengths use the positions x − x_lost. If `tears`, connections without stiffness and damping are
+    broken, and their strain does not count. If `chosen`, only the strain of chosen connections counts.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
     resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
@@ -182,7 +182,7 @@ def sum_up(
                     speed = wp.float64(u_i[k])
                     square += speed * speed
                     fall += wp.float64(g[k]) * wp.float64(x_i[k])
-                mass = wp.float64(1.0) / inverse  # the memory traffic hides one float64 division, not more
+                mass = wp.float64(1.0) / inverse  # memory traffic hides one float64 division, not two
                 kinetic += wp.float64(0.5) * square * mass
                 potential -= fall * mass
                 if wp.static(everything):
@@ -279,7 +279,7 @@ def fold(
     first: int,  # column of `rows` for the first column of `shares`
     rows: wp.array3d(dtype=wp.float64),  # each a part of the sum, in a fixed order
 ):
-    """Reduce the shares of a world's threads to a few rows, with a thread per entry."""
+    """Add the partial sums of a world's threads into a few rows, with a thread per entry."""
     w, row, column = wp.tid()
     total = wp.float64(0.0)
     share = row
@@ -308,8 +308,7 @@ def put_in_order(
 def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     """Compose the kernel, over connections, that writes length / rest length − 1.
 
-    With `sorted_anew` true the device has its own order of connections: the strain of connection c goes to
-    place[c].
+    If `sorted_anew`, the device has its own order of connections: the strain of connection c goes to place[c].
     """
     V = vector(dim, scalar)
     separation = difference(dim, scalar, compensated)

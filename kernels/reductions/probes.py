@@ -1,4 +1,4 @@
-"""Sums over groups for probes, in float64. Each thread sums a share; the order of additions is fixed."""
+"""Sums over groups for probes, in float64. Each thread makes a partial sum; the order of additions is fixed."""
 
 import functools
 from typing import Any
@@ -143,7 +143,7 @@ def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
 
 @functools.cache
 def sum_virial(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over worlds and threads, that sums shares of T l n nᵀ [J] of chosen connections."""
+    """Compose the kernel, over worlds and threads, that sums weight · T l n nᵀ [J] of chosen connections."""
     V, components = vector(dim, scalar), COMPONENTS[dim]
     separation = difference(dim, scalar, compensated)
 

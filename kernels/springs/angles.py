@@ -1,7 +1,7 @@
 """Angles of rods that resist bending (see `msdwarp.bodies.angles`): forces, energies and bounds.
 
 With e from a to b, f from b to c, C = cos θ and T = tan(θ/2), the energy 2 K T² = 2 K (1 − C)/(1 + C) has the
-forces 4 K/(1 + C)² ∂C/∂x. The damper has −D θ' ∂θ/∂x. Both leave momentum and angular momentum as they are.
+forces 4 K/(1 + C)² ∂C/∂x. The damper has −D θ' ∂θ/∂x. Both conserve momentum and angular momentum.
 """
 
 import functools
@@ -17,14 +17,14 @@ from .force_algorithm import difference
 from .law import TINY
 
 FOLDED = 1e-4
-"""Least 1 + cos θ: a line that is folded back keeps this angle's force."""
+"""Least 1 + cos θ in the force law, which is singular for a line that is folded back."""
 STRAIGHT = 1e-6
 """Least sin θ for a damper: a straight line has no plane in which it bends."""
 
 
 @functools.cache
 def bending_force(dim: int, scalar: type):
-    """Compose bend(e, f, ve, vf, K, D) -> (force on a, force on c); b gets what is left.
+    """Compose bend(e, f, ve, vf, K, D) -> (force on a, force on c); the force on b is minus their sum.
 
     ve and vf are the rates of e and f.
     """
@@ -161,9 +161,9 @@ def angle_energies(dim: int, scalar: type, AngleTable: Any):
 def angle_blocks(dim: int, scalar: type, AngleTable: Any):
     """Compose the kernel, over angles, that adds each to the blocks of its particles, for the stability bound.
 
-    θ changes by g·u, g being 1/|e|, 1/|e| + 1/|f| and 1/|f| in size at a, b and c. With weights in proportion to
-    these, g gᵀ is at most the blocks |g_i| Σ|g|, which is exact for the fastest mode of a straight rod. Its factor
-    is ∂²(2 K T²)/∂θ² = K (1 + T²)(1 + 3 T²). Blocks hold half: the bound doubles them.
+    θ changes by g·u, where |g| is 1/|e|, 1/|e| + 1/|f| and 1/|f| at a, b and c. The matrix g gᵀ is at most the
+    blocks |g_i| Σ|g|, which is exact for the fastest mode of a straight rod. Its factor is ∂²(2 K T²)/∂θ² =
+    K (1 + T²)(1 + 3 T²). Half of that is added, since the bound doubles blocks.
     """
     V, Row = vector(dim, scalar), vector(dim, wp.float64)
     Block = wp.types.matrix((dim, dim), wp.float64)

@@ -1,4 +1,4 @@
-"""The volume of a cell, and its derivatives by the positions of the corners."""
+"""The volume of a cell, and its derivatives with respect to the positions of the corners."""
 
 import functools
 
@@ -23,7 +23,7 @@ AROUND = (
 def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
     """Compose (Rows, geometry, turning): a matrix with a corner in each row, and functions of it.
 
-    geometry(points, is_flat) -> (volume, ∂V/∂x_c in row c). turning(points, is_flat) -> Σ_j |∂²V/∂x_c ∂x_j| of
+    geometry(points, is_flat) -> (volume, ∂V/∂x_c in row c). turning(points, is_flat) -> Σ_j |∂²V/∂x_c ∂x_j| for
     each corner c. There are 8 rows if any cell is solid, else 4.
     """
     V, corners = vector(dim, scalar), 8 if solid else 4
@@ -48,7 +48,7 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
         s3, d3 = points[6] + points[7], points[6] - points[7]
         a, e, f = (d1 + d0) + (d3 + d2), (d3 + d2) - (d1 + d0), (d1 - d0) + (d3 - d2)
         b, c, d = (s1 - s0) + (s3 - s2), (s3 + s2) - (s1 + s0), (s3 - s2) - (s1 - s0)
-        # Each is 8 times what it is above, so V has a factor of 1/64, and a gradient by a corner too.
+        # Each vector is 8 times that of the docstring, so V and its gradient have a factor of 1/64.
         third, scale = scalar(1.0) / scalar(3.0), scalar(1.0) / scalar(64.0)
         of_a = scale * (wp.cross(b, c) + third * wp.cross(f, e))
         of_b = scale * (wp.cross(c, a) + third * wp.cross(d, f))
@@ -111,7 +111,7 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
 
     @wp.func
     def flat_turning(p: V, q: V) -> scalar:
-        """Return the sum at an end of the diagonal p of a flat cell, whose other one is q."""
+        """Return `turning` at either end of the diagonal p of a flat cell, whose other diagonal is q."""
         result = scalar(1.0)
         if wp.static(dim == 3):
             area = wp.length(wp.cross(p, q))  # twice that of the cell

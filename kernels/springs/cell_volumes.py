@@ -8,9 +8,9 @@ The faces of solid cells are bilinear; ∂V/∂x_c follows from the six corners 
 Belytschko, A uniform strain hexahedron and quadrilateral with orthogonal hourglass control, Int. J. Numer. Methods
 Eng. 17 (1981) 679-706. Flat cells have the area |d₁ × d₂|/2 of their diagonals.
 
-With d = J − 1, a modulus κ ≥ 0 has w' = κ d. A negative one would let a body collapse by this law, so there
-w' = 2 κ d/(1 + J²) for d ≥ 0 and κ d/(1 + d²) for d < 0: near J = 1 both are κ d, and far from it springs prevail.
-The damper of a negative modulus follows w'', and ends where that changes its sign.
+With d = J − 1, a modulus κ ≥ 0 has w' = κ d. With a negative modulus a body would collapse by this law. So there
+w' = 2 κ d/(1 + J²) for d ≥ 0 and κ d/(1 + d²) for d < 0: both are κ d near J = 1, and springs prevail far from it.
+For a negative modulus the damping is proportional to w'', and 0 where w'' has the other sign.
 """
 
 import functools
@@ -27,7 +27,7 @@ from .cell_geometry import cell_geometry
 
 @functools.cache
 def volume_law(scalar: type):
-    """Compose law(κ, J) -> (w, w', w'', share of damping), as in the module's docstring."""
+    """Compose law(κ, J) -> (w, w', w'', fraction of damping), see the module's docstring."""
 
     @wp.func
     def law(modulus: scalar, ratio: scalar):
@@ -68,7 +68,7 @@ def cell_table(scalar: type):
 
 @functools.cache
 def cell_pressure(scalar: type, damped: bool):
-    """Compose wp.func (cells, c, volume, rate) -> pressure of cell c [Pa], whose volume grows by `rate` [m³/s]."""
+    """Compose wp.func (cells, c, volume, rate) -> pressure in cell c [Pa]; `rate` is dV/dt [m³/s]."""
     CellTable: Any = cell_table(scalar)
     law = volume_law(scalar)
 
@@ -137,9 +137,9 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
 def cell_volumes(
     dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool, everywhere: bool
 ) -> ForceTerm:
-    """Return the term of cells, whose parts are the forces on corners; particles sum those on them.
+    """Return the term of cells, whose parts are forces on corners; each particle sums the forces on it.
 
-    If cells are `everywhere`, no particle is asked whether it has any.
+    If cells are `everywhere`, particles are not tested for having any.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
@@ -284,8 +284,8 @@ def cell_blocks(dim: int, scalar: type, solid: bool, flat: bool):
 
     A cell adds w''/V₀ g gᵀ to K, where g is the gradient of its volume, and w' ∂²V/∂x². With weights s_c that sum
     to 1, (Σ g_c·u_c)² ≤ Σ (g_c·u_c)²/s_c: so g gᵀ is at most the blocks g_c g_cᵀ/s_c. Weights in proportion to
-    1/m_c make this exact for a cell by itself. The second part is bounded by Gershgorin's row sums. Blocks hold
-    half of both: the bound doubles them.
+    1/m_c make this exact for a single cell. The second part is bounded by Gershgorin's row sums. Half of both is
+    added, since the bound doubles blocks.
     """
     V, Row = vector(dim, scalar), vector(dim, wp.float64)
     Block = wp.types.matrix((dim, dim), wp.float64)

@@ -1,4 +1,4 @@
-"""Storage of the constants of springs: a single set if all are equal, per spring only if necessary."""
+"""Storage of the constants of springs: one set if all springs are equal, per spring only if necessary."""
 
 import functools
 
@@ -27,9 +27,9 @@ def constants(scalar: type, storage: str):
     """Compose (Constants, take): the struct, and `take(constants, c)` for the constants of spring or slot c.
 
     Storage is "one" (all springs are equal), "kinds" (a byte per spring, and a table of a few kinds), "packed" (a
-    table of kinds, c being a kind), "lengths" (a rest length per spring, all else equal), "own" (three numbers per
-    spring) or "listed" (three numbers per spring, c being a slot that names one). `take` returns a vector, in the
-    order of CONSTANTS.
+    table of kinds; c is a kind), "lengths" (a rest length per spring, all else equal), "own" (three numbers per
+    spring) or "listed" (three numbers per spring; c is a slot with a spring's index). `take` returns a vector in
+    the order of CONSTANTS.
     """
     Three = vector(3, scalar)
     load = records(3, scalar).load

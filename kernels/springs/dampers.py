@@ -15,7 +15,7 @@ def damper_force(scalar: type, law: Any):
     """Compose the damping force [N] along a spring, positive in tension, for the elongation rate l' [m/s].
 
     Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The last two have a speed s. A law that
-    is a `wp.func` is called where there is a strain, and not by way of this function.
+    is a `wp.func` also depends on strain, and is called elsewhere.
     """
     name, speed = law if isinstance(law, tuple) else LINEAR
 

@@ -27,10 +27,10 @@ class Breaking(NamedTuple):
 def breaking(scalar: type) -> Breaking:
     """Compose the tests whether a spring of rest length l0 breaks, for `square` = |Δx|² of its ends.
 
-    It breaks if |Δx| > min(l0 (1 + ε), l0 + F/k) at a substep's start, for its break strain ε and break force F,
-    the largest tension k (|Δx| − l0) that it bears. One end has Δx and the other −Δx, so both compute the same
-    |Δx|², to the last bit: if each particle sums its own forces, both drop the spring in the same substep. A limit
-    common to all springs is tested first; only springs beyond it read their own limits.
+    It breaks if |Δx| > min(l0 (1 + ε), l0 + F/k) at a substep's start, with its break strain ε and its break force
+    F, the largest tension k (|Δx| − l0). The ends compute Δx and −Δx, and so the same |Δx|² to the last bit: if
+    each particle sums its own forces, both leave out the spring in the same substep. A limit common to all springs
+    is tested first; only springs beyond it read their own limits.
     """
 
     @wp.struct

@@ -43,8 +43,8 @@ def gather(
     This is the report's Algorithm 2. Every force is computed twice, no thread waits for another, and the order of
     sums is fixed. Slot s of particle i is at first[i / 32] + 32 s + i mod 32, so that adjacent particles read
     adjacent numbers. Padding slots, which make the rows of a slice of 32 equally long, hold the particle's own
-    index and exert no force; so do the slots of a broken spring. With "packed" constants a slot has the kind of
-    the spring in the byte above the neighbour's index.
+    index and exert no force, as do the slots of a broken spring. With "packed" constants the highest byte of a
+    slot is the kind of the spring, and the others the neighbour's index.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
@@ -80,7 +80,7 @@ def gather(
         following = neighbours(forces.other, slot)
         while slot < end:
             others = following
-            # The next neighbours are loaded before these are used, to wait less for memory.
+            # The next neighbours are loaded before the current ones are used, to wait less for memory.
             following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
             for n in range(wp.static(CHUNK)):
                 j = others[n]

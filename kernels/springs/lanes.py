@@ -1,6 +1,6 @@
 """Gathering algorithms for small bodies on a GPU: several threads share a particle.
 
-A single thread per particle would wait for one neighbour after the other while most of the GPU is idle. So a
+With one thread per particle most of the GPU would be idle while threads wait for their neighbours' data. So a
 particle has several threads, its lanes. Each of n lanes takes every n-th neighbour, and all get the sum.
 """
 
@@ -100,7 +100,7 @@ def stencil_of_lanes(
             v_i = load(v, i)
         force = V()
         for n in range(wp.static(rounds)):
-            # Chosen among kernel arguments: reading a table first would delay the loads of positions.
+            # Kernel arguments, since reading a table first would delay the loads of positions.
             offset = int(0)
             for m in range(wp.static(lanes)):
                 if wp.static(n * lanes + m < count):
@@ -112,7 +112,7 @@ def stencil_of_lanes(
             if wp.static(damped):
                 dv = v_i - load(v, i + offset)
             q = force_density(dx, dv, own[0], own[1], own[2])
-            # For a missing neighbour the data of some other particle were read: discard them.
+            # For a missing neighbour other data were read: discard them.
             if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):
                 q = scalar(0.0)
             force -= q * dx

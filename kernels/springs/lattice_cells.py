@@ -1,9 +1,9 @@
-"""Solid cells of a lattice that resist a change of their volume: one pressure a cell, and forces by its faces.
+"""Solid cells of a lattice that resist a change of their volume: a pressure per cell, and forces on its faces.
 
-The law is that of `cell_volumes`. In a lattice whose particles are numbered alike everywhere, a particle finds its
-cells and its neighbours by adding steps to its own number. Each face between two of the eight cells around a
-particle is in the forces −p ∂V/∂x of both, with opposite signs, so that 12 faces are left. One with corners at r₂,
-r₃, r₄ from the particle, counter-clockwise seen from the cell above, exerts
+The law is that of `cell_volumes`. In a regularly numbered lattice a particle finds its cells and its neighbours by
+adding constants to its own index. Each face between two of the eight cells around a particle is in the forces
+−p ∂V/∂x of both, with opposite signs, so there are 12 faces. A face with corners at r₂, r₃, r₄ from the particle,
+counter-clockwise seen from the cell above, exerts
 
     (p_above − p_below) (r₂ × (r₃ + r₄) + r₃ × r₄)/12
 """
@@ -29,10 +29,10 @@ def lattice_cells(scalar: type):
     @wp.struct
     class LatticeCells:
         steps: wp.vec3i  # from a particle to its neighbour along each axis
-        table: CellTable  # the numbers of each cell
+        table: CellTable  # constants of each cell
         lower: wp.array(dtype=int)  # first corner of each cell, shape [cell_count]
-        margin: int  # entries of `pressure` before the first particle, and behind the last
-        pressure: wp.array(dtype=scalar)  # of cells [Pa], by their first corner, 0 without; of all worlds
+        margin: int  # entries of `pressure` before the first particle, and after the last
+        pressure: wp.array(dtype=scalar)  # [Pa], by a cell's first corner; 0 if no cell; of all worlds
 
     return LatticeCells
 
@@ -41,7 +41,7 @@ def lattice_cells(scalar: type):
 def lattice_pressure(scalar: type, compensated: bool, damped: bool):
     """Compose wp.func (cells, compensation, x, v, shift, c, first) that stores the pressure of cell c.
 
-    The particles of its world begin at `shift`, their pressures at `first`.
+    In its world particles begin at index `shift`, and entries of `pressure` at `first`.
     """
     _V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
@@ -87,7 +87,7 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
 def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: bool) -> ForceTerm:
     """Return the term of the cells of a lattice, whose parts are their pressures.
 
-    If cells are `everywhere`, no particle is asked whether it has any.
+    If cells are `everywhere`, particles are not tested for having any.
     """
     V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
@@ -108,7 +108,7 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
             steps = scene.cells.steps
             last = scene.inverse_mass.shape[0] - 1
             at = scene.cells.margin + i
-            near = Six()  # where a neighbour is missing no face uses it
+            near = Six()  # no face uses the entry of a missing neighbour
             for k in range(6):
                 near[k] = separation(compensation, x, i, wp.clamp(i + (1 - 2 * (k % 2)) * steps[k / 2], 0, last))
             total = V()

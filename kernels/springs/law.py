@@ -61,9 +61,9 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
     """Compose the force density q of a spring: its force on its first particle is −q Δx (report eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
-    gets −F. Another damping law replaces b Δv·Δx̂, one of the user's depends on the strain, too; without a damper
-    this part is not compiled. Another law of springs replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1); where it bears
-    tension only, so does the damper.
+    gets −F. Another damping law replaces b Δv·Δx̂; a law of the user's also depends on strain; without a damper
+    this part is not compiled. Another law of springs replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1). If it bears
+    only tension, so does the damper.
     """
     V, (damper, spring) = vector(dim, scalar), laws
     stress = None if spring is None else spring_stress(scalar, spring)
@@ -90,7 +90,7 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
                         resisting = scalar(0.0)
                 pull += resisting
             return pull * inverse_length
-        tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density
+        tension = rounded(-stiffness, rest_length)  # without the term k |Δx|, which adds k to the density
         if wp.static(linear):
             tension += damping * (wp.dot(dv, dx) * inverse_length)
         if wp.static(own is not None):

@@ -11,9 +11,9 @@ from .spring_laws import spring_stress, steepest_slope
 
 @functools.cache
 def add_linearised(dim: int, scalar: type, everyone: bool = False):
-    """Compose z += scale (spring·K + damper·B) p, over springs, K and B linearised at x; pinned rows stay 0.
+    """Compose the kernel, over springs, of z += scale (spring·K + damper·B) p, with K and B linearised at x.
 
-    With `everyone` the rows and columns of pinned and driven particles are included.
+    Rows and columns of pinned and driven particles are 0 unless `everyone`.
 
     A spring of axis d adds k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) to K, and b d dᵀ to B. The negative transverse
     stiffness of compressed springs is left out, so that K is never indefinite.
@@ -74,8 +74,8 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 def add_blocks(dim: int, scalar: type, law: Any = None):
     """Compose the kernel, over worlds and springs, that adds each spring to the blocks of its two particles.
 
-    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i. A law of
-    springs has its steepest slope in place of the first 1, and max(0, l0 s/l) across.
+    A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i. For a
+    law of springs k d dᵀ is multiplied by its steepest slope, and the transverse factor is max(0, l0 s/l).
     """
     steepest = None if law is None else steepest_slope(law)
     stress = None if law is None else spring_stress(wp.float64, law)

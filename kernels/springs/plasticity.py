@@ -15,8 +15,8 @@ from .force_algorithm import difference
 def plastic_flow(dim: int, scalar: type, compensated: bool):
     """Compose (Flow, flow): the rest lengths and their bounds, and `flow(f, compensation, x, c)` of spring c.
 
-    An elastic spring and a slider in series (Bingham): with e = l − l0, original length L0, yield strain ε_y,
-    relaxation time τ and the excess |e| − ε_y L0, where that is above 0,
+    An elastic spring and a slider in series (Bingham): with e = l − l0, original length L0, yield strain ε_y
+    and relaxation time τ, while |e| > ε_y L0,
 
         l0' = sign(e) (|e| − ε_y L0) / τ,  |l0 − L0| ≤ ε_max L0
 
@@ -53,7 +53,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
                 share = scalar(1.0) - wp.exp(-f.h / f.relaxation_time[c])
             most = f.largest_plastic_strain[c] * original
             flown = wp.clamp(rest + share * excess * wp.sign(stretch), original - most, original + most)
-            if (flown - rest) * stretch > scalar(0.0):  # beyond the bound already, as after a change: keep it
+            if (flown - rest) * stretch > scalar(0.0):  # already beyond the bound after a change: keep it
                 f.rest_length[c] = flown
 
     return Flow, flow

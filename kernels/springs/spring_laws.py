@@ -8,9 +8,9 @@ import warp as wp
 from .dampers import LINEAR
 
 AHEAD, INTERVALS = 0.1, 8
-"""Strain on both sides in which the steepest slope is looked for, and how many differences are taken there."""
+"""The steepest slope is sought within this strain on both sides, from this number of differences."""
 PANELS = 4
-"""Parts of the interval of strain over which Gauss's rule with five points integrates."""
+"""Parts of the interval of strain, over each of which Gauss's rule with five points integrates."""
 POINTS = (0.0, 0.5384693101056831, 0.9061798459386640)
 WEIGHTS = (0.5688888888888889, 0.4786286704993665, 0.2369268850561891)
 
@@ -30,7 +30,7 @@ class Laws(NamedTuple):
 
     @property
     def slacken(self) -> bool:
-        """Whether springs, with their dampers, exert no force while they are shorter than at rest."""
+        """Whether springs and their dampers exert no force while shorter than their rest length."""
         return self.spring == ("tension",)
 
 

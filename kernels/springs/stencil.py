@@ -21,7 +21,7 @@ class Neighbour(NamedTuple):
     along: int
     """Its position in its row, relative to the point: −1, 0 or 1; from −2 to 2 with second neighbours."""
     direction: int
-    """Index of the lattice direction that leads there, or back."""
+    """Index of the lattice direction that leads to the neighbour, or from it to the point."""
     bit: int
     """The bit of the point's mask for a connection with this neighbour."""
 
@@ -41,7 +41,7 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
 
 
 def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
-    """Return a hash of all constants that are compiled into a stencil's loops, and of the column's length.
+    """Return a hash of all constants compiled into a stencil's loops, and of the column's length `together`.
 
     Warp distinguishes kernels by their sources and by `wp.static` values, except values that depend on a loop.
     Without this hash in their sources, Warp would confuse two stencils with equally many rows.
@@ -51,7 +51,7 @@ def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
 
 @functools.cache
 def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking):
-    """Compose the force on particle i after its `suspects`, the springs beyond the common limit, have been tested.
+    """Compose the force on particle i after a test of its `suspects`: springs longer than the common limit.
 
     The mask bits of springs that break are cleared, and `force`, which includes all suspects, is summed again
     without them. Since this is rare, it is kept out of the loops that are unrolled for each neighbour. `kinds` are
@@ -114,7 +114,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
                     own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
                 dx = separation(compensation, x, x_i, i, j)
                 if (suspects & bit) != wp.uint32(0):
-                    first = i  # of the spring's particles
+                    first = i  # the spring's first particle
                     if number >= wp.static(directions):
                         first = j
                     c = forces.breaking.number[d * forces.mask.shape[0] + first]
@@ -236,7 +236,7 @@ def stencil(
                             forces.stiffness[kind, d],
                             forces.damping[kind, d],
                         )
-                    # What is read of a missing neighbour may be any other particle's: it does not count.
+                    # For a missing neighbour other data were read: discard them.
                     if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
                         q = scalar(0.0)
                     force -= q * dx
@@ -268,11 +268,11 @@ COLUMN = 2
 
 @functools.cache
 def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
-    """Compose the forces on a column of particles i + d stride, stride being the lattice's step to the next layer.
+    """Compose the forces on a column of particles i + d stride, where `stride` leads to the next layer.
 
     The neighbours of a column are in the layers −1 … COLUMN. Each is read once for all particles of the column,
     since memory reads limit the speed of a stencil. Return None if the lattice has no layers, or has second
-    neighbours, which are further away. `kinds` are the first five arguments of `stencil`.
+    neighbours, which lie outside these layers. `kinds` are the first five arguments of `stencil`.
     """
     dim, scalar, laws, compensated, steps = kinds
     if any(abs(s) > 1 for step in steps for s in step):
@@ -350,7 +350,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
                                     if is_suspect(forces.breaking, l0, wp.dot(dx, dx)):
                                         suspects[d] = suspects[d] | wp.uint32(wp.static(field(r, p, a, d, "bit")))
                                 q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
-                                # For a missing neighbour the data of some other particle were read: discard them.
+                                # For a missing neighbour other data were read: discard them.
                                 if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
                                     q = scalar(0.0)
                                 total[d] = total[d] - q * dx

@@ -1,6 +1,6 @@
 """Build the table of neighbours for the gathering algorithm (see `springs.gather`).
 
-A spring has two ends, one at each of its particles. Sorted by particle, ends fill the slots of the table.
+A spring has two ends, one at each of its particles. The ends are sorted by particle, and fill the table's slots.
 """
 
 import functools
@@ -33,7 +33,7 @@ def name_itself(
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill every slot of particle i with i itself, as for padding: a particle exerts no force on itself."""
+    """Fill every slot of particle i with i, as padding, since a particle exerts no force on itself."""
     part = wp.tid()
     for slot in range(first[part], first[part + 1]):
         other[slot] = wp.min(part * SLICE + (slot - first[part]) % SLICE, particle_count - 1)
@@ -51,7 +51,7 @@ def fill_slots(
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     # Out:
     other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
-    connection: wp.array(dtype=int),  # the spring with it, shape [slot_count]
+    connection: wp.array(dtype=int),  # the spring to this neighbour, shape [slot_count]
 ):
     """Enter each end, in the order of particles, into its particle's next slot."""
     e = wp.tid()
@@ -83,7 +83,7 @@ def name_itself_where_broken(
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill the slots of particle i whose springs are broken with i itself, so that they exert no force."""
+    """Fill those slots of particle i whose springs are broken with i, so that they exert no force."""
     i = wp.tid()
     slot = first[i / SLICE] + i % SLICE
     while slot < first[i / SLICE + 1]:

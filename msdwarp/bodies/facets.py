@@ -41,7 +41,7 @@ class Facets(NamedTuple):
         return result
 
     def bound(self, sums: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-        """Return bounds |Wᵀ| |A| |W| of Σ_j |WᵀAW|_ij for particles i, from sums Σ_w |A|_vw for vertices v."""
+        """Return bounds of the row sums of |WᵀAW| for particles, from the row sums of |A| for vertices."""
         size = np.abs(self.weight)
         most = float(size.sum(axis=1).max(initial=0.0))
         return self._replace(weight=most * size).spread(sums, count)

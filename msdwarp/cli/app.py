@@ -138,7 +138,7 @@ def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: 
 
 
 def _act(command: str, chosen: tuple[Origin, Any] | None, *given: Any) -> None:
-    """Call `run_scene` of `run.py`, or its counterpart, with a scene and options; do nothing if help was shown."""
+    """Call a command's function, such as `run_scene`, with a scene and options; do nothing if help was shown."""
     if chosen is None:
         return
     origin, options = chosen

@@ -37,7 +37,7 @@ def resume_run(
     """Continue a run from its restart file, to its end or another duration [s], and draw it.
 
     Raise ValueError if a file is invalid or the scene has changed, FileExistsError if pictures would be replaced
-    without `force`, and as `run_scene` does.
+    without `force`, and the errors of `run_scene`.
     """
     if not (folder / RESTART).exists():
         raise FileNotFoundError(f"{folder} has no {RESTART}: its run wrote none, or ended before its first frame")
@@ -76,7 +76,7 @@ def resume_run(
 
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return a run's attributes and its checkpoint's numbers; raise ValueError if one is missing."""
+    """Return a run's attributes and its checkpoint's numbers; raise ValueError if either is missing."""
     made_by, checkpoint = (checks.member(str(path), attributes, part) for part in ("run", "checkpoint"))
     for name in ("scene", "parameters", "digest", "device", "options"):
         checks.member(f"{path}: run", made_by, name)

@@ -29,8 +29,8 @@ def export(
     """Write frames in another format: the surface, or the connections if there is none. Return the files.
 
     For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
-    velocities, times and connections) have one file for all. `draw_usd` writes the one of usd: it gets the folder
-    for its images, the frames' indices, and the path. Raise ValueError if the format is unknown, is not the
+    velocities, times and connections) have one file for all. `draw_usd` writes a usd file: its arguments are the
+    folder for images, the frames' indices, and the path. Raise ValueError if the format is unknown, is not the
     path's ending, cannot hold the body, or needs a missing package, or if a frame does not exist. Raise
     FileExistsError if a file exists and `force` is False. Nothing is written then.
     """

@@ -48,7 +48,7 @@ class GrowingFile:
             self.frame_count = max(self.frame_count, self.written)
 
     def reopen(self, system: System, found: int, kept: int, until: float) -> None:
-        """Open a file of `found` frames to continue after `kept` of them, and after readings up to `until` [s]."""
+        """Open a file of `found` frames; continue after `kept` frames, and after readings up to `until` [s]."""
         _include_all_bytes(self.path)
         self._open(self.path)
         try:

@@ -25,7 +25,7 @@ _CHUNK = 1 << 14
 
 
 class ReadingTables:
-    """The tables of a file that grows by frames; `foreseen` frames are expected."""
+    """The tables of probe readings in a growing file; `foreseen` is the expected number of frames."""
 
     def __init__(self, columns: Columns, foreseen: int = 1) -> None:
         for name, (every, _) in columns.items():
@@ -74,7 +74,7 @@ class ReadingTables:
             table.resize(0, axis=0)
 
     def growth(self, k: int, rows: Rows) -> int:
-        """Return the most bytes that frame k and rows add to the tables."""
+        """Return an upper bound of the bytes that frame k and its `rows` add to the tables."""
         size = 0 if k < len(self._ends) else self._ends.chunks[0] * len(EVERY) * 8
         for every, values in rows.items():
             size += self._arrays[every].growth(0, len(values) + self._arrays[every].chunk)
@@ -98,7 +98,7 @@ class ReadingTables:
                 table[at:] = values
 
     def note(self, k: int) -> None:
-        """Store that the rows in use are those up to the end of frame k."""
+        """Store that the rows up to the end of frame k are in use."""
         if len(self._ends) <= k:
             self._ends.resize(k + self._ends.chunks[0], axis=0)
         self._ends[k] = [self._at.get(every, 0) for every in EVERY]

@@ -60,10 +60,10 @@ def write_usd(
     sun: NDArray,
     background: NDArray,
 ) -> None:
-    """Write a scene with its frames into a USD file, in metres, z up; time codes are the numbers of frames.
+    """Write a scene with its frames into a USD file, in metres, z up; time codes are the indices of frames.
 
-    Images go into the folder `textures`, beside the file. `view_angle` is the vertical one [degrees], and `aspect`
-    the picture's width over its height. `sun` is the unit vector towards the key light, and `background` the
+    Images go into the folder `textures`, beside the file. `view_angle` is the vertical angle of view [degrees],
+    `aspect` the picture's width over its height. `sun` is the unit vector towards the key light, `background` the
     colour of the sky, in 0 … 1 as on the screen.
     """
     from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
@@ -133,7 +133,7 @@ def write_usd(
 
 
 def linear(colour: NDArray) -> NDArray:
-    """Return colours in proportion to light, as in USD, from those on the screen, in 0 … 1 (IEC 61966-2-1)."""
+    """Return linear colours, as in USD, for colours on the screen (sRGB), both in 0 … 1 (IEC 61966-2-1)."""
     return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
 
 

@@ -28,7 +28,7 @@ _GROWING += ("msdwarp/readings/by_", "msdwarp/readings/ends")
 def probe(path: str | Path) -> None:
     """Raise ValueError unless HDF5 can walk through a file, and every array in it has the size that it states.
 
-    The contents are not checked. A file that HDF5 itself refuses is left to whoever opens it.
+    The contents are not checked. For a file that HDF5 itself refuses, the error is raised where it is opened.
     """
     path = Path(path)
     with path.open("rb") as file:

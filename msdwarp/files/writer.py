@@ -222,7 +222,7 @@ class TrajectoryWriter:
         self.close()
 
     def _raise_error(self, *, again: bool) -> None:
-        """Raise the thread's error, if there is one; an error that was already raised only if `again`."""
+        """Raise the thread's error, if there is one; if it was raised before, only if `again`."""
         if self._error is not None and (again or not self._raised):
             self._raised = True
             raise self._error

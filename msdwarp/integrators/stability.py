@@ -92,7 +92,7 @@ def stability_limit(system: System, integrator: Integrator) -> float:
 def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY) -> tuple[float, float]:
     """Return the largest stable substep [s], and the largest with a margin.
 
-    Dampers of contacts that limit themselves take a share of the largest step without them, and of its margin.
+    Limited dampers of contacts reduce the step without them, and its margin, by a fraction.
     """
     limit = integrator.stable_step(rates)
     if not integrator.lagging or rates.limited_share == 0.0:

@@ -26,7 +26,7 @@ def within_reach(scene: Scene) -> Scene:
 
 
 class Handling:
-    """A simulation, of a scene that `within_reach` returned, and its interactive changes.
+    """A simulation of a scene from `within_reach`, and its interactive changes.
 
     `deeds` are the changes since the start, in order; `factors` multiply the parameters of the scene.
     """

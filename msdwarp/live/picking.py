@@ -20,7 +20,7 @@ SPREAD, MOST_HELD = 2.0, 32
 
 
 class Picking(NamedTuple):
-    """The particles that a hand holds, and its springs to them, the nearest to the picked point first."""
+    """The particles that a drag of the mouse holds, nearest to the picked point first, and the springs to them."""
 
     particles: NDArray[np.int64]
     offset: NDArray[np.float64]  # from the picked point to each [m], shape [held_count, d]
@@ -75,7 +75,7 @@ class Picking(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """A hand: its grip, its owner, who alone can end the drag, its target [m], and the particles last held."""
+    """A drag of the mouse: its grip, owner (who alone can end it), target [m], and the particles last held."""
 
     grip: Picking | None = None
     holder: Any = None
@@ -83,7 +83,7 @@ class Pull(NamedTuple):
     last: Sequence[int] = ()
 
     def arrow(self, position: NDArray) -> NDArray[np.float64] | None:
-        """Return the held point and its target [m], shape [2, 3]; None if the hand holds nothing."""
+        """Return the held point and its target [m], shape [2, 3]; None if nothing is held."""
         if self.grip is None:
             return None
         ends = np.array([self.target, self.target])

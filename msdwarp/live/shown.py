@@ -39,9 +39,9 @@ class Shown:
         self._largest = 0.0
 
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
-        """Return this with the times at which springs break [s], from which on the drawing leaves them out.
+        """Return a `Shown` with the times at which springs break [s]; the drawing omits them from then on.
 
-        Return it as it is if as many were broken before `time` [s] as when it was last called.
+        Return this object if no more springs are broken before `time` [s] than at the last call.
         """
         count = int((broken_at <= time).sum())
         if count == self._broken:
@@ -82,8 +82,8 @@ class Shown:
 class Following:
     """How far the cameras of a view have followed the body: `shift` [m], shape [3].
 
-    They move with the group `Look.follow`. Without one, and without a target, they follow a body whose path is
-    unknown once it leaves what they had in view at first.
+    They move with the group `Look.follow`. Without a group and a target, they follow a body whose path is unknown
+    after it has left their initial view.
     """
 
     def __init__(self, source: Source) -> None:
@@ -101,7 +101,7 @@ class Following:
             self._high = np.maximum(seen.max(axis=0) - slack, middle)
 
     def follow(self, frame: Frame, *, held: bool) -> None:
-        """Follow the body to a frame, gently; to an earlier one, at once; not while it is `held` by the mouse."""
+        """Follow the body: smoothly to a later frame, at once to an earlier one, not if `held` by the mouse."""
         passed, self._time = frame.time - self._time, frame.time
         before = np.zeros(3) if passed < 0 else self.shift
         middle = self._middle(frame) - before
@@ -110,5 +110,5 @@ class Following:
             self.shift = before + way * (1.0 if passed < 0 else 1.0 - math.exp(-passed / EASE))
 
     def _middle(self, frame: Frame) -> NDArray[np.float64]:
-        """Return where the body is [m], shape [3]: the median, which no stray piece moves."""
+        """Return the place of the body [m], shape [3]: the median, which stray pieces hardly change."""
         return np.median(in_space(frame.position[self._members], np.float64), axis=0)

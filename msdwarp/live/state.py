@@ -95,16 +95,16 @@ class ViewState:
         self._draw(COLOURS[0] if before is None else before.colour, wires=before is not None and before.wires)
 
     def _start_clock(self) -> None:
-        """Restart the count of due frames."""
+        """Count the frames that real time requires from now on."""
         self._clock, self._frames_taken = time.perf_counter(), 0
 
     def _begin_to_run(self) -> None:
-        """Wait no longer for somebody who watches, and restart the clock."""
+        """Stop waiting for a viewer, and restart the clock."""
         self._waits = False
         self._start_clock()
 
     def _draw(self, colour: str, *, wires: bool) -> None:
-        """Create the drawing of the source, in colours or of its springs."""
+        """Create the drawing of the source: in the colours named, or with `wires` its springs."""
         scene, device = self.source.scene, self.source.device
         self.shown = Shown(scene, colour, wires=wires)
         large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
@@ -189,7 +189,7 @@ class ViewState:
         return listed(list(self.scenes))
 
     def _move_hand(self) -> None:
-        """Move the ends of the hand's springs, before a frame."""
+        """Move the targets of the mouse's springs, before a frame."""
         if (grip := self.hand.grip) is None:
             return
         to = grip.pulled(self.source.frame().position, self.hand.target)

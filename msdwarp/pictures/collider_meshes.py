@@ -42,9 +42,9 @@ def meshes(scene: Scene) -> list[tuple[Collider, Mesh]]:
 
 
 def walls(scene: Scene, towards: Sequence[NDArray]) -> list[tuple[Collider, Mesh]]:
-    """Return the planes of a scene, except its ground, that face all given directions, each with a square of it.
+    """Return the planes of a scene, except its ground, that face all given directions, each with a square in it.
 
-    The squares are near the initial solids and bodies, and larger than these. A plane that faces away from the
+    The squares are near the initial solids and bodies, and larger than them. A plane that faces away from the
     camera would hide the scene, and one that faces away from the light would put it in shadow.
     """
     dim = scene.system.dim

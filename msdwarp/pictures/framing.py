@@ -17,8 +17,8 @@ FAR = 4.0
 def framed(scene: Scene, positions: Any, chosen: Sequence[int], aspect: float) -> NDArray:
     """Return the positions that the camera keeps in view [m], shape [any, d]: the outermost in the chosen frames.
 
-    Of three bodies or more, one that leaves far beyond the rest counts only as long as it is among them, and in
-    the first frame. `positions` are those of frames, of shape [frame_count, particle_count, d], perhaps on disk;
+    If there are three bodies or more, a body that goes far away from the others counts only while it is near them,
+    and in the first frame. `positions` have the shape [frame_count, particle_count, d], and may be on disk;
     `aspect` is the picture's width over its height.
     """
     body = np.unique(pieces(scene.system.particle_count, scene.system.connections), return_inverse=True)[1]

@@ -51,7 +51,7 @@ def towards(light: tuple[float, float, float], right: NDArray, forward: NDArray)
 def spread(count: int) -> NDArray[np.float64]:
     """Return sampling points of the key light, spread evenly over the unit disc, shape [count, 2].
 
-    Any consecutive ones are also spread over the disc: a spiral by the golden angle (H. Vogel, "A better way to
+    Any consecutive points are also spread over the disc: a spiral by the golden angle (H. Vogel, "A better way to
     construct the sunflower head", Mathematical Biosciences 44, 1979), with the radii in the order of the van der
     Corput sequence 0, 1/2, 1/4, 3/4, 1/8 ...
     """

@@ -71,7 +71,7 @@ class Part:
             _launch(drawing.collapse, len(self._times[0]), [*self._times, time, self.corners], [self.points])
 
     def show_value(self, shares: wp.array, stops: wp.array) -> None:
-        """Colour the vertices by the values of their particles, given as shares of the full value."""
+        """Colour the vertices by the values of their particles, as fractions of the full value."""
         _launch(drawing.colour_by_value, len(self.colours), [shares, *self.mixture, stops], [self.colours])
 
     def take_strain_of(self, connections: NDArray, rest_length: NDArray, device: str) -> None:
@@ -80,7 +80,7 @@ class Part:
         self._strain_of = springs, wp.array(rest_length, dtype=float, device=device)
 
     def show_strain(self, x: wp.array, full_strain: float, stops: wp.array) -> None:
-        """Colour the pieces by the strain of their springs, if they show any."""
+        """Colour the pieces by the strain of their springs, if `take_strain_of` has set these."""
         if self._strain_of is not None:
             inputs = [x, *self._strain_of, full_strain, self.corners, stops]
             _launch(drawing.colour_by_strain, len(self._strain_of[0]), inputs, [self.colours])

@@ -28,9 +28,9 @@ class Sheet(Part):
     """A surface without inside, in pieces that keep off obstacles.
 
     Particles rest on an obstacle, and triangles between them cut its edges and curves, so the obstacle would show
-    through. `flat` is the surface as it is; `places` are its triangles at the start [m], of shape
-    [triangle_count, 3, 3], whose mean side sets the distance from obstacles. Where particles are `pinned`, shape
-    [particle_count], perhaps into an obstacle, it stays.
+    through. `flat` is the surface without bending; `places` are its triangles' corners at the start [m], shape
+    [triangle_count, 3, 3]: their mean side sets the distance from obstacles. The surface is not moved where
+    particles are `pinned`, shape [particle_count], which may be inside an obstacle.
     """
 
     def __init__(

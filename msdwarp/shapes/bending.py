@@ -76,16 +76,16 @@ def flexural_rigidity(
 def resisting_bending(
     flat: System, mask: NDArray[np.bool_], spacing: float, rigidity: float, *, diagonals: bool, solid: bool
 ) -> System:
-    """Return a flat sheet with springs to second neighbours; see the module.
+    """Return a flat sheet with springs to second neighbours; see the module's docstring.
 
-    `flat` is the sheet without them, made by `lattice`, `mask` are the points of its lattice that are particles,
-    and the rigidity D [N m] is above 0. A spring exists if both connections that it spans exist, so that none
-    bridges a hole or a notch. Its damper has their ratio b/k. It lies along the chord, so it damps bending of a
-    flat sheet only to second order.
+    `flat` is the sheet without these springs, made by `lattice`; `mask` are its lattice points with particles; the
+    rigidity D [N m] is above 0. Such a spring exists if both connections that it spans exist, so that none bridges
+    a hole or a notch. Its damper has the ratio b/k of these connections. It acts along the chord, so it damps
+    bending of a flat sheet only to second order.
 
-    In a `solid` sheet, of a material, each spring is weighted by the share of whole cells beside it, and forces
-    balance up to the margin. Otherwise constants are equal within a direction, so that the stencil can be used,
-    and the outermost cells, with half of the springs to second neighbours, contract by P/k.
+    In a `solid` sheet (of a material) each spring is weighted by the fraction of whole cells beside it, and forces
+    balance up to the margin. Otherwise constants are equal within a direction, so that the stencil can be used;
+    the outermost cells, with half of the springs to second neighbours, then contract by P/k.
 
     Raises ValueError if connections are too weak for the tension.
     """
@@ -137,9 +137,9 @@ def resisting_bending(
 def _turns(
     flat: System, name: str, step: tuple[int, ...], mask: NDArray[np.bool_], *, solid: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the connections before and after each point where a line along `step` can bend, and their shares.
+    """Return the connections before and after each point where a line along `step` can bend, and their weights.
 
-    A share is that of whole cells beside both connections; without `solid` it is 1.
+    A weight is the fraction of cells beside both connections that are whole; unless `solid` it is 1.
     """
     part = flat.directions[0][name]
     beginning = np.full(mask.shape, -1)  # the connection that starts at each point

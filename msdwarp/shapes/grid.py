@@ -28,7 +28,7 @@ def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...
     """Return the steps from a lattice point to half of its neighbours, by name.
 
     Axes come first, then face diagonals, then space diagonals: by length, as in the report. Without
-    `diagonals` there are `dim` of them, with them (3^dim − 1)/2. The name of (1, −1, 0) is "x-y".
+    `diagonals` there are `dim` steps, with diagonals (3^dim − 1)/2. The name of (1, −1, 0) is "x-y".
     """
     steps = [step for step in itertools.product((1, 0, -1), repeat=dim) if step > (0,) * dim]
     steps.sort(key=lambda step: (sum(map(abs, step)), tuple(-s for s in step)))
@@ -55,7 +55,7 @@ def lattice_connections(
     """Join every particle of a grid with its neighbour in each direction, direction after direction.
 
     Returns the connections, shape [connection_count, 2], and the slice of each direction. Without a mask
-    every point is a particle. With the mask's whole cells, only those are joined that have one in common.
+    every point is a particle. With the mask's whole cells, particles are joined only if they share a whole cell.
     """
     index = particle_numbers(shape, mask).T  # z, y, x
     ends = {}
@@ -115,7 +115,7 @@ def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8
 
 
 def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the share of whole cells around each connection along a step, from 0 to 1.
+    """Return the fraction of cells around each connection along a step that are whole, from 0 to 1.
 
     The order is that of `lattice_connections` with whole cells; for the step 0 that of the particles.
     """
@@ -124,7 +124,7 @@ def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.flo
 
 
 def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the share of cells beside a connection over two steps that are whole along both steps, from 0 to 1.
+    """Return the fraction of cells beside a connection over two steps that are whole along both, from 0 to 1.
 
     The order is that of `ends_of`: the points of a plane grid that have a neighbour two steps further.
     """

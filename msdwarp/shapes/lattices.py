@@ -108,7 +108,7 @@ def _lattice(
 def _constants_of(
     material: Material, section: float, mask: NDArray[np.bool_], spacing: float, diagonals: bool
 ) -> dict[str, Any]:
-    """Return mass, stiffness, damping, summed from the shares of cells, and cells of a lattice of a material."""
+    """Return mass, stiffness and damping, summed over adjacent cells, and the cells of a material's lattice."""
     whole, axes = whole_cells(mask), mask.ndim
     by_axes = material.cell_stiffness(axes, spacing, section, diagonals=diagonals)
     steps = lattice_directions(axes, diagonals=diagonals).values()
@@ -132,7 +132,7 @@ def _cells_of(
     spacing: float,
     time: float,
 ) -> Cells | None:
-    """Return the cells of a lattice of a material, damped for a time β; None if springs are enough."""
+    """Return the cells of a material's lattice, damped with the time β [s]; None if springs suffice."""
     modulus = material.cell_modulus(mask.ndim, section)
     if modulus == 0.0:
         return None

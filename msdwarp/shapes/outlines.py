@@ -105,7 +105,7 @@ def _polygon(outline: ArrayLike) -> NDArray[np.float64]:
 
 
 def _cross(a: NDArray, b: NDArray) -> NDArray:
-    """Return the cross product of plane vectors."""
+    """Return the cross product of vectors in a plane, shape [..., 2]."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
@@ -122,7 +122,7 @@ def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.
 
 
 def _cells_of(corners: NDArray[np.float64], shape: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the mask of cells, of size 1 around the origin, that fill a polygon: centre inside, or `held`."""
+    """Return the mask of unit cells around the origin that fill a polygon: with centres inside, or `held`."""
     ends = np.append(corners, corners[:1], axis=0)
     along = np.insert(np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1)), 0, 0.0)
     samples = np.linspace(0, along[-1], math.ceil(along[-1] / SAMPLED) + 1)
@@ -133,7 +133,7 @@ def _cells_of(corners: NDArray[np.float64], shape: NDArray[np.int64]) -> NDArray
 def _fitted(
     corners: NDArray[np.float64], cells: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return (points, triangles) of cells of size 1 around the origin, the margin moved onto a polygon."""
+    """Return (points, triangles) of the chosen unit cells, with margin points moved onto the polygon `corners`."""
     around = np.pad(cells, 1).astype(int)
     around = around[:-1, :-1] + around[1:, :-1] + around[:-1, 1:] + around[1:, 1:]  # cells at each point
     number = np.cumsum(around.ravel() > 0).reshape(around.shape) - 1
@@ -141,7 +141,7 @@ def _fitted(
     points = place - np.array(cells.shape) / 2
     margin = np.flatnonzero(around[tuple(place.T)] < 4)
     points[margin] = _nearest_of(corners, points[margin])
-    # The corners of the polygon, the sharpest first, draw the nearest of those points to themselves.
+    # Each corner of the polygon, the sharpest first, moves the nearest of these points onto itself.
     side = np.roll(corners, -1, axis=0) - corners
     before = np.roll(side, 1, axis=0)
     turn = np.abs(np.arctan2(_cross(before, side), (before * side).sum(axis=1)))
@@ -152,7 +152,7 @@ def _fitted(
             margin = np.delete(margin, np.argmin(distance))
     i, j = np.nonzero(cells)
     a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
-    # Of the two ways to halve a square, the one whose smaller triangle is larger.
+    # A square is halved along the diagonal that makes the smaller triangle larger.
     ways = np.array([[[a, b, c], [a, c, d]], [[a, b, d], [b, c, d]]])  # [way, triangle, corner, square]
     p, q, r = (points[ways[:, :, k]] for k in range(3))
     better = np.argmax(_cross(q - p, r - p).min(axis=1), axis=0)

@@ -47,7 +47,7 @@ def embed(
 def nearest_cells(
     place: NDArray[np.float64], cells: NDArray[np.bool_], within: float = np.inf
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the cell nearest to each place, shape [any, d], and its distance, shape [any]; both in cells.
+    """Return the cell nearest to each place, shape [any, d], and its distance in cells, shape [any].
 
     The distance is 0 inside, and inf if no cell was found. A cell beyond `within` need not be the nearest.
 
@@ -141,13 +141,13 @@ def cells_along(length: float, spacing: float) -> int:
 
 
 def held(cells: NDArray[np.bool_], samples: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return cells, of size 1 around the origin, with those added that keep thin parts of a body connected.
+    """Return unit cells around the origin, and further cells that keep thin parts of a body connected.
 
-    Added are the cells with a sample of the body's skin that is further than AWAY from every cell so far (where
-    the body is thick, a plane skin is at most ½ from a cell with its centre inside); and then those with a sample
-    where the cells around are connected by nothing else that is around.
+    First, cells are added for samples of the body's skin that are further than AWAY from every cell so far (where
+    the body is thick, a plane skin is at most ½ from a cell with its centre inside). Then the cell of a sample is
+    added where the cells around it are not connected otherwise.
 
-    Cells are connected if they share a corner: those of samples less than a cell apart do. Samples, of shape
+    Cells are connected if they share a corner, as cells of samples less than a cell apart do. Samples, of shape
     [any, d], are SAMPLED apart, and AWAY + SAMPLED is 1, so that no gap is left.
     """
     shape, dim = np.array(cells.shape), cells.ndim

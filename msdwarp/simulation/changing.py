@@ -58,8 +58,8 @@ class Changing(PresentWorld):
         return self._surroundings["gravity"]
 
     def _assembled(self) -> tuple[Assembly, State]:
-        """Return the scene once more, and its present state."""
-        # At the start velocities are those given; later they are read, half a substep after the method's own.
+        """Return another assembly of the scene, and its present state."""
+        # At the start velocities are as given; later they are shifted by half a substep from the method's own.
         if self.stepping.at_start:
             assembly = assemble(self.system, **self._surroundings)
             return assembly, starting_state(self.system, assembly, 0, self.time, self.fps)
@@ -246,7 +246,7 @@ class Changing(PresentWorld):
         energy = self._energy()
         self.stepping.set_velocity(velocity, chosen)
         added = self._energy() - energy
-        if resists(self.assembly):  # forces that depend on speed may have a steeper slope now
+        if resists(self.assembly):  # forces that depend on speed may now have a larger derivative
             try:
                 self._update_choice()
             except UnstableStep:
@@ -258,7 +258,7 @@ class Changing(PresentWorld):
     def _energy(self) -> float:
         """Return the energy that the method conserves [J]; 0 without a step controller.
 
-        If velocities lag, a change of velocities or forces changes it, too, by a term proportional to the step.
+        If velocities lag, changes of velocities or forces also change it by a term proportional to the step.
         """
         return 0.0 if self._step_controller is None else self.stepping.balance().energy
 
@@ -266,7 +266,7 @@ class Changing(PresentWorld):
         """Replace the loads, in place if they differ only in values."""
         check_supports_contact(self.integrator, given)
         before = self._surroundings["loads"]
-        # Previous loads are already bound to the state in which they began.
+        # Previous loads stay bound to the state in which they began.
         bound_loads = {id(one): load for one, load in zip(self._active_loads, before, strict=True)}
         after = [bound_loads.get(id(one), one) for one in given]
         replacements = differ_in_values(before, after)

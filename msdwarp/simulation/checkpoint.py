@@ -69,7 +69,7 @@ def check_same(numbers: Numbers, **own: Any) -> None:
 
 
 def restored_system(start: System, arrays: Arrays) -> System:
-    """Return `start` with the fields that a checkpoint holds; raise ValueError if it is of another system."""
+    """Return `start` with the fields in a checkpoint; raise ValueError for a checkpoint of another system."""
     fields = {}
     for names, count in ((PARTICLE_FIELDS, start.particle_count), (CONNECTION_FIELDS, start.connection_count)):
         for name in names:
@@ -109,7 +109,7 @@ def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
 def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int]]]:
     """Return the frame index, the number of scheduled changes made, and the substep history.
 
-    The history is empty for older checkpoints. Raises ValueError if one of them is missing or invalid.
+    The history is empty for older checkpoints. Raises ValueError if a number is missing or invalid.
     """
     frame_index, changes = (
         checks.count(name, checks.member("checkpoint", numbers, name), 0) for name in ("frame_index", "changes")

@@ -312,7 +312,7 @@ class Ensemble(Differentiable):
         return alone
 
     def _assembled(self) -> tuple[Assembly, State]:
-        """Return the worlds once more, and their present state."""
+        """Return another assembly of the worlds, and their present state."""
         assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
         state = starting_state(self._base, assembly, 0, self.time, self.fps)
         if not self.stepping.at_start:

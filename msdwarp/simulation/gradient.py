@@ -29,7 +29,7 @@ GRADIENT_NAMES = (
     "force",
     "strain",
 )
-"""What derivatives may be asked for by."""
+"""Names of variables with respect to which derivatives may be requested."""
 EXPLODES = 1000.0
 """Growth of a gradient for each frame, above which `GradientWarning` says that it explodes."""
 
@@ -77,7 +77,7 @@ class Differentiable(Present):
 
     @abstractmethod
     def _assembled(self) -> tuple[Assembly, State]:
-        """Return the scene once more, and its present state."""
+        """Return another assembly of the scene, and its present state."""
 
     @in_turn
     def gradient(self, loss: Loss, frames: int, by: Sequence[str] = ("position", "velocity")) -> Gradient:

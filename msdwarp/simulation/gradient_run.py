@@ -1,4 +1,4 @@
-"""A run that can be led back: frames forward, and derivatives of a loss from the last to the first."""
+"""A differentiable run: frames forward, and derivatives of a loss from the last frame to the first."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
@@ -38,7 +38,7 @@ class Frames(NamedTuple):
 
 
 class Differentiated:
-    """A run that can be led back: the frames forward, and their adjoint.
+    """A differentiable run: the frames forward, and their adjoint.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Differentiated:
     start
         Time of the start [s].
     wanted
-        Names of the derivatives that are asked for.
+        Names of the requested derivatives.
     energy_limit
         See `Simulation`.
     threads
@@ -80,7 +80,7 @@ class Differentiated:
         self._dynamics, self._h, own = dynamics, choice.step, self._stepping.integrator
         self._stages = choice.substeps * len(own.stage_times)
         self._lag = own.lag * choice.step if own.staggered else 0.0
-        """Time by which the method's velocities lag behind those given and read [s]."""
+        """Time by which the method's velocities lag behind the velocities that users give and read [s]."""
         work, tableau, names = own.workspace(state), own.tableau, set(wanted)
         self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, work, choice.step))
         self._adjoint = (
@@ -133,7 +133,7 @@ class Differentiated:
     def backward(
         self, by_position: Sequence[NDArray | None], by_velocity: Sequence[NDArray | None]
     ) -> NDArray[np.float64]:
-        """Lead derivatives by frames, None for 0, back to the start; return their growth (see `Gradient`)."""
+        """Propagate derivatives by frames (None for 0) back to the start; return their growth (see `Gradient`)."""
         adjoint, count = self._adjoint, len(by_position) - 1
         adjoint.clear()
         self._by_strain = None
@@ -152,10 +152,10 @@ class Differentiated:
         return self._model.of_each((sizes / np.where(most > 0, most, np.inf)).T)
 
     def _add(self, k: int, by_x: NDArray | None, by_v: NDArray | None) -> None:
-        """Add derivatives by frame k, whose velocities are those at the time of its positions."""
+        """Add derivatives by frame k, by its velocities at the time of its positions."""
         adjoint = self._adjoint
         if by_v is not None:
-            if k > 0 and self._lag:  # they are read by a kick of half a substep from the method's velocities
+            if k > 0 and self._lag:  # a kick of half a substep gives them from the method's velocities
                 self._restart(k)
                 self._dynamics.hold(float(self._times[k]))
                 v_out = kicked(self._dynamics, self._tape.state, self._lag, self._v_read)
@@ -174,7 +174,7 @@ class Differentiated:
         self._tape.go_to(0)
 
     def _lead_back(self, k: int) -> None:
-        """Take frame k again, and lead back through it; the first also through the shift of velocities."""
+        """Repeat frame k, and lead derivatives back through it; for k = 0 also to the given velocities."""
         self._restart(k)
         self._dynamics.begin_frame(float(self._times[k]))
         partition = self._dynamics.partition
@@ -191,7 +191,7 @@ class Differentiated:
         self._keep_strains(k)
 
     def _keep_strains(self, k: int) -> None:
-        """Keep the derivatives by strains that launches of frame k have added."""
+        """Store the derivatives by strains from the launches of frame k."""
         if not self._strains:
             return
         stages = self._adjoint.take_strains()
@@ -209,7 +209,7 @@ class Differentiated:
         self._adjoint.add_up()
 
     def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
-        """Return the derivatives that have been asked for, NaN for worlds that have diverged."""
+        """Return the requested derivatives, NaN for worlds that have diverged."""
         result = {}
         state = {"position": self._adjoint.by_x, "velocity": self._adjoint.by_v}
         parameters = self._adjoint.found()
@@ -229,7 +229,7 @@ class Differentiated:
 
 
 def _norm(values: NDArray | None) -> Any:
-    """Return the norm of vectors of shape [particle_count, d]; in an ensemble that of each world."""
+    """Return the norm of vectors of shape [particle_count, d]; in an ensemble the norm for each world."""
     if values is None:
         return 0.0
     flat = np.asarray(values).reshape(*np.shape(values)[:-2], -1)

@@ -24,10 +24,10 @@ class PinnedStaging:
         self._recorded: list[wp.array] = []
         """The arrays that the graph copies."""
         self._lock = threading.Lock()
-        """Held while the pinned memory is in use: two threads may read frames."""
+        """Locked while the pinned memory is in use, since two threads may read frames."""
 
     def host_copies(self, *arrays: wp.array) -> list[NDArray]:
-        """Return copies of arrays, after the device has written them. Each call takes arrays of the same kinds."""
+        """Return copies of arrays, after the device has written them. All calls need equal shapes and types."""
         device = wp.get_device(arrays[0].device)
         if not device.is_cuda:
             return [to_host(array) for array in arrays]

@@ -37,7 +37,7 @@ class Present:
         release_in_turn(self.__dict__)
 
     def _held_back(self) -> NDArray[np.float64]:
-        """Return the furthest that contact held a particle of each world back in the last frame [m]."""
+        """Return the largest displacement that contact prevented in each world in the last frame [m]."""
         contact = self.assembly.body_contact
         return np.zeros(self.model.worlds) if contact is None else contact.held_back
 

@@ -57,7 +57,7 @@ class Readback:
             self._free.put(_Buffers(simulation.model, strain, contact_forces))
 
     def take(self) -> "Taken":
-        """Return the current frame, still in transfer to the host; wait while `depth` others are not released."""
+        """Return the current frame, still in transfer to the host; wait while `depth` frames are in use."""
         buffers = self._free.get()
         self._fill(buffers)
         return Taken(self._simulation, buffers, self._free)
@@ -104,8 +104,8 @@ class Taken:
         """Wait for the frame, in any thread; return it, equal to `Simulation.frame` at its time, and the strain.
 
         The strain of the system's connections, shape [connection_count], is computed in float64 from the device's
-        numbers, and rounded to the simulation's; it is None if it was not requested. The arrays are overwritten by
-        a later frame once this one has been released. RuntimeError is raised if the device has failed meanwhile.
+        arrays, and rounded to the simulation's precision; None if not requested. After `release` later frames
+        overwrite the arrays. Raises RuntimeError if the device has failed meanwhile.
         """
         self._buffers.wait()
         arrays = self._buffers.on_host
@@ -118,8 +118,7 @@ class Taken:
     def broken_at(self) -> NDArray | None:
         """Wait for the frame, and return the times at which connections had broken [s]; None if none can break.
 
-        Shape [connection_count], inf for whole connections. As for `arrived`, the array is overwritten once this
-        frame has been released.
+        Shape [connection_count], inf for unbroken connections. After `release` later frames overwrite the array.
         """
         self._buffers.wait()
         return self._buffers.on_host.get("broken_at")
@@ -127,8 +126,8 @@ class Taken:
     def contact_force(self) -> NDArray | None:
         """Wait for the frame, and return the contact force on each particle [N]; None if it was not requested.
 
-        It equals `Simulation.contact_force` at its time, shape [particle_count, d]. As for `arrived`, the array is
-        overwritten once this frame has been released.
+        It equals `Simulation.contact_force` in this frame, shape [particle_count, d]. After `release` later frames
+        overwrite the array.
         """
         self._buffers.wait()
         return self._buffers.on_host.get("contact_force")

@@ -1,4 +1,4 @@
-"""Settling: leads a system to static equilibrium by FIRE, instead of waiting until its motion has died away."""
+"""Settling: moves a system to static equilibrium by FIRE, much faster than its motion would die away."""
 
 import math
 from collections.abc import Mapping
@@ -17,15 +17,15 @@ from .stepping import Stepping
 SUBSTEPS = 64
 """Substeps of a frame at the start: between two frames the residual force is read."""
 SHARE_OF_WEIGHT = 1e-3
-"""The tolerance that is used if none is given, as a share of the mean weight of a particle."""
+"""The default tolerance, as a fraction of the mean weight of a particle."""
 SHARE_OF_START = 1e-4
-"""The same without gravity, as a share of the largest force in the first frame."""
+"""The default tolerance without gravity, as a fraction of the largest force in the first frame."""
 SAFETY = 0.6
-"""Share of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`."""
+"""Fraction of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`."""
 REFRESH = 8
 """Frames after which the stable substep is computed again."""
 NEAR = 0.9
-"""A number of substeps of at least this share of the current one changes nothing."""
+"""A needed number of substeps above this fraction of the current number changes nothing."""
 
 
 class Settled(NamedTuple):
@@ -34,7 +34,7 @@ class Settled(NamedTuple):
     residual: float
     """The largest force that is left on a free particle [N]."""
     tolerance: float
-    """The largest that was wanted [N]."""
+    """The largest force that was allowed [N]."""
     substeps: int
     """Substeps of FIRE."""
 
@@ -64,8 +64,8 @@ def settled(
 ) -> tuple[System, Settled]:
     """Return a system in equilibrium under the loads of a `time` [s], at rest, and how it has settled.
 
-    `surroundings` are arguments of `assemble`. It is led there in float64 and without dampers, which change no
-    equilibrium, in at most this many substeps. See `Simulation.settle`.
+    `surroundings` are arguments of `assemble`. FIRE runs in float64 and without dampers, which change no
+    equilibrium, for at most `most` substeps. See `Simulation.settle`.
     """
     tolerance = None if tolerance is None else checks.positive("tolerance", tolerance)
     most = checks.count("substeps", most, 1)

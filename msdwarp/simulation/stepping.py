@@ -52,8 +52,8 @@ class Stepping:
     `watch_energy` a `StepController` reads the energy balance of frames. `baseline` is the reference for energies,
     by default that of the state, whose time is `time` [s].
 
-    `frozen` freezes worlds; it is None outside of ensembles. `contact_forces` sums those of a frame; it is None if
-    nobody reads them.
+    `frozen` freezes worlds; it is None outside of ensembles. `contact_forces` sums the contact forces of a frame;
+    None if nobody reads them.
     """
 
     def __init__(
@@ -100,14 +100,14 @@ class Stepping:
         self._balance_graph: Any = None
         self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
-        """Number of frames, and of balances, to launch before they are recorded."""
+        """Numbers of frames and of balances that are launched before the next ones are recorded."""
         small = is_told_by_frames(dynamics)
         self._can_sum_balance, self.sum_balance = watch_energy and small, True
-        """Whether frames can sum their energy balance; whether the next ones do. Otherwise a request sums it."""
+        """Whether frames can sum their energy balance, and whether the next ones do; else a request sums it."""
         self.runs_ahead = small and can_judge_late(
             self.assembly, forces, self._frame_sensors, self._substep_sensors
         )
-        """Whether a frame can be judged while the next one runs."""
+        """Whether a frame can be tested for divergence while the next one runs."""
         self._new_energy_sums = partial(EnergySums, dynamics, state, own.lag * choice.step)
         self._energy_sums = self._new_energy_sums() if self._can_sum_balance else None
         self._velocities.start()
@@ -132,7 +132,7 @@ class Stepping:
 
     @property
     def at_start(self) -> bool:
-        """Whether velocities are still those given, before any substep."""
+        """Whether velocities are still as given, before any substep."""
         return self._time == 0.0
 
     def set_gravity(self, gravity: ArrayLike) -> None:
@@ -180,7 +180,7 @@ class Stepping:
 
     @contextmanager
     def _synchronized_velocities(self) -> Iterator[None]:
-        """Shift velocities to the time of the positions. On exit shift them back, by the forces at that moment."""
+        """Shift velocities to the time of the positions; on exit back, with the forces at that moment."""
         v = self.velocity()
         if v is not self.state.v:
             wp.copy(self.state.v, v)
@@ -208,7 +208,7 @@ class Stepping:
                     self._take_frame(next_time, ahead)
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
-        # Every effect is asked. A neighbour list that was too short or too old has made room: repeat the frame.
+        # All effects are asked. If a neighbour list was too short or too old, the frame is repeated.
         while sum(effect.is_void() for effect in self.assembly.all):
             self.go_back()
             self._take_frame(time, track)
@@ -254,7 +254,7 @@ class Stepping:
         track.found.mark()
 
     def _forget_outdated(self) -> None:
-        """Drop graphs whose arrays, numbers or kernels have been replaced."""
+        """Drop graphs whose arrays, arguments or kernels have been replaced."""
         if self._generation != self.model.generation:
             self._tracks.forget_graphs()
             self._balance_graph, self._generation = None, self.model.generation

@@ -234,7 +234,7 @@ class StepController:
         return free > self.least + self._allowed()  # elastic energy only adds to it
 
     def _is_acceptable(self, balance: EnergyBalance) -> bool:
-        """Return whether the energy's rise, and its difference from the physical energy, are within limits."""
+        """Return whether the conserved energy has risen little, and differs little from the physical energy."""
         if balance.swing > MOST_SWING * self._scale_of(balance) and self.refinement < ENOUGH_FOR_SWING:
             return False
         return balance.energy <= self.least + self._allowed(balance)

@@ -52,7 +52,7 @@ class Tracks:
 
 
 def can_judge_late(assembly: Assembly, *measurements: Any) -> bool:
-    """Return whether `Found` alone judges a frame: the host reads no effect and no measurement after it."""
+    """Return whether the sums in `Found` suffice after a frame: the host reads no effect and no measurement."""
     kinds = {type(one) for one in assembly.all}
     read = (getattr(kind, name) is not getattr(Effect, name) for kind in kinds for name in _READ_AFTER_FRAME)
     return not any(read) and all(one is None for one in measurements)

@@ -237,7 +237,7 @@ def _finish(
     seed: int,
     report: Callable[[str], None],
 ) -> tuple[NDArray, Linear, NDArray, bool]:
-    """Return the best θ until `end` [s], its linearisation, the covariance by jumps, and whether it converged."""
+    """Return the best θ until `end` [s], its linearisation, the covariance of jumps, and whether it converged."""
     best, converged = problem.finish(theta, end, tolerance)
     step, p = DIFFERENCE[problem.precision], problem.count
     linear, jumps = problem.linear(best[None], end, step)[0], np.zeros((p, p))

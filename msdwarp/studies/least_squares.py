@@ -50,7 +50,7 @@ WORSE = 10.0
 
 
 class Linear(NamedTuple):
-    """Residuals at some θ, and how they change with it."""
+    """Residuals at some θ, and their derivatives."""
 
     residuals: NDArray[np.float64]
     """Shape [rows]."""
@@ -208,9 +208,9 @@ class Problem:
     def is_jagged(self, theta: NDArray[np.float64], end: float, linear: Linear) -> bool:
         """Return whether residuals jump as θ changes, as they do with contact.
 
-        Changes of smooth residuals to both sides are opposite and follow the derivatives at θ, except for a share
-        of the order of the difference. Derivatives use a smaller difference and miss most jumps. Across a jump
-        they are far too large, and values would seem too certain.
+        For smooth residuals the changes to both sides of θ are opposite and agree with the derivatives at θ, up to
+        an error of the order of the difference. Derivatives use a smaller difference and miss most jumps. Across a
+        jump they are far too large, and values would seem too certain.
         """
         steps = JAGGED * np.eye(self.count)
         residuals = self.residuals(np.concatenate([theta[None], theta + steps, theta - steps]), end)
@@ -230,8 +230,8 @@ class Problem:
         """Return the best θ in shrinking clouds of worlds, the Jacobian of the trend there, and a covariance.
 
         A plane is fitted to the residuals of a cloud. Its least sum of squares is at a θ that jumps do not move.
-        The next cloud is around this θ, or around the cloud's best world if that is better. Residuals jump about
-        the plane; the covariance says how far that moves θ.
+        The next cloud is around this θ, or around the cloud's best world if that is better. Residuals scatter
+        about the plane by jumps; the covariance is the resulting uncertainty of θ.
         """
         p, random = self.count, np.random.default_rng(seed)
         linear = self.linear(theta[None], end, WIDE)[0]

@@ -177,7 +177,7 @@ def write_results(
 ) -> Any:
     """Write the rows of all points as NetCDF and as a table; return them as an `xarray.Dataset` over the grid.
 
-    A number that a row lacks is NaN. Each file appears whole.
+    A number that a row lacks is NaN. Each file is written under a temporary name, then renamed.
     """
     xarray = import_xarray()
     numbers = dict.fromkeys(name for row in rows for name in row if name not in (*WORDS, *grid))

@@ -83,7 +83,7 @@ class GrowingTable:
                 raise
 
     def write_line(self, numbers: Sequence[float]) -> None:
-        """Add a line, unless the next kept line is equal."""
+        """Write a line over the next kept line; if they differ, remove the later ones."""
         assert self._file is not None
         line = _as_csv([[f"{number:.9g}" for number in numbers]])
         with disk.failure_named(self.path, "could not be written further"):

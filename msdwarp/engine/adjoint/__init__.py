@@ -1,1 +1,1 @@
-"""Derivatives of a loss: substeps taken again and kept, and led back from their ends to their starts."""
+"""Derivatives of a loss: substeps are repeated and stored, and derivatives propagated back through them."""

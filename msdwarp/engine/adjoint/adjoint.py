@@ -1,4 +1,4 @@
-"""Adjoint: leads derivatives of a loss back through the launches of substeps."""
+"""Adjoint: propagates derivatives of a loss back through the launches of substeps."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -37,10 +37,10 @@ from .spring_adjoints import InTable, springs_of_particles
 from .tape import Tape
 
 MOST_LANES, MOST_THREADS = 16, 80_000
-"""Most threads of a GPU that share a particle, and in all where they do: more would wait for each other (H100)."""
+"""Most threads that share a particle on a GPU, and most in such a launch: more would wait (on an H100)."""
 GIVEN = (Drives, Steady, Varying, Weight, Work)
 DIFFERENTIABLE = (ActuatedSprings, EmbeddedVertices, ExtraSprings, SoftColliders, *GIVEN)
-"""Effects, beside those with `elements`, that have an adjoint, or whose forces do not depend on the motion."""
+"""Effects without `elements` that have an adjoint, or whose forces do not depend on the motion."""
 WORDS = {
     "AttachmentSprings": "mouse springs",
     "BodyContact": "contact between bodies",
@@ -51,19 +51,19 @@ WORDS = {
     "Plasticity": "connections that yield",
     "SurfaceContact": "contact between bodies",
 }
-"""Effects without an adjoint, in words; any other is called by its class."""
+"""Words for effects without an adjoint; messages name others by their class."""
 
 
 class Adjoint:
-    """The derivatives of a loss by the state of particles, and by the parameters asked for, on a device.
+    """The derivatives of a loss with respect to the state, and to requested parameters, on a device.
 
-    In an ensemble each world has a loss of its own. The derivatives by its state lie in arrays like those of a
-    `State`; what comes to the host has an axis of worlds first.
+    In an ensemble each world has its own loss. The derivatives with respect to its state are in arrays like those
+    of a `State`; arrays on the host have a first axis of worlds.
 
     Attributes
     ----------
     by_x, by_v
-        Derivatives by positions [1/m] and velocities [s/m], at the instant to which they have been led back.
+        Derivatives by positions [1/m] and velocities [s/m], at the instant that the propagation has reached.
     """
 
     def __init__(self, dynamics: Dynamics, wanted: Iterable[str]) -> None:
@@ -119,7 +119,7 @@ class Adjoint:
         self._sizes: wp.array | None = None
         self._given: Any = wp.zeros(self._count, dtype=model.vector, device=device)
         self._aside: tuple[wp.array, ...] = ()
-        # Strains sum over springs in any order, which threads of a CPU cannot share.
+        # Sums over springs by strain have no order, and no atomic additions on the CPU: one thread.
         self._partition = None if own.strain else dynamics.partition
 
     def clear(self) -> None:
@@ -138,17 +138,17 @@ class Adjoint:
         self._lead_forces_back(x, v, stage)
 
     def forget_driven(self, *each: wp.array) -> None:
-        """Set vectors of driven particles to 0: their motion is given, whatever came before."""
+        """Set vectors of driven particles to 0, since their motion does not depend on earlier states."""
         if self._driven is not None:
             for array in each:
                 inputs = [self._driven, array]
                 self._launch(forget(self._model.dim, self._model.scalar), len(self._driven), inputs)
 
     def frame(self, h: float, tape: Tape) -> None:
-        """Lead derivatives back through the substeps of h seconds of a frame, which are on a tape.
+        """Lead derivatives back through the substeps (h seconds each) of a frame, which are stored on a tape.
 
-        Where only springs act, one launch leads back through the forces of a substep and then through the kick of
-        the one before.
+        If only springs act, one launch goes back through the forces of a substep and then through the kick of the
+        previous one.
         """
         states, last = tape.states, len(tape.states) - 1
         self.forget_driven(self.by_x, self.by_v)
@@ -165,7 +165,7 @@ class Adjoint:
                     self._lead_kick_back(h, h, before, v)
 
     def _lead_kick_back(self, drift: float, seconds: float, v: wp.array, v_out: wp.array) -> None:
-        """Lead derivatives back through a kick and a drift; write those by the forces of the kick."""
+        """Lead derivatives back through a kick and a drift; write the derivatives by the forces of the kick."""
         inputs = [drift, seconds, self._inverse_mass, self._gravity, v, v_out, self.by_x, self.by_v]
         inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
         self._launch(self._kick, self._count, inputs)
@@ -173,7 +173,7 @@ class Adjoint:
     def _lead_forces_back(
         self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: wp.array | None = None
     ) -> None:
-        """Lead derivatives by forces back to (x, v), and through the kick from `v_before` to v, if it is given."""
+        """Lead derivatives by forces back to (x, v), and through the kick from `v_before` to v, if not None."""
         state = [x, v, self._phi, self.by_x, self.by_v]
         h, v_before = (0.0, v) if v_before is None else (h, v_before)
         kick = [h, h, self._inverse_mass, self._gravity, v_before, self._by_inverse_mass, self._by_gravity]
@@ -201,7 +201,7 @@ class Adjoint:
         partition.launch_parts(launch_part)
 
     def _launch_once(self, launch: Callable[[], None]) -> None:
-        """Call `launch`, by one of the CPU threads that share a frame."""
+        """Call `launch` in only one of the CPU threads that share a frame."""
         partition = self._partition
         if partition is None or not partition.is_recording:
             launch()
@@ -217,7 +217,7 @@ class Adjoint:
 
     @contextmanager
     def aside(self, by_v: NDArray[np.float64]) -> Iterator[None]:
-        """Lead back the derivatives `by_v` alone, and then add the others again."""
+        """Propagate only the derivatives `by_v` within the context; add the others again afterwards."""
         model, own = self._model, (self.by_x, self.by_v)
         self._aside = self._aside or model.vectors_together(2)
         for array, kept in zip(own, self._aside, strict=True):
@@ -229,7 +229,7 @@ class Adjoint:
             wp.launch(add_given(model.dim, model.scalar), len(array), [kept, array], device=model.device)
 
     def measure(self, row: int, rows: int) -> None:
-        """Launch the sizes of both derivatives by the state, into a row of `sizes`."""
+        """Launch the sums of squares of both derivatives by the state, into a row of `sizes`."""
         model = self._model
         if self._sizes is None or len(self._sizes) != rows:
             self._sizes = wp.zeros((rows, model.worlds, 2), dtype=wp.float64, device=model.device)
@@ -244,7 +244,7 @@ class Adjoint:
         return np.sqrt(self._sizes.numpy())
 
     def add_up(self) -> None:
-        """Launch the sums of what a frame's launches have added to the parameters' derivatives, in float64."""
+        """Launch the addition of a frame's contributions to the parameters' derivatives, in float64."""
         model = self._model
         for name, total in self._totals.items():
             narrow: Any = {"mass": self._by_inverse_mass, "gravity": self._by_gravity}.get(name)
@@ -255,7 +255,7 @@ class Adjoint:
             wp.launch(widen(*kinds), len(total), [narrow, total], device=model.device)
 
     def take_strains(self) -> NDArray[np.float64]:
-        """Return what has been added to the derivatives by strains, shape [stages, columns], and set them to 0.
+        """Return the accumulated derivatives by strains, shape [stages, columns], and set them to 0.
 
         In an ensemble, the shape is [worlds, stages, columns].
         """
@@ -275,7 +275,7 @@ class Adjoint:
                 g = model.of_each(model.rows["gravity"])
                 by_inverse = by_inverse - (each["gravity"] * g[:, None]).sum(axis=-1, keepdims=True)
             result["mass"] = model.of_each((-by_inverse / mass)[..., 0])
-        if "gravity" in each:  # of each particle; a force f has the effect of the gravity f/m
+        if "gravity" in each:  # by each particle's gravity; a force f acts like the gravity f/m
             result["force"] = model.of_each(each["gravity"] / mass)
             result["gravity"] = model.of_each(each["gravity"].sum(axis=1))
         for name in self._totals.keys() & set(CONSTANTS):

@@ -12,7 +12,7 @@ from ..model.model import Model
 
 
 class ElementAdjoints:
-    """Adds derivatives by the forces of an effect's elements to those by the state.
+    """Adds to ∂L/∂x and ∂L/∂v of a loss L what follows from ∂L/∂F, for the forces F of an effect's elements.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class ElementAdjoints:
         Function (kernel, count, inputs) that launches a kernel over `count` items; it adds `begin`, `end` and
         `threads` to the inputs.
     launch_once
-        Function that calls another, which launches kernels, once.
+        Function that calls its argument, which launches kernels, in only one thread.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class ElementAdjoints:
     def lead_back(
         self, x: wp.array, v: wp.array, phi: wp.array, by_x: wp.array, by_v: wp.array, stage: int
     ) -> None:
-        """Launch what adds (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of the forces at (x, v) in a stage of a frame."""
+        """Launch the addition of (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ, for forces at (x, v) in a stage of a frame."""
         elements, parts = self._elements, [self._particle, self._weight]
         prepare = elements.prepare
         if prepare is not None:

@@ -1,4 +1,4 @@
-"""The adjoint of spring forces on a device: by a table of neighbours, or for a uniform lattice without one."""
+"""The adjoint of spring forces on a device, with a table of neighbours, or for a uniform lattice without."""
 
 from contextlib import suppress
 from typing import Any
@@ -53,7 +53,7 @@ class InTable:
         return self._table
 
     def take_strains(self) -> NDArray[np.float64]:
-        """Return what has been added to the derivatives by strains, and set them to 0; see `Adjoint`."""
+        """Return the accumulated derivatives by strains, and set them to 0; see `Adjoint`."""
         found = self._by_strain.numpy().astype(np.float64)
         self._by_strain.zero_()
         return found
@@ -86,7 +86,7 @@ class InLattice:
 
 
 def springs_of_particles(model: Model, actuated: ActuatedSprings | None) -> InTable | InLattice:
-    """Return how the springs of each particle are found fastest."""
+    """Return the fastest way to find the springs of each particle."""
     if actuated is None and not model.in_worlds:
         with suppress(NotALattice):
             lattice = model.lattice or find_lattice(model.system)

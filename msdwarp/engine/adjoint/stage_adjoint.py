@@ -1,4 +1,4 @@
-"""The adjoint of every explicit method that has a tableau: of its stages, from the last to the first."""
+"""The adjoint of explicit methods with a tableau: goes back through the stages, from the last to the first."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -15,11 +15,11 @@ from .tape import Tape
 
 
 class StageAdjoint(Adjoint):
-    """An `Adjoint` for substeps of several stages, which are given as a tableau.
+    """An `Adjoint` for substeps of several stages, given by a tableau.
 
-    With λ_n the derivative by Y_n = Y_0 + h Σ_m A_nm (v_m, a_m), state n of a substep, that by (v_m, a_m) is
+    State n of a substep is Y_n = Y_0 + h Σ_m A_nm (v_m, a_m). With λ_n = ∂L/∂Y_n, the derivative by (v_m, a_m) is
     κ_m = h Σ_n A_nm λ_n, and λ_m = (∂(v, a)/∂Y)ᵀ κ_m at Y_m. The derivative by Y_0 is Σ_n λ_n. The stages of a
-    substep are taken once more, from its start, and kept while it is led back. Reference: Sanz-Serna, SIAM Review
+    substep are repeated from its start, and stored for this. Reference: Sanz-Serna, SIAM Review
     58 (2016) 3-33.
 
     Parameters
@@ -59,7 +59,7 @@ class StageAdjoint(Adjoint):
             self._lead_combination_back(0, states)
 
     def _keep(self, stage: int, x: wp.array, v: wp.array) -> None:
-        """Keep the state at which a stage evaluates forces; the first is on the tape."""
+        """Store the state at which a stage evaluates forces; the tape already has the first."""
         if stage:
             self._launch(self._copy, self._count, [x, v, *self._inner[stage - 1]])
 

@@ -1,4 +1,4 @@
-"""Tape: the substeps of a frame, taken again from a checkpoint, each in arrays of its own."""
+"""Tape: the substeps of a frame, repeated from a checkpoint, each with its own arrays."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ from ..stepping.stages import Solve, Stage
 
 
 class Tape:
-    """Takes the substeps of a frame with a launch per stage, and keeps the state before each and at the end.
+    """Takes the substeps of a frame with a launch per stage, and stores the state before each and at the end.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Tape:
     ) -> None:
         self._dynamics, model = dynamics, dynamics.model
         self.state = State(model)
-        """The state that stages read and write: rows of the tape, one after the other."""
+        """The state that stages read and write: successive entries of `states`."""
         instant = self.state.state_in
         self.states = [model.vectors_together(2) for _ in range(substeps + 1)]
         """Positions [m] and the method's velocities [m/s] before each substep, and at the end."""

@@ -42,23 +42,23 @@ from .neighbor_list import NeighborList
 from .tables_by_world import Repeated
 
 DAMPING_LIMIT = 0.4
-"""Largest rate of all dampers of contacts together, by 1 over the substep, where they are limited."""
+"""Largest rate of all limited dampers of contacts together, times the substep."""
 WORTH = 1.2
-"""Dampers are limited where the step can then be longer by this factor, which pays for the computation."""
+"""Dampers are limited if the step can then be longer by this factor, which pays for the computation."""
 OVERLAP = 0.01
-"""Overlap at the start, over the spacing, up to which there is no warning."""
+"""Overlap at the start up to which there is no warning, as a fraction of the spacing."""
 
 
 class BodyContact(WithHistory):
-    """Keeps bodies out of each other: points of their surfaces against facets, in one world or many.
+    """Contact of points on the surfaces of bodies with facets of other bodies, in one world or many.
 
     Facets near a point are listed; a frame whose lists became invalid is repeated, see `NeighborList`. In an
-    ensemble the forces in each world equal those of the world alone, to the last bit: they are summed as integers,
+    ensemble the forces in each world equal those of a single run, to the last bit: they are summed as integers,
     and listed facets without contact have no effect.
 
     The arrays have four owners: `surfaces` (constants), `rules` (by kinds of bodies), `neighbors` (rebuilt lists)
-    and `history` (in checkpoints). With `contact_forces` the forces of bodies on each other's particles are
-    summed, in `impulse`.
+    and `history` (in checkpoints). If `contact_forces`, the forces of bodies on each other's particles are summed
+    in `impulse`.
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
@@ -85,8 +85,8 @@ class BodyContact(WithHistory):
             stiffest = max(float(one.stiffness.max(initial=0.0)), stiffness.max(), 0.0)
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
-        """Contributions to the blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
-        # Bounces of grains would be less exact.
+        """Additions to diagonal blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
+        # Limits would make the bounces of grains less exact.
         self.limiting = np.zeros(1, dtype=bool) if surfaces.grains else self._worth_limiting()
         """Which of the worlds that differ limit dampers."""
         if self.limits_dampers:
@@ -112,7 +112,7 @@ class BodyContact(WithHistory):
         self._flags, self.nothing = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
         self.held_back = np.zeros(model.worlds)
-        """Furthest that a particle of each world was held back in a substep of the last frame [m]."""
+        """Largest displacement that contact prevented in a substep of the last frame [m], by world."""
         self.deepest = 0.0
         """Deepest overlap in the last frame [m]."""
         self.frozen = np.zeros(model.worlds, dtype=bool)
@@ -125,11 +125,11 @@ class BodyContact(WithHistory):
 
     @property
     def limits_dampers(self) -> bool:
-        """Whether dampers of contacts limit themselves, in methods whose velocities lag."""
+        """Whether any world limits the dampers of contacts, in methods whose velocities lag behind positions."""
         return bool(self.limiting.any())
 
     def lanes(self, triangles: bool) -> int:
-        """Return how many threads share a point, where there are triangles or not: in a world as in it alone."""
+        """Return the threads per point, with triangles or without; as many in an ensemble as in a single run."""
         if not self._model.device.is_cuda:
             return 1
         if not triangles:
@@ -138,14 +138,14 @@ class BodyContact(WithHistory):
 
     @property
     def on_device(self) -> tuple[Any, Any]:
-        """The structs that kernels of contact take: all data, and the tree of facets."""
+        """The two arguments of contact kernels: the struct of all data, and the tree of facets."""
         return self._data, self.neighbors.tree
 
     def _worth_limiting(self) -> NDArray[np.bool_]:
         """Return for which rows of worlds limited dampers allow a much longer step, shape [rows].
 
-        All contacts are counted first each time, so it must pay. With the rates λ of springs and μ of dampers,
-        methods with velocities that lag are stable for h²λ + 2hμ < 4.
+        Limits cost time: all contacts are counted before forces. If λ bounds the eigenvalues of M⁻¹K and μ those
+        of M⁻¹B, methods whose velocities lag are stable for h²λ + 2hμ < 4.
         """
         model, blocks = self._model, zero_blocks(self._model)
         x = model.vectors()
@@ -154,13 +154,13 @@ class BodyContact(WithHistory):
         own = largest_rates(model, *blocks)[:, 1]
         self.add_blocks_of_worlds(*blocks)
         rate, whole = largest_rates(model, *blocks).T
-        free, now = (one + np.sqrt(one**2 + 4.0 * rate) for one in (own, whole))  # 4 by the longest steps
+        free, now = (one + np.sqrt(one**2 + 4.0 * rate) for one in (own, whole))  # 4 / longest step
         return now > WORTH * free
 
     def _release_initial_overlap(self) -> None:
         """Find points that start inside other bodies, and allow their overlap, which then shrinks.
 
-        ValueError is raised if bodies in an ensemble overlap, whose worlds have no depenetration.
+        Raises ValueError if bodies in an ensemble overlap, since ensembles have no depenetration.
         """
         model, surfaces, data = self._model, self.surfaces.on_host, self._data
         x = model.vectors()
@@ -202,22 +202,22 @@ class BodyContact(WithHistory):
         return initial_containment(self._model.system, self.surfaces.on_host, self.rules) or self._overlapping
 
     def use_partition(self, partition: Launcher | None) -> None:
-        """Divide the search and the contacts among CPU threads, if there are several."""
+        """Divide searches and contact forces among the CPU threads of `partition`, if not None."""
         self.neighbors.partition = partition
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Set the length of substeps, and by it how strong dampers may be."""
+        """Set the length of substeps [s], and the limit of dampers that follows from it."""
         self._dt = self.neighbors.dt = dt
         limits = self.limits_now = self.limits_dampers and self.steps.lagging
         rate = np.where(self.limiting & limits, DAMPING_LIMIT / dt, UNLIMITED)
         self._data.surfaces.damping_limit.assign(np.resize(rate, self._model.worlds).astype(self._model.dtype))
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """Reserve room for the facets near each point: a search between frames is not repeated."""
+        """Reserve room for the facets near each point, since a search between frames cannot be repeated."""
         self.neighbors.make_room(x, v)
 
     def hold(self, time: float) -> None:
-        """Let the next evaluation of forces list neighbours anew: particles may have been moved."""
+        """Invalidate the neighbor lists, since particles may have been moved; `time` is not used."""
         self.neighbors.invalidate()
 
     @property
@@ -268,20 +268,20 @@ class BodyContact(WithHistory):
             self.neighbors.share(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sum of the forces of bodies on each other's particles, if requested."""
+        """Launch the addition of contact forces times `seconds` [s] to `impulse`, if requested."""
         model = self._model
         if self.impulse is not None:
             kernel = add_impulses(model.dim, model.scalar, model.compensated)
             wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
 
     def look(self) -> None:
-        """Launch the copy of the flags of lists, which `is_void` reads."""
+        """Launch the copy of the neighbor lists' flags for `is_void`."""
         if self._found is not self._flags:
             wp.copy(self._found, self._flags)
             self._flags.zero_()
 
     def is_void(self) -> bool:
-        """Tell whether lists became invalid in the finished frame; if so, reserve room to repeat it."""
+        """Return whether lists became invalid in the finished frame; if so, make room to repeat it."""
         flags = self._found.numpy().reshape(-1, FLAGS).copy()
         self.deepest = float(flags[:, DEEPEST].max())
         self.held_back = flags[:, HELD_BACK].astype(np.float64)
@@ -290,7 +290,7 @@ class BodyContact(WithHistory):
         return self.neighbors.judge(flags, ~self.frozen)
 
     def forget(self) -> None:
-        """Clear the contact history: all worlds restart."""
+        """Clear the contact history, before all worlds restart."""
         self.history.forget()
         self.frozen[:] = False
 
@@ -313,18 +313,18 @@ class BodyContact(WithHistory):
         return self._data.surfaces.unit
 
     def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [worlds, particle_count] each."""
+        """Return additions to diagonal blocks of K [N/m] and B [N s/m], shape [worlds, particle_count] each."""
         stiffness, damping = self.blocks
         each = np.arange(worlds) % len(stiffness)
         return stiffness[each], damping[each]
 
     def add_blocks_of_worlds(self, stiffness: wp.array, damping: wp.array) -> None:
-        """Add the same as `add_blocks` to the blocks of all worlds, shape [different, particle_count] each."""
+        """Add what `add_blocks` adds, for all worlds that differ, shape [different, particle_count] each."""
         for blocks, each in zip((stiffness, damping), self.blocks_of(len(stiffness)), strict=True):
             blocks.assign(blocks.numpy() + each[..., None, None] * np.eye(self._model.dim))
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness and damping of contacts, as if all points of a surface were in contact."""
+        """Add the stiffness and damping of contacts to diagonal blocks, as if all points were in contact."""
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))
 

@@ -27,11 +27,11 @@ COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 class Colliders(Effect):
     """Keeps the particles of a model out of obstacles, fixed or moving.
 
-    Those of `colliders` without a stiffness, at least one, act on a particle in their order, by the `rule`
-    "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`. With `contact_forces` the forces of
-    obstacles on particles are summed, in `data.impulse`. `spared` has the particles that obstacles ignore, shape
-    [particle_count]; see `SurfaceContact`. ValueError is raised if an entry is no collider, or does not fit into
-    the system's space.
+    The rigid ones of `colliders`, at least one, act on a particle in the given order, by the `rule` "coulomb" or
+    "report"; see `msdwarp.kernels.colliders.contact_rule`. If `contact_forces`, the forces of obstacles on
+    particles are summed in `data.impulse`. `spared` marks particles that obstacles ignore, shape [particle_count];
+    see `SurfaceContact`. Raises ValueError if an entry is no collider, or has another number of dimensions than
+    the system.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Colliders(Effect):
             if wrong := collider.fits(model.dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
         self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
-        """Their numbers in the scene."""
+        """Their indices among the scene's obstacles."""
         colliders = [colliders[k] for k in self._numbers]
         self._colliders, self._dim, self._device = tuple(colliders), model.dim, model.device
         self._scalar, self._vector = model.scalar, model.vector
@@ -95,7 +95,7 @@ class Colliders(Effect):
             setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))
         if self._deepest > 0.0:
             data.surface.slack = touching(model.system)
-        # A wrong motion is reported before anything runs.
+        # Errors in a motion are raised before anything runs.
         self._moving: list[tuple[int, Motion, NDArray]] = []
         for k, collider in enumerate(colliders):
             if collider.motion is not None:
@@ -114,7 +114,7 @@ class Colliders(Effect):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Allocate the poses of a frame."""
-        if self._bounces:  # velocities half a substep behind are those of displacements
+        if self._bounces:  # a velocity half a substep behind is a displacement / dt
             self.data.surface.onward = 2.0 * self.steps.lag
         if self._deepest > 0.0:
             self.data.surface.overlap_release_speed = self._deepest * dt / DEPENETRATION_TIME
@@ -124,7 +124,7 @@ class Colliders(Effect):
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
         layout = {name: (shape, kind) for name, kind in kinds.items()}
         self._frames = InFrames(layout, self._scalar, self._device, self._fill)
-        self._frames.tables["turn"][:] = np.eye(self._dim)  # stays so for obstacles that do not turn
+        self._frames.tables["turn"][:] = np.eye(self._dim)  # never changed for obstacles that do not turn
         for name, array in self._frames.arrays.items():
             setattr(self.data, name, array)
         self.data.inverse_mass = self._inverse_mass
@@ -136,12 +136,12 @@ class Colliders(Effect):
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
-        """Prepare the poses of the frame that begins at `time` [s], while another is running."""
+        """Prepare the poses of the frame that begins at `time` [s], while another frame is running."""
         if self.moves:
             self._frames.prepare(time)
 
     def _fill(self, time: float, tables: Tables) -> None:
-        """Write the poses in the frame that begins at `time`, and the mean velocity in the substep before each."""
+        """Write the poses of the frame that begins at `time` [s], and mean velocities in the substeps before."""
         for k, motion, centre in self._moving:
             turn, shift = self._poses(k, motion, centre, time)
             tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
@@ -163,7 +163,7 @@ class Colliders(Effect):
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
-        """Write the poses at `time` to all rows, with the mean velocities in the substep before."""
+        """Write the poses at `time` [s] to all rows, and the mean velocity in the substep before."""
         self._fill(time, tables)
         for table in tables.values():
             table[1:] = table[:1]
@@ -176,7 +176,7 @@ class Colliders(Effect):
 
 
 def _deepest(model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_]) -> float:
-    """Return the largest start depth of a free particle in an obstacle [m]; 0 if all are outside or touching."""
+    """Return the largest depth of a free particle in an obstacle at the start [m]; 0 if none is inside."""
     places = model.system.position[free]
     deepest = float(start_depths(places, colliders).max(initial=0.0))
     return deepest if deepest > touching(model.system) else 0.0
@@ -193,18 +193,18 @@ def _put_out(model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_
 
 
 def _with_a_past(poses: NDArray) -> NDArray:
-    """Prepend the pose of the substep before, extrapolated by a parabola through the first three."""
+    """Prepend the pose one substep earlier, extrapolated by a parabola through the first three poses."""
     return np.concatenate([[3 * poses[0] - 3 * poses[1] + poses[2]], poses])
 
 
 def _furthest(model: Model) -> float:
-    """Return the limit of solids' coordinates and of motions in this precision [m]."""
+    """Return the largest coordinate that solids may have in the model's precision [m]."""
     # A distance is the root of a sum of at most 4 squares of sums of 2 numbers.
     return min(LARGEST, math.sqrt(float(np.finfo(model.dtype).max)) / 4)
 
 
 def _check_range(name: str, collider: Collider, model: Model) -> None:
-    """Raise ValueError for a capsule or cone whose ends coincide in this precision."""
+    """Raise ValueError for a capsule or cone whose ends coincide in the model's precision."""
     least, where = float(np.finfo(model.dtype).tiny), f"in {model.precision}"
     if isinstance(collider, Capsule | Cone):
         geometry = collider.geometry(model.dim)

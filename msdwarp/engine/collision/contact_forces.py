@@ -37,12 +37,12 @@ class ContactForces:
         return wp.zeros(self._model.particle_count, dtype=wide, device=self._model.device)
 
     def begin(self) -> None:
-        """Launch the reset of the sums at a frame's start; a graph may record it."""
+        """Launch the reset of the sums at a frame's start, in a graph or not."""
         for impulse in self._summed:
             impulse.zero_()
 
     def by_all(self) -> wp.array:
-        """Launch the sum of the impulses of obstacles and bodies, and return it [N s]; a graph may record it."""
+        """Launch the sum of the impulses of obstacles and bodies, in a graph or not; return the sum [N s]."""
         model = self._model
         inputs = [self._mass, self._by_obstacles, self.by_bodies]
         wp.launch(sum_impulses(model.dim), model.particle_count, inputs, [self._sum], device=model.device)

@@ -25,10 +25,10 @@ STORED = {
 
 
 class ContactHistory:
-    """Bodies that points or facets touch, displacements along them, and the overlap that is still allowed.
+    """Bodies that points or facets touch, tangential displacements, and the initial overlap still allowed.
 
-    The arrays are fields of the struct `data`, for `count` points or facets; `more` gives the types of further
-    arrays. In checkpoints their names begin with `prefix`.
+    The arrays are fields of the struct `data`, for `count` points or facets; `more` has the types of further
+    arrays by name. In checkpoints names begin with `prefix`.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class ContactHistory:
         self.forget()
 
     def allow(self, overlap: NDArray[np.float64]) -> None:
-        """Allow each point or facet an overlap [m] at the start, which then shrinks."""
+        """Allow each point or facet this overlap [m] at the start; it then shrinks."""
         self.overlapping_at_start = True
         self.data.initial_overlap.assign(overlap.astype(self._model.dtype))
         self.data.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
@@ -78,7 +78,7 @@ class ContactHistory:
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
         """Restore the arrays that `checkpoint` returned."""
         self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
-        self._model.generation += 1  # other kernels are needed
+        self._model.generation += 1  # new kernels are composed
         for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
             getattr(self.data, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
         if self.overlapping_at_start:

@@ -17,25 +17,25 @@ from .tables_by_world import Repeated
 CONTACTS_OF_A_SPHERE = 32.0
 """Assumed number of simultaneous contacts of a single particle, in the stability bound.
 
-About 6 would suffice for stability. The value requires more than twice the substeps for those 6. So the
-restitution of a pair is within 2 % of the given one at most moments of impact, and within 3 % always.
+About 6 would suffice for stability. This value requires more than twice the substeps. So the
+restitution of a pair is within 2 % of the given one for most times of impact in a substep, always within 3 %.
 """
 CONTACTS_OF_A_ROPE = 4.0
-"""The same for a particle that is connected to others, in a rope or a heap."""
+"""Assumed number of simultaneous contacts of a particle that is connected to others, as in a rope."""
 MASS_FACTOR = 1.2
-"""Largest mass assigned to a point of a surface, over that of a vertex, in the bound of the damping.
+"""Ratio of the largest mass of a point of a surface to the mass of a vertex, in the bound of the damping.
 
 A contact with the damping b and the gradient g has a rate of at most b Σ|g_j| |g_i| / m, and b is proportional to
 1/√Σg². So the factor is (Σ|g_j|)² / (4 Σg²), largest for the midpoint of an edge at the centre of a triangle.
 """
 MASS_FACTOR_OF_A_SPHERE = 2.0
-"""The same for a particle without a surface, whose number of contacts is assumed."""
+"""This ratio for a particle without a surface, whose number of contacts is assumed."""
 NOTHING = 1e-30
 """Stands for the spacing of a body without one, such as a single particle [m]."""
 
 
 UNITS = 2.0**-40
-"""Unit in which forces or impulses are summed, over the largest expected at a contact."""
+"""Unit in which forces or impulses are summed, as a fraction of the largest expected at a contact."""
 
 
 def unit_of_sums(largest: float) -> float:
@@ -44,10 +44,10 @@ def unit_of_sums(largest: float) -> float:
 
 
 class ContactRules:
-    """Contact rules by pairs of kinds. A kind has all bodies that belong to the same groups named by rules.
+    """Contact rules by pairs of kinds. Bodies of one kind belong to the same of the groups that rules name.
 
-    If several rules apply to a pair, the last one counts. `table` has its index for two kinds, −1 if none applies;
-    `kind` has the kind of each body. `thickness` [m] and `stiffness` [N/m] of a rule are −1 if not given.
+    If several rules apply to a pair, the last one counts. `table` has the rule's index for two kinds, −1 if none
+    applies; `kind` has the kind of each body. `thickness` [m] and `stiffness` [N/m] of a rule are −1 if not given.
     """
 
     def __init__(self, model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> None:
@@ -98,13 +98,13 @@ class ContactRules:
         return np.append(self.stiffness, -1.0)[self.between(a, b)]
 
     def pair_stiffness(self, a: Any, b: Any, own_a: Any, own_b: Any) -> NDArray[np.float64]:
-        """Return the stiffness of contacts between bodies a and b [N/m]: given by a rule, else from their own."""
+        """Return the stiffness of contacts between bodies a and b [N/m]: a rule's, else that of their own."""
         given = self.given_stiffness(a, b)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(given < 0, harmonic_mean(own_a, own_b), given)
 
     def check(self, surfaces: TouchingSurfaces) -> None:
-        """Raise ValueError for bodies without stiffness if no rule gives it, and for particles without a size."""
+        """Raise ValueError for bodies without stiffness if no rule gives one, and for particles without a size."""
         soft = surfaces.stiffness <= 0
         for number, one in enumerate(self._rules):
             meant = (self.table == number).any(axis=1)[self.kind]
@@ -133,7 +133,7 @@ class ContactRules:
         return hops
 
     def blocks(self, model: Model, surfaces: ContactSurfaces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what contacts add to the blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each."""
+        """Return contributions to diagonal blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each."""
         masses, by_row = model.row_of("mass"), surfaces.by_row
         masses = np.broadcast_to(masses, (len(masses), model.particle_count))
         each = (
@@ -150,8 +150,8 @@ class ContactRules:
 
         A contact of stiffness k and gradient g has the matrix k g gᵀ. By Gershgorin it is bounded by the diagonal
         matrix of k |g_i| Σ|g_j|, with Σ|g_j| = 2: the weights of the point sum to 1, as do those of the facet.
-        Blocks count half of it. All points of a surface are assumed to be in contact, with as many points of
-        others.
+        Blocks get half of that. All points of a surface are assumed to be in contact, with equally many points of
+        other bodies.
         """
         bodies = len(surfaces.closed)
         own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, NOTHING)
@@ -168,7 +168,7 @@ class ContactRules:
                     continue
                 one = self._rules[which]
                 k = one.stiffness if one.stiffness is not None else harmonic_mean(k_a, k_b)
-                # Points of the other body per point of this one: grains are one thickness apart.
+                # From spacings follow the other body's points per point here; grains are a thickness apart.
                 apart = s_b if s_b > NOTHING else (one.thickness or s_a)
                 most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / apart) ** 2))
                 zeta = max(zeta, 2**0.5 * one.damping_ratio)
@@ -198,7 +198,7 @@ def harmonic_mean(a: Any, b: Any) -> Any:
 def spread_to_particles(
     surfaces: TouchingSurfaces, values: NDArray[np.float64], particle_count: int
 ) -> NDArray[np.float64]:
-    """Return the sums over vertices of their values, weighted by each particle's absolute weights."""
+    """Return for each particle the sum of the vertices' values, times its absolute weight in each vertex."""
     total = np.zeros(particle_count)
     np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
     return total

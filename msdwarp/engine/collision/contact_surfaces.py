@@ -28,8 +28,8 @@ class ContactSurfaces:
         bodies, corner = len(surfaces.closed), surfaces.corner
         self.triangles = bool((corner[:, 1] != corner[:, 2]).any())
         self.grains = bool((corner == corner[:, :1]).all()) and len(corner) == bodies
-        """Whether each body is a grain; then the facet of a body has its number."""
-        # A lattice is at least one spacing thick: a point past its middle entered from the other side.
+        """Whether each body is a grain; then facets and bodies have the same indices."""
+        # A lattice is at least one spacing thick. A point beyond its middle has entered from the other side.
         self.depth = [np.where(one.closed, 0.5 * one.spacing, 0.0) for one in self.by_row]
         """Largest depth from which each body pushes a point out [m], by row."""
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
@@ -38,7 +38,7 @@ class ContactSurfaces:
         """Independent vertices per point of each body."""
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
-        """Fill the struct that kernels read; within `hops` edges of a vertex there is no self-contact."""
+        """Fill the struct that kernels read; a vertex has no self-contact within `hops` edges (of each body)."""
         self.data, surfaces, scalar = data, self.on_host, model.scalar
         vertices, bodies = len(surfaces.particle), len(surfaces.closed)
         present = surfaces.weight != 0
@@ -49,7 +49,7 @@ class ContactSurfaces:
         data.mobility = each.by_row((surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2), scalar)
         first, near = neighbourhoods(surfaces, hops)
         data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
-        if surfaces.closed.any():  # only contact with these looks at the triangles around a vertex
+        if surfaces.closed.any():  # only contact with closed bodies reads triangles around a vertex
             facet, first = facets_around(surfaces)
             data.first_facet = each.starts(np.diff(first))
             data.facet = each.alike(facet, int, len(surfaces.corner))
@@ -72,7 +72,7 @@ class ContactSurfaces:
             setattr(data, name, each.by_row(np.array([getattr(one, name) for one in self.by_row]), scalar))
 
     def by_particle(self, data: Any, model: Model) -> NDArray[np.bool_]:
-        """Fill in the vertices in which each particle of a world has a weight; return which particles have any."""
+        """Write the vertices in which each particle of a world has a weight; return which particles have any."""
         surfaces, device = self.on_host, model.device
         present = surfaces.weight != 0
         order, first = rows(surfaces.particle[present], model.particle_count)
@@ -83,7 +83,7 @@ class ContactSurfaces:
 
 
 def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
-    """Return the number of independent vertices of each body: at most that of the particles that carry them."""
+    """Return the number of independent vertices of each body: at most the number of particles they depend on."""
     bodies = len(surfaces.closed)
     carriers = np.unique(surfaces.particle[surfaces.weight != 0])
     carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
@@ -91,7 +91,7 @@ def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
 
 
 def facets_around(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the triangles around each vertex, and the row starts of each vertex."""
+    """Return the triangles around each vertex, vertex after vertex, and row starts by vertex."""
     corner = surfaces.corner
     triangles = np.flatnonzero(corner[:, 1] != corner[:, 2])
     order, first = rows(corner[triangles].reshape(-1), len(surfaces.particle))
@@ -101,7 +101,7 @@ def facets_around(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArra
 def neighbourhoods(
     surfaces: TouchingSurfaces, hops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return row starts, and the neighbours of each vertex: itself, and all within its body's `hops` edges."""
+    """Return row starts, and the neighbours of each vertex: itself, and all within `hops` edges of its body."""
     count, corner = len(surfaces.particle), surfaces.corner
     edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
     edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)

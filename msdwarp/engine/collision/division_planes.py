@@ -1,4 +1,4 @@
-"""DivisionPlanes: keeps near pairs apart in a substep that were apart when it began."""
+"""DivisionPlanes: keeps near pairs apart that are apart when a substep begins."""
 
 from typing import Any
 
@@ -34,15 +34,15 @@ from .inner_surfaces import INSET, chords, have_inner_surfaces, inner_vertices
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
-"""The least gap, by the thickness at which bodies touch; without it gaps shrink until rounding closes them."""
+"""The least gap, as a fraction of the thickness of contact; without it rounding would finally close gaps."""
 APART = 0.25
-"""Pairs that stay farther apart than this, by the thickness, are left alone: contact forces act long before."""
+"""Pairs with larger gaps, as fractions of the thickness, are ignored: contact forces act long before."""
 APART_INSIDE = 0.1
-"""The same between inner surfaces alone, by how far they are apart where bodies touch."""
+"""APART for inner surfaces, as a fraction of their distance where bodies touch."""
 ROOM = 4
-"""Room for near pairs at first, by the number of vertices."""
+"""Initial room for near pairs, as a multiple of the number of vertices."""
 LEAST_ROOM = 2**13
-"""Room for pairs of inner surfaces at first."""
+"""Initial room for pairs of inner surfaces."""
 MOST_IN_CLUSTER = 2**15
 """Where there are more pairs, each phase is a launch of its own: a cluster has too few threads."""
 CLUSTER = 8
@@ -50,7 +50,7 @@ CLUSTER = 8
 QUIET = 60
 """Frames in which no pair comes too near, after which no launch keeps pairs apart until one does."""
 MANY_FACETS = 2**14
-"""Facets that fill a GPU with one warp for each piece of them; fewer are searched for by one warp each."""
+"""Number of facets above which a GPU has warps for each piece of the tree; below it has a warp per facet."""
 MOST_SEARCHING = 2**18
 """Threads that search for them, at most."""
 PAIR_THREADS = 2**16
@@ -58,10 +58,10 @@ PAIR_THREADS = 2**16
 
 
 class DivisionPlanes(Effect):
-    """The near pairs of contact, and the planes between them: see `kernels.collision.division_planes`.
+    """Near pairs of vertices and triangles or of edges, and planes between them.
 
-    Pairs are listed with the neighbours of points, by `find`. `contact` is the struct of contact on the device,
-    `impulse` the sums of contact impulses on particles [N s], None if they are not asked for.
+    See `kernels.collision.division_planes`. `find` lists pairs when points' neighbours are listed. `contact` is
+    the device's struct of contact; `impulse` sums the contact impulses on particles [N s], None if not requested.
     """
 
     piece = data = None
@@ -82,11 +82,11 @@ class DivisionPlanes(Effect):
         """Whether anything crossed at the start, or was inside another body."""
         inner = have_inner_surfaces(on_host, rules)
         self._grains, self.inner = surfaces.grains, bool(inner.any())
-        """Whether closed bodies have inner surfaces, between which there are planes, too."""
+        """Whether closed bodies have inner surfaces, which planes also separate."""
         thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
         if on_host.closed.all():
             thick = 2.0 * INSET * on_host.spacing
-        thickness = float(thick[thick > 0].min(initial=thick.max()))  # the least at which anything touches
+        thickness = float(thick[thick > 0].min(initial=thick.max()))  # the smallest thickness of any contact
         self.least_gap = LEAST_GAP * thickness
         self.apart = (APART_INSIDE if on_host.closed.all() else APART) * thickness
         scalar, device = model.scalar, model.device
@@ -97,7 +97,7 @@ class DivisionPlanes(Effect):
         data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.share))  # below 0 in all
         data.rank = each.alike(ranks(surfaces, edge), int)
         self._add_vertices(surfaces, each, inner)
-        counts = np.diff(data.first_particle.numpy())  # a vertex without an inner one has none
+        counts = np.diff(data.first_particle.numpy())  # 0 for a vertex without an inner one
         of_vertex = np.repeat(np.arange(len(counts)), counts)
         data.most_weight = float(np.bincount(of_vertex, np.abs(data.weight.numpy())).max())
         data.tangled = wp.zeros_like(data.body_of)
@@ -130,12 +130,12 @@ class DivisionPlanes(Effect):
         # The inner surfaces of closed bodies seldom come near each other.
         self.may_sleep, self._quiet = bool(on_host.closed.all()), 0
         self.awake = not self.may_sleep
-        """Whether pairs are kept apart in the coming frame; if not, it is repeated if any should have been."""
+        """Whether pairs are kept apart in the coming frame; if wrongly not, the frame is repeated."""
         self._measure: Any = measure_pairs(scalar, self.may_sleep)
         self._give_room(LEAST_ROOM if self.may_sleep else ROOM * model.worlds * (vertices + len(edge)))
 
     def _add_vertices(self, surfaces: ContactSurfaces, each: Repeated, inner: NDArray[np.bool_]) -> None:
-        """Fill in the vertices of pairs: those drawn, and those of the inner surfaces of the bodies `inner`."""
+        """Write the vertices of pairs: all drawn ones, then those of the inner surfaces of the bodies `inner`."""
         data, on_host, drawn, model = self.pairs, surfaces.on_host, surfaces.data, self._model
         data.first_particle, data.particle_of, data.weight = drawn.first, drawn.particle, drawn.weight
         data.mobility, data.body_of = drawn.mobility, drawn.body_of
@@ -172,14 +172,14 @@ class DivisionPlanes(Effect):
         self._share_of_opposite = np.tile(opposite, model.worlds)
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Load kernels that the first frames do without, so that no later frame waits for a compiler."""
+        """Load kernels that only later frames need, so that none of them waits for the compiler."""
         if self.may_sleep:
             device = self._model.device
             for kernel, block in ((self._measure, 256), (self._keep, MOST_THREADS)):
                 wp.load_module(kernel.module, device, block_dim=block if device.is_cuda else None)
 
     def meet(self, neighbors: Any, more: float) -> None:
-        """Take the `NeighborList` that pairs are listed with; distant vertices move further by `more` [m]."""
+        """Set the `NeighborList` whose searches list pairs too; distant vertices may move `more` [m] further."""
         self.neighbors, device = neighbors, self._model.device
         self._searching = 0
         """Threads that search for the facets of pieces; 0 where each facet is searched for alone."""
@@ -191,9 +191,9 @@ class DivisionPlanes(Effect):
             self.pairs.inner.more.assign(0.5 * more * self._share_of_opposite)
 
     def find(self, frame_begins: bool) -> None:
-        """Launch the listing of near pairs, before the search of the `NeighborList`, by its tree.
+        """Launch the listing of near pairs with the tree of the `NeighborList`, before its search.
 
-        Surfaces that still cross since the start are found only where a frame begins.
+        Surfaces that have crossed since the start are detected only where a frame begins.
         """
         data, model, neighbors = self.pairs, self._model, self.neighbors
         neighbors.launch(clear_pairs(model.scalar), len(data.in_pair), [data], [])
@@ -213,7 +213,7 @@ class DivisionPlanes(Effect):
         neighbors.share(kernel, threads, inputs, [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
-        """Leave out surfaces that cross at the start, or are inside another body, until they are apart."""
+        """Exclude surfaces that cross at the start or are inside another body, until they are apart."""
         self._find_tangles()
         self.tangles = overlapping or bool(self.pairs.tangles.numpy()[0])
 
@@ -234,7 +234,7 @@ class DivisionPlanes(Effect):
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch the kernels that keep near pairs apart at a substep's end.
 
-        At a frame's end also launch the measurement of motion that tells whether lists of near pairs were valid.
+        At a frame's end it also launches the test of motion that shows whether lists were valid.
         """
         if not self.awake:
             return
@@ -246,7 +246,7 @@ class DivisionPlanes(Effect):
         measured = [self.pairs, before.x, after.x, self.least_gap, self.apart]
         neighbors.share(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
         self._keep_apart(before, after)
-        if substep + 1 == steps.substeps:  # for the others the next substep finds it
+        if substep + 1 == steps.substeps:  # otherwise the next substep tests it
             neighbors.place(after.x, after.v, after.compensation)
 
     def _keep_apart(self, before: Instant, after: Instant) -> None:
@@ -273,10 +273,10 @@ class DivisionPlanes(Effect):
             self._signals.zero_()
 
     def judge(self, pairs: int) -> bool:
-        """Decide whether pairs are kept apart in coming frames; return whether the last one must be repeated.
+        """Decide whether coming frames keep pairs apart; return whether the finished frame must be repeated.
 
-        `pairs` is their number if inner surfaces might meet, or there was no room for all; else 0. If there was no
-        room, the repeated frame decides.
+        `pairs` is the number of pairs if inner surfaces might meet or the list was full, else 0. If it was full,
+        the repeated frame decides.
         """
         if pairs > len(self.pairs.vertices):
             return True
@@ -286,10 +286,10 @@ class DivisionPlanes(Effect):
         return missed
 
     def extend(self, pairs: int) -> bool:
-        """Make room for this many near pairs, and as many to spare; return False if there is room already."""
+        """Make room for twice this many near pairs; return False if there is room for `pairs` already."""
         if pairs <= len(self.pairs.vertices):
             return False
-        self._give_room(2 * pairs)  # most are far apart, and seldom are there more at once
+        self._give_room(2 * pairs)  # most pairs are far apart: there are seldom more at a time
         return True
 
     def _give_room(self, room: int) -> None:
@@ -308,10 +308,10 @@ class DivisionPlanes(Effect):
 
 
 def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
-    """Return the ends of each edge, which parts of it each facet owns, and the points there, -1 for none.
+    """Return the ends of each edge, the parts that each facet owns, as bits, and the points there, -1 for none.
 
-    The parts of a facet are its corners and its sides. What is owned is told by bits; every vertex and every edge
-    is owned by the first of the facets around it. A grain is an edge from itself to itself.
+    The parts of a facet are its corners (bits 0 to 2) and sides (3 to 5). The first facet around a vertex or edge
+    owns it. A grain is an edge whose two ends are the same.
     """
     corner = surfaces.corner
     facets, triangle = len(corner), corner[:, 1] != corner[:, 2]

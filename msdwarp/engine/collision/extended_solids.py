@@ -1,4 +1,4 @@
-"""Extend solids that stand on a plane below it, so that the nearest way out never leads into the plane."""
+"""Extend solids that stand on a plane to below it, so that the nearest way out never leads into the plane."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,9 +18,9 @@ def geometries(colliders: Sequence[Collider], dim: int) -> list[dict[str, Any]]:
     """Return the geometry of colliders for kernels; boxes and cones that stand on a plane are extended below it.
 
     A particle at the foot of a box, on the plane, is nearer to the box's underside than to its side, and would be
-    pushed between box and plane. The extension is below the plane, inside the obstacle anyway, so the free space
-    stays the same, but the nearest way out of the box leads into it. No point of a box or cone is further than
-    twice its `inradius` from all faces other than its base, so the base is moved down by that much.
+    pushed between box and plane. The base is moved below the plane, where no particle can be, so the free space
+    stays the same, and the base is no longer the nearest face. No point of a box or cone is further than twice its
+    `inradius` from all faces other than its base, so the base is moved down by that much.
 
     Only fixed solids and planes are treated: a moving solid may leave the plane later.
     """

@@ -14,7 +14,7 @@ WIDTH = WARP
 
 
 def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int, device: Any) -> Any:
-    """Return the tree of facets that lie in the given order, those of one body after the other, without its boxes.
+    """Return the tree of facets in the given order, body after body; kernels compute its boxes.
 
     `owner` has the body of each facet.
     """
@@ -36,10 +36,10 @@ def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int
 
 
 def near_together(x: NDArray[np.floating], owner: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return an order of the points x, one owner's after the other's, in which runs of `WIDTH` fill small boxes.
+    """Return an order of the points x, owner after owner, in which `WIDTH` consecutive points fill a small box.
 
-    Points are halved across their greatest extent, again and again. Along a space-filling curve some runs jump:
-    the box of one in a flat cloth overlapped 200 others, and all threads waited for its search.
+    Points are halved recursively across their greatest extent. Along a space-filling curve some consecutive points
+    are far apart: one box in a flat cloth overlapped 200 others, and all threads waited for its search.
     """
     found: list[NDArray[np.int64]] = []
     by_owner = np.argsort(owner, kind="stable")
@@ -56,7 +56,7 @@ def near_together(x: NDArray[np.floating], owner: NDArray[np.integer]) -> NDArra
 
 
 def runs(owner: NDArray[np.integer], width: int) -> tuple[NDArray[np.integer], ...]:
-    """Return runs of at most `width` items of one owner, as (first items, ends, owners); owners are sorted."""
+    """Return runs of at most `width` items of one owner, as (first items, ends, owners); `owner` is sorted."""
     begins = np.flatnonzero(np.diff(owner, prepend=-1))
     ends = np.append(begins[1:], len(owner))
     firsts = np.concatenate([np.arange(a, b, width) for a, b in zip(begins, ends, strict=True)] or [begins])

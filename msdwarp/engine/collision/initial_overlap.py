@@ -1,4 +1,4 @@
-"""Detect bodies that start inside others, deeper than contact can push out."""
+"""Detect bodies that start inside others, too deep for contact to push them out."""
 
 from typing import Any
 

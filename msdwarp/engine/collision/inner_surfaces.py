@@ -1,7 +1,7 @@
-"""Inner surfaces of closed bodies: bodies may overlap, but not cross each other's inner surfaces.
+"""Inner surfaces of closed bodies: bodies may overlap, but their inner surfaces may not cross.
 
 An inner surface has the triangles of the drawn one. Each of its vertices lies on the chord from a drawn vertex to
-the opposite side of the body. So it is a mean of four drawn vertices, and moves and deforms as they do.
+the opposite side of the body. So it is a weighted mean of four drawn vertices, and moves with them.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from ...kernels.filling import cast_rays
 from .contact_rules import ContactRules
 
 INSET = 0.25
-"""How deep inner surfaces lie, by the spacing. So a corner of a body goes at most half a spacing deep into
-another, not beyond the middle of a body of one cell."""
+"""Depth of inner surfaces, as a fraction of the spacing. So a corner goes at most half a spacing deep into another
+body: not beyond the middle of a body of one cell."""
 MOST_OF_CHORD = 0.3
-"""The largest share of the way to the opposite side: less than a half, so that two sides do not meet."""
+"""Largest fraction of the chord to the opposite side: below a half, so that two sides do not meet."""
 FLAT = 0.05
 """Triangles around a vertex count as one plane in directions in which their normals differ less, by squares."""
 ABOVE = 0.02
@@ -33,10 +33,10 @@ def have_inner_surfaces(surfaces: TouchingSurfaces, rules: ContactRules) -> NDAr
 def chords(
     surfaces: TouchingSurfaces, x: NDArray[np.float64], bodies: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return what each inner vertex is the mean of, for drawn vertices at x [m], shape [vertex_count, 3].
+    """Return the four vertices whose mean each inner vertex is, and their weights, shape [vertex_count, 4] each.
 
-    These are the drawn vertex and the three of the opposite facet, and their weights, both of shape
-    [vertex_count, 4]. Vertices of other bodies than `bodies` are −1.
+    They are the drawn vertex and the three of the opposite facet; all −1 outside `bodies`. Drawn vertices are at x
+    [m], shape [vertex_count, 3].
     """
     chord, weight = np.full((len(x), 4), -1), np.zeros((len(x), 4))
     vertex = np.flatnonzero(bodies[surfaces.body])
@@ -53,7 +53,7 @@ def chords(
     hit = wp.zeros(len(vertex), dtype=wp.vec4, device="cpu")  # facet, weights of its first two corners, distance
     wp.launch(cast_rays, len(vertex), [mesh.id, of, start, along], [hit], device="cpu")
     facet, first, second, length = hit.numpy().astype(np.float64).T
-    # A ray that meets nothing, as in a surface with a hole too small to be seen, leaves the vertex where it is.
+    # If a ray meets nothing, since the surface has a tiny hole, the inner vertex is the drawn one.
     share = np.where(facet >= 0, np.minimum(1.0 / (ABOVE + length), MOST_OF_CHORD), 0.0)
     chord[vertex] = np.column_stack([vertex, corner[facet.astype(int)]])
     opposite = np.column_stack([first, second, 1.0 - first - second])
@@ -62,9 +62,9 @@ def chords(
 
 
 def _inward(surfaces: TouchingSurfaces, x: NDArray[np.float64], corner: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the way of each vertex inwards [m], as long as the inset.
+    """Return the displacement of each vertex inwards [m], of the length of the inset.
 
-    Its direction is that in which the planes of all triangles around the vertex move by as much, or nearly.
+    Along its direction the planes of all triangles around the vertex move by the same distance, or nearly so.
     """
     a, b, c = x[corner].transpose(1, 0, 2)
     area = np.cross(b - a, c - a)
@@ -86,7 +86,7 @@ def _inward(surfaces: TouchingSurfaces, x: NDArray[np.float64], corner: NDArray[
 def inner_vertices(
     surfaces: TouchingSurfaces, chord: NDArray[np.int64], weight: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the number of particles that each inner vertex is the mean of, these particles, and their weights."""
+    """Return the number of particles whose mean each inner vertex is, these particles, and their weights."""
     vertex, k = np.nonzero(weight)
     drawn = chord[vertex, k]
     particle, share = surfaces.particle[drawn], surfaces.weight[drawn] * weight[vertex, k][:, None]

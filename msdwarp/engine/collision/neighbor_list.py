@@ -1,7 +1,7 @@
-"""NeighborList: the facets near each point of bodies that touch, in lists that are valid for some substeps.
+"""NeighborList: lists of the facets near each contact point, which are valid for some substeps.
 
-The device decides when to search, `judge` how wide the skin is. `simulation/stepping.py` repeats a frame whose
-lists were not valid or had no room.
+The device decides when to search; `judge` chooses the width of the skin, the margin of a search.
+`simulation/stepping.py` repeats a frame whose lists became invalid or had no room.
 """
 
 import math
@@ -54,23 +54,23 @@ MOST_SEARCHING = 2**20
 MORTON_BITS = 16
 """Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
-"""Facets that a row has room for at first, and bodies near one."""
+"""Initial room for facets in a row, and for bodies near a body."""
 ROOM_TO_SPARE = 0.8
-"""Share of the room that may be taken before it grows."""
+"""Fraction of the room that may be in use before it grows."""
 MOST_ROOM = 2**30
 """Maximal number of entries in all rows."""
 LEAST_SKIN = 0.25
-"""Width of the skin at first, and at least, over the distance at which bodies touch."""
+"""Initial and least width of the skin, as a fraction of the distance at which bodies touch."""
 SKIN_BY_WAY = 2.5
-"""Width of the skin, over the furthest way of a vertex while lists should hold; above 2 they do."""
+"""Width of the skin over the longest path of a vertex while lists should be valid; they are above 2."""
 WIDEST_SKIN = 0.5
 """Largest width of the skin, over the distance at which bodies touch, unless the next limit is wider."""
 SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.2
-"""Largest width of the skin, over the least spacing. A wider one means longer rows and fewer searches."""
+"""Largest width of the skin, as a fraction of the least spacing; wider means longer rows, fewer searches."""
 FARTHEST_WAY = 64.0
-"""A body that moves further in a substep, by its spacing or by how far off bodies touch, is flying apart."""
+"""A body that moves this multiple of its spacing, or of the contact distance, in a substep has diverged."""
 MOST_THREADS = 2**14
-"""Threads on a GPU that look through the points that are near anything."""
+"""Threads on a GPU that examine the active points."""
 MOST_BETWEEN = 32
 """Substeps between two searches for which the skin allows, unless it would become wider than the widest."""
 CHECK_EVERY = 4
@@ -79,22 +79,22 @@ CHECK_EVERY = 4
 A CPU decides in every substep. So does a GPU if rarer decisions needed a skin wider than the widest.
 """
 ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
-"""Substeps for which lists must hold beyond those between two decisions, as vertices may become faster: when they
-are made, and at a decision."""
+"""Further substeps for which lists must stay valid, as vertices may become faster: when lists are made, and at a
+decision."""
 
 
 class NeighborList:
     """Lists the facets near each point.
 
-    A list is valid until a vertex has moved by half of its skin. The device finds that this is near as it places
-    vertices, and makes the lists again. A frame must be repeated if lists had no room, or if a vertex was faster
-    than expected. Facets that are listed and not touched change nothing: results depend neither on the
-    skin nor on how often lists are made.
+    A list is valid until a vertex has moved by half of the skin. When the device places vertices and one is about
+    to do so, it makes the lists again. A frame must be repeated if lists had no room, or if a vertex was faster
+    than expected. Listed facets without contact change nothing: results depend neither on the skin nor on how
+    often lists are made.
 
-    It alone replaces arrays that recorded launches write to, and counts that in `Model.generation`.
+    It replaces arrays that recorded launches write to, and then increases `Model.generation`.
 
     Its arrays are the `neighbors` of `contact`, the struct of contact on the device; `planes` lists near pairs;
-    `thickest` is the distance from which a facet may push a point outside its body [m].
+    `thickest` is the largest distance at which a facet pushes a point outside its body [m].
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class NeighborList:
         scalar, device, closed = model.scalar, model.device, on_host.closed
         bodies, self._points = model.worlds * len(closed), model.worlds * len(on_host.share)
         self.farthest = farthest = max(thickest, *(one[closed].max(initial=0.0) for one in surfaces.depth))
-        """From how far a facet may push a point [m]."""
+        """Largest distance at which a facet pushes a point [m]."""
         self._around = max(farthest, float(surfaces.data.depth.numpy().max()))
         spacing = on_host.spacing[on_host.spacing > 0]
         spacings = SPACINGS_OF_SKIN_ON_GPU if device.is_cuda else SPACINGS_OF_SKIN
@@ -123,15 +123,15 @@ class NeighborList:
         self.active = 0
         """Points that had facets near them in the last frame."""
         self.partition: Launcher | None = None
-        """Has threads of the CPU share the launches of a frame; None where one thread does it all."""
+        """Divides the launches of a frame among CPU threads; None if there is one thread."""
         self.check_every = self._check_every = CHECK_EVERY if device.is_cuda else 1
         """Substeps from one decision whether to search to the next: now, and where nothing is fast."""
         self.dt, self.substep = 0.0, 0
         """Length of a substep [s], and the number of the coming one."""
         self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
-        """How much farther than it touches a point searches [m], shape [1]."""
+        """The skin [m], shape [1]: how far the search reaches beyond the distance of contact."""
         self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
-        """What launches have found since they were read, in each world: see `kernels.collision.contact_data`."""
+        """Flags set by launches since they were last read, by world: see `kernels.collision.contact_data`."""
         owner, x_first = surfaces.data.owner.numpy(), surfaces.data.x.numpy()[: len(on_host.particle)]
         a, b = (x_first[end] for end in on_host.ends.T)
         on_curve = places_along_curve(a + on_host.share[:, None] * (b - a), MORTON_BITS)
@@ -140,7 +140,7 @@ class NeighborList:
         data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
         data.since = wp.zeros(1, dtype=float, device=device)
         data.due = wp.full(1, FORCED, dtype=int, device=device)
-        # A distant facet may come nearer by this much than the search looks, without touching.
+        # By this much a distant facet may come nearer than the search's reach, without touching.
         self._more = max(0.0, self._around - thickest)
         self._warp = WARP if device.is_cuda else 1
         self._grains = surfaces.grains
@@ -182,10 +182,10 @@ class NeighborList:
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
-        """Launch a kernel whose threads share `many` items: on a GPU a thread for each, but at most `most`.
+        """Launch a kernel whose threads share `many` items: on a GPU one thread per item, but at most `most`.
 
-        On the CPU a part has a single thread, since each thread would copy the arguments, 2 kB. `block` is the
-        number of threads of a GPU's block.
+        On the CPU a part has a single thread, since each thread would copy the arguments (2 kB). `block` is the
+        number of threads in a block on a GPU.
         """
         device = self._model.device
         threads = min(many, most) if device.is_cuda else 1
@@ -203,10 +203,10 @@ class NeighborList:
             launch(0, 1)
 
     def place(self, x: wp.array, v: wp.array, compensation: Any, after: float = 0.0, checks: bool = False) -> None:
-        """Launch the placing of vertices where particles are at x, corrected by `compensation` if given.
+        """Launch the update of vertices for particles at x, corrected by `compensation` if given.
 
-        `after` is the time from the end of the last substep [s]; `checks` tells whether lists must hold for some
-        substeps more.
+        `after` is the time from the end of the last substep [s]; `checks` tells whether lists must stay valid for
+        some more substeps.
         """
         model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
@@ -220,9 +220,9 @@ class NeighborList:
     def search(
         self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
     ) -> None:
-        """Launch the placing of vertices, and every few substeps the search of facets near points if it is due.
+        """Launch the update of vertices, and every few substeps, if due, the search for facets near points.
 
-        Surfaces that still cross since the start are found only where a frame begins, so that results do not
+        Surfaces that have crossed since the start are detected only where a frame begins, so that results do not
         depend on when lists are made.
         """
         checks = frame_begins or (begins and self.substep % self.check_every == 0)
@@ -231,7 +231,7 @@ class NeighborList:
             self._find_if_due(after, frame_begins)
 
     def _find_if_due(self, after: float, frame_begins: bool) -> None:
-        """Launch a search that the device leaves out if lists are still valid."""
+        """Launch a search that the device skips if lists are still valid."""
         if frame_begins and self.planes is not None and self.planes.tangles:
             self._find(after, True)
         elif self.partition is not None and self.partition.is_recording:
@@ -240,12 +240,12 @@ class NeighborList:
             wp.capture_if(self.data.due, partial(self._find, after))
 
     def invalidate(self) -> None:
-        """Let the next evaluation of forces make new lists: positions have been changed."""
+        """Make the next evaluation of forces list neighbours again, since positions have been changed."""
         self.data.due.fill_(FORCED)
 
     @property
     def margins(self) -> tuple[float, float, float]:
-        """Numbers of kernels: `more` and `beyond` of placing, and the largest distance of any contact [m]."""
+        """Arguments `more` and `beyond` of `place_vertices`, and the largest distance of any contact [m]."""
         return self._more, self._farthest_way, self._around
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
@@ -254,7 +254,7 @@ class NeighborList:
         self._find_rows_with_room()
 
     def launch(self, kernel: Any, many: int, inputs: list, outputs: list) -> None:
-        """Launch a kernel whose threads share `many` items: on a GPU a thread for each, on the CPU one in all."""
+        """Launch a kernel whose threads share `many` items: on a GPU one per item, on the CPU one in all."""
         device = self._model.device
         threads = many if device.is_cuda else 1
         wp.launch(kernel, threads, [*inputs, threads], outputs, device=device)
@@ -271,7 +271,7 @@ class NeighborList:
                 one.refit()
 
     def _find(self, after: float, frame_begins: bool = False) -> None:
-        """Launch a search where vertices have been placed."""
+        """Launch a search for the current positions of vertices."""
         self._begin(after)
         self._find_rows(frame_begins)
         if not self._model.in_worlds:  # bodies of different worlds have no common drift
@@ -291,7 +291,7 @@ class NeighborList:
         self.flags.zero_()
 
     def _find_rows(self, frame_begins: bool = True) -> None:
-        """Launch the search of the facets near each point, by the current bounding boxes, and of near pairs."""
+        """Launch the search for near pairs and for the facets near each point, with the current boxes."""
         contact, tree, many, model = self._contact, self.tree, len(self.tree.body_lower), self._model
         around, lanes, kinds = [self._around, self.buffer], self.lanes, (model.scalar, model.in_worlds)
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
@@ -307,9 +307,9 @@ class NeighborList:
         self.share(kernel, lanes * self._points, inputs, [self.flags], searching, BLOCK)
 
     def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
-        """Choose the skin by the flags of a frame; return whether the frame must be repeated.
+        """Choose the skin from the flags of a frame; return whether the frame must be repeated.
 
-        Only worlds that count do; nor do those that fly apart: divergence is found elsewhere.
+        Worlds with a False in `counts` are ignored, and worlds that diverge, which other code detects.
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
         self.active, pairs = (int(flags[0, one]) for one in (ACTIVE, PAIRS))
@@ -335,9 +335,9 @@ class NeighborList:
         return not held or overflown
 
     def _make_room(self, longest: int, body_pairs: int, near_pairs: int) -> bool:
-        """Make room for rows, bodies near one body, and near pairs as found; return whether any room grew.
+        """Reallocate lists that are too short for these numbers of entries; return whether any list was.
 
-        Some room is kept to spare: searches between frames cannot be repeated.
+        They get some room to spare, since searches between frames cannot be repeated.
         """
         data, extended = self.data, self.planes is not None and self.planes.extend(near_pairs)
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
@@ -354,7 +354,7 @@ class NeighborList:
         return True
 
     def _give_room(self, room: int, body_pairs: int) -> None:
-        """Make lists with room for `room` facets near a point, and `body_pairs` bodies near one."""
+        """Allocate lists with room for `room` facets near a point, and `body_pairs` bodies near a body."""
         data, device = self.data, self._model.device
         points, bodies = len(data.candidate_count), len(data.body_pair_count)
         data.candidates, data.candidate_pair = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
@@ -369,5 +369,5 @@ class NeighborList:
 
 
 def room_for(many: int) -> int:
-    """Return room for `many` entries, with some to spare: a power of 2."""
+    """Return the room for `many` entries and some more: a power of 2."""
     return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()

@@ -32,9 +32,9 @@ def describe(data: Any, colliders: Sequence[Collider], dim: int, scalar: Any, de
 
 
 def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -> NDArray[np.float64]:
-    """Return the depths of points, shape [count, dim], in each of several obstacles at the start [m].
+    """Return the depths of points, shape [count, dim], in each obstacle at the start [m].
 
-    They are below 0 outside, shape [collider_count, count], and −inf in a soft one, which may be entered.
+    Shape [collider_count, count]; negative outside, and −inf for soft obstacles, which particles may enter.
     """
     dim = position.shape[1]
     data: Any = solids(dim, wp.float64)()
@@ -53,7 +53,7 @@ def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -
 
 
 def ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
-    """Return the shortest displacement out of an obstacle from each point inside [m]; 0 if it is ambiguous."""
+    """Return the shortest displacement from each point inside an obstacle to outside [m]; 0 if ambiguous."""
     depth = start_depths(position, [collider])[0]
     step = 1e-6 * max(1.0, float(np.abs(position).max()))
     steps = step * np.eye(position.shape[1])
@@ -62,8 +62,8 @@ def ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.fl
 
 
 def touching(system: System) -> float:
-    """Return the depth up to which a particle of a system only touches an obstacle [m]."""
+    """Return the depth up to which a particle counts as touching an obstacle and not inside [m]."""
     lengths = stored(system.rest_length)
     depth = TOUCHING * float(lengths.min()) if len(lengths) else TOUCHING_ALONE
-    # Positions far from the origin are not more accurate than this.
+    # Positions far from the origin are rounded to this.
     return depth + 4 * float(np.finfo(np.float32).eps) * float(np.abs(system.position).max())

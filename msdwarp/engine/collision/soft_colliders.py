@@ -40,13 +40,13 @@ class SoftColliders(Effect):
         self._damped = float(numbers["dissipation"].any())
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Take over the length of substeps, which bounds friction."""
+        """Set the length of substeps [s], which limits friction."""
         self.data.dt = dt
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of the largest stiffness to each particle, wherever it is: it may be in contact soon.
+        """Add half of the largest stiffness to each particle at any place, since it may be in contact soon.
 
-        Where a collider dissipates, a particle that hits it at the speed 1/c has at most the damping √(k m).
+        If colliders dissipate, a particle that hits one at the speed 1/c has at most the damping √(k m).
         """
         model = self._model
         table = model.table("inverse_mass")

@@ -28,11 +28,11 @@ from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
 
 HARDER = 8.0
-"""Stiffness of all samples around a vertex, over that of contact with a rigid body: all are seldom inside."""
+"""Ratio of the stiffness of all samples around a vertex to that of body contact: all are seldom inside."""
 SLACK = 1e-4
 """Smallest depth that counts, over the spacing: particles on an obstacle are on its surface up to rounding."""
 THIN = 0.25
-"""A sample deeper in an obstacle than this share of `inradius` is pushed out through its entry side."""
+"""A sample deeper in an obstacle than this fraction of `inradius` is pushed out through its entry side."""
 LEAST_RESTITUTION = 0.3
 """Lower restitutions are raised to this: particles take most of an impact; stronger dampers need shorter steps."""
 
@@ -46,8 +46,8 @@ def surface_contact_of(
 ) -> "SurfaceContact | None":
     """Return the effect that keeps obstacles out of surfaces, if requested and possible.
 
-    Planes cannot enter between particles: a facet whose corners are above a plane is above it. They count if
-    obstacles ignore particles, as those of a ball cut from a lattice, some of which are outside of its surface.
+    A plane cannot enter between particles: a facet whose corners are above a plane is above it. Planes count only
+    if obstacles ignore some particles, such as those of a ball cut from a lattice that are outside its surface.
     """
     rules = [one for one in loads if isinstance(one, Contact)]
     if not any(one.surface_colliders for one in rules):
@@ -62,8 +62,8 @@ class SurfaceContact(WithHistory):
     """Keeps the facets of bodies out of obstacles, as `Colliders` does for particles.
 
     See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices; `met`
-    has the indices of the obstacles that count; `corner` has the vertices of each facet that is more than a point,
-    shape [facet_count, 3].
+    has the indices of obstacles that count; `corner` has the vertices of each facet, shape [facet_count, 3],
+    without grains.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class SurfaceContact(WithHistory):
         """Launch the forces of obstacles on facets; contact between bodies has just updated the vertices."""
         times = self.steps.stage_times
         self._stage = 0 if begins else self._stage + 1
-        # An evaluation beyond the substep's stages is at its end.
+        # An evaluation after the last stage is at the substep's end.
         share = times[self._stage] if self._stage < len(times) else 1.0
         row, share = (self._substep + 1, 0.0) if share == 1.0 else (self._substep, share)
         self._data.force.zero_()
@@ -195,7 +195,7 @@ class SurfaceContact(WithHistory):
             blocks.assign(blocks.numpy() + more[:, None, None] * np.eye(self._model.dim))
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the stored energy [J] and the dissipated power [W] at a frame's end, of the only world."""
+        """Return stored energy [J] and dissipated power [W] at a frame's end, shape [1] each, as for one world."""
         count, device = len(self._data.corner), self._model.device
         stored, heated = (wp.zeros(count, dtype=wp.float64, device=device) for _ in "sh")
         self._touching.place_vertices(x, v)
@@ -207,7 +207,7 @@ def _box_around(collider: Collider) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Return the lowest and highest coordinates of an obstacle in its given pose [m], both of shape [3]."""
     geometry = collider.geometry(3)
     if isinstance(collider, Plane):
-        # One that faces along an axis ends there.
+        # A plane normal to an axis is bounded along this axis.
         along = geometry["a"] > 1.0 - 1e-12
         return np.full(3, -np.inf), np.where(along, geometry["radius"], np.inf)
     if isinstance(collider, Box):
@@ -225,12 +225,12 @@ def _blocks(
     whole: NDArray[np.float64],
     damping_ratio: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the contributions of obstacles to the blocks of K [N/m] and B [N s/m] of each particle, as scalars.
+    """Return the contributions of obstacles to diagonal blocks of K [N/m] and B [N s/m], scalars of each particle.
 
     A sample with weights w has the matrix k w wᵀ, of which by Gershgorin a particle's part is at most k w_i;
-    blocks count half of it. With all samples inside, each corner of a facet has a third. Half of that is used: all
-    samples of a body are inside at once only if its particles move together, and then its springs are at rest.
-    Dampers are those of the centre of a facet, which represents three times the mass of a corner.
+    blocks get half of that. If all samples are inside, each corner of a facet has a third. Half of it is used: all
+    samples of a body are inside only if its particles move together, and then its springs are at rest. Dampers are
+    computed for the centre of a facet, which has three times the mass of a corner.
     """
     mass = np.broadcast_to(np.where(np.isfinite(model.mass), model.mass, 0.0), model.particle_count)
     heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)[corner].max(axis=1)

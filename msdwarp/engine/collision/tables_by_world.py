@@ -1,7 +1,7 @@
 """Contact tables of an ensemble: tables of one world repeated for all, and values that differ between worlds.
 
-Tables concatenate the surfaces and bodies of all worlds; search trees have a branch for each world. So all worlds
-are searched at once, and no world finds another's facets.
+Tables concatenate the surfaces and bodies of all worlds; search trees have a branch for each world. So one search
+serves all worlds, and none finds facets of another.
 """
 
 from math import lcm
@@ -19,7 +19,7 @@ MOST_NUMBERED = 2**31 - 1
 
 
 class Repeated:
-    """Uploads tables of one world, repeated for all worlds of a model; outside of ensembles once."""
+    """Uploads tables of one world, repeated for each world of a model; a model without worlds counts as one."""
 
     def __init__(self, model: Model) -> None:
         self._worlds, self._device = model.worlds, model.device
@@ -29,7 +29,7 @@ class Repeated:
         return self.by_row(np.asarray(values)[None], kind, further)
 
     def by_row(self, values: NDArray, kind: Any, further: int = 0) -> wp.array:
-        """Upload rows, shape [rows, count, ...]: world w has row w mod (number of rows)."""
+        """Upload rows, shape [rows, count, ...]: world w gets row w mod rows; see `alike` for `further`."""
         worlds, along = self._worlds, [1] * (values.ndim - 1)
         if values[0].size * worlds > MOST_NUMBERED:
             most = MOST_NUMBERED // values[0].size
@@ -46,7 +46,7 @@ class Repeated:
 
 
 def surfaces_by_row(model: Model, surfaces: TouchingSurfaces) -> list[TouchingSurfaces]:
-    """Return the surfaces for each row of stiffnesses and rest lengths of worlds; outside of ensembles one."""
+    """Return the surfaces for each row of stiffnesses and rest lengths of worlds; one if there are no worlds."""
     if not model.in_worlds:
         return [surfaces]
     system, rows = model.system, {name: model.row_of(name) for name in ("rest_length", "stiffness")}

@@ -51,7 +51,7 @@ class InFrames:
             self.arrays[name] = view_of(self._there, shape, dtype=dtype, offset=first * size)
         self._fill = fill
         self._holds: float | None = None
-        """The start of the frame in the host's tables [s]; None if they are not of a frame."""
+        """The start of the frame in the host's tables [s]; None if they belong to no frame."""
 
     def prepare(self, time: float) -> None:
         """Fill the host's tables for the frame that begins at `time` [s], while another may be running.
@@ -70,11 +70,11 @@ class InFrames:
         """
         if self._holds != time:
             self._fill_in(time)
-        self._holds = None  # each frame is filled once: functions may return other values if called again
+        self._holds = None  # each frame is filled once, since functions may return other values when called again
         self._copy()
 
     def upload(self, fill: Callable[[Tables], None]) -> None:
-        """Let `fill` change the last tables, and upload them; they hold until a frame begins."""
+        """Change the current tables by `fill`, and upload them; they are valid until a frame begins."""
         self._wait()
         self._holds = None
         fill(self.tables)

@@ -1,7 +1,7 @@
 """A pool of threads that replay the graphs of a frame at the same time, frame after frame.
 
-The graphs of a frame wait for each other, so all must be running. So there is one pool for all simulations and
-threads, and it runs one frame at a time.
+The graphs of a frame wait for each other, so all of them must run at once. One pool serves all simulations and
+threads, and runs one frame at a time.
 """
 
 import os
@@ -96,7 +96,7 @@ def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Calla
 
 
 def _awaited(frame: _Frame) -> BaseException | None:
-    """Wait for a frame; a Ctrl-C meanwhile is raised when the frame is done."""
+    """Wait for a frame, and return its error, if any; Ctrl-C is raised when the frame is done."""
     try:
         return frame.done.get()
     except BaseException:

@@ -1,7 +1,7 @@
 """Detect divergence of a run or of a world, and keep a state to return to.
 
-Slow growth of energy is found by `energy_balance.py` and judged by `simulation/substep_controller.py`.
-`kernels/reductions/frozen_worlds.py` judges worlds of an ensemble, `simulation/divergence_error.py` has the error.
+Slow growth of energy is measured by `energy_balance.py`, and `simulation/substep_controller.py` reacts to it.
+`kernels/reductions/frozen_worlds.py` tests worlds of an ensemble; `simulation/divergence_error.py` has the error.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from .energy_balance import rounding_energy, size, weight
 from .readout import Found
 
 LEAST_THREADS, MOST_THREADS = 8, 2**20
-"""On a GPU, least number of threads that restore a world, and most for all worlds: most have nothing to do."""
+"""On a GPU, least number of threads to restore a world, and most for all: most worlds need no restoring."""
 
 
 class Baseline(NamedTuple):
@@ -58,7 +58,7 @@ class DivergenceMonitor:
         self.energy = 0.0
         """Kinetic and gravitational energy of the state read last, minus the work of loads [J]."""
         self.told = list[float]()
-        """The latest numbers that were read."""
+        """The sums that were read last."""
         self._sums = Sums(assembly, everything=False)
         self._work, self._most_work = assembly.external_work, 0.0  # work of loads is subtracted
         self.compare_with(baseline or Baseline.of(assembly, state))
@@ -66,7 +66,7 @@ class DivergenceMonitor:
     def compare_with(self, baseline: Baseline) -> None:
         """Compare energies with a baseline from now on."""
         self.baseline = baseline
-        """The start of the run, which stays the reference when the number of substeps changes."""
+        """The start of the run, also after the number of substeps has changed."""
         energy, scale = self.baseline
         with np.errstate(invalid="ignore"):  # 0 · inf, if there is no limit
             most = np.where(scale > 0, energy + self._energy_limit * scale, np.inf)
@@ -86,12 +86,12 @@ class DivergenceMonitor:
             work = float(self._work.before[0]) + told[columns.WORK]
             self.energy -= work
             self._most_work = max(self._most_work, abs(work))
-            most += self._most_work  # work is known only to first order in the step, even if it has returned
+            most += self._most_work  # work has errors of first order in the step, also after it was returned
         return self._first < self._model.particle_count or not self.energy <= most
 
     @property
     def _first(self) -> int:
-        """The first particle that is not finite; a larger number than any particle's if all are finite."""
+        """The index of the first non-finite particle; if all are finite, a number above all indices."""
         return -int(self.told[columns.FIRST])
 
     def worst_particle(self) -> int:
@@ -146,7 +146,7 @@ class WorldStatus(NamedTuple):
 
 
 class FrozenWorlds:
-    """Judges each world at a frame's end, entirely on the device, by the sums of a `DivergenceMonitor`.
+    """Tests each world for divergence at a frame's end, on the device, with sums of a `DivergenceMonitor`.
 
     The status of each world is in `frozen`, the launcher's own array (`Dynamics.frozen`).
     """
@@ -170,7 +170,7 @@ class FrozenWorlds:
         return self._own if self._contact is not None else []
 
     def launch(self, found: Found, backup: Backup) -> None:
-        """Launch the judgement of worlds by the sums, and the restoration of those that have diverged."""
+        """Launch the test of worlds by the sums, and the restoration of worlds that have diverged."""
         device, worlds = self._model.device, self._model.worlds
         wp.launch(judge, worlds, [found.state_out, *self._limits], self._own, device=device)
         arrays = [*zip(backup.live(), backup.kept, strict=True)]

@@ -93,7 +93,7 @@ class Sums:
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.lengths_change or not everything
         between = None if plain else model.system.between_neighbours
-        self._what = Laws(), False, False  # a pass over the particles alone has one kernel, whatever joins them
+        self._what = Laws(), False, False  # a pass over particles alone needs one kernel for all laws
         if everything:
             laws = Laws(model.system.damper.law, model.laws.spring)
             self._what = laws, assembly.fracture is not None, between is not None

@@ -1,6 +1,6 @@
 """The energy balance of a run: an energy that the method conserves exactly, so that any growth shows at once.
 
-`simulation/substep_controller.py` judges it.
+`simulation/substep_controller.py` decides by it about substeps.
 """
 
 from typing import Any, NamedTuple
@@ -42,8 +42,8 @@ class EnergySums:
     """Computes the energy balance of a state, by sums that can be recorded.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
-    stability; docs/stability.md derives it. With the mean v of both velocities, this is K(v) + U minus the swing,
-    ½ Σ m |v − v_(n−½)|². In other methods K + U itself can only decrease.
+    stability; docs/stability.md derives it. With v the mean of both velocities, it equals K(v) + U minus the
+    `swing` ½ Σ m |v − v_(n−½)|². In other methods K + U itself can only decrease.
 
     `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 for methods without a lag.
     """
@@ -86,7 +86,7 @@ def is_told_by_frames(dynamics: Dynamics) -> bool:
 
 
 def mass(model: Model) -> Any:
-    """Return the mass of the free particles [kg]; here and below for each world, if there are several."""
+    """Return the mass of the free particles [kg]; in an ensemble for each world, as in the functions below."""
     rows = model.row_of("mass")
     return model.of_each(np.where(np.isfinite(rows), rows, 0.0).sum(axis=1))
 

@@ -223,20 +223,20 @@ class GroupMeans:
 
 
 def _shares(model: Model, count: int, width: int) -> wp.array:
-    """Return zeros for the sums over `count` members by the threads of each world."""
+    """Return zeros for partial sums over `count` members, by threads of each world, `width` numbers each."""
     most = max(MOST_THREADS // model.worlds, 1)
     threads = min(max(count // FEW_EACH, 1), most) if model.device.is_cuda else 1
     return wp.zeros((model.worlds, threads, width), dtype=wp.float64, device=model.device)
 
 
 def _fold(shares: wp.array, rows: wp.array, first: int = 0, largest: int = -1) -> None:
-    """Launch the sum of the threads' shares into a few rows."""
+    """Launch the addition of the threads' partial sums into a few rows."""
     threads = (*rows.shape[:2], shares.shape[2])
     wp.launch(fold, threads, [shares, largest, first], [rows], device=shares.device)
 
 
 def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the weight of each particle of a group, and the mass of the free ones [kg], by rows of masses."""
+    """Return each group particle's weight, and the mass of the free particles [kg], for each row of masses."""
     free = np.where(np.isfinite(mass), mass, 0.0)
     total = free.sum(axis=1)
     if what in (FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE):

@@ -34,7 +34,7 @@ class Rates(NamedTuple):
     limited_damping: float = 0.0
     """`damping` without the dampers of contacts, if these are limited by the step [1/s]."""
     limited_share: float = 0.0
-    """Share of the longest stable step that limited dampers take; 0 if none are limited."""
+    """Fraction of the longest stable step that limited dampers take; 0 if none are limited."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":

@@ -1,4 +1,4 @@
-"""Found: numbers that a kernel computes from the state of each world, and their transfer to the host."""
+"""Found: sums over the state of each world on the device, and their transfer to the host."""
 
 from collections.abc import Callable
 from typing import Any

@@ -64,7 +64,7 @@ class ActuatedSprings(StageTables):
         return self._model.row_of(name)[:, self.connection]
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness of contracted muscles across their axes, at the largest known contraction."""
+        """Add the transverse stiffness of contracted muscles, at the largest known contraction."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self.connection
         least = np.repeat([self._least(one) for _, one in self.named], [len(each) for each in self._delays])

@@ -17,7 +17,7 @@ from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
 ASIDE = 0.01
-"""A carrier's velocity is the difference of its poses this many substeps before and after a stage."""
+"""A carrier's velocity is computed from its poses this many substeps before and after a stage."""
 
 
 def attachments_of(model: Model, loads: Sequence[Load]) -> "AttachmentSprings | None":
@@ -100,7 +100,7 @@ class AttachmentSprings(FrameTables):
                 wp.copy(array, source, count=len(numbers))
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Replace mouse springs, the keys of `others`, by its values."""
+        """Replace mouse springs: the keys of `others` by their values."""
         if any(one in others for one in self._hands):
             before = self._named, self._hands
             self._named = exchanged(self._named, others)
@@ -110,7 +110,7 @@ class AttachmentSprings(FrameTables):
             except ValueError:  # before any row was filled
                 self._named, self._hands = before
                 raise
-            if self.done is not None:  # rows now belong to other springs: only their total work matters
+            if self.done is not None:  # rows now belong to other springs, but only the total work matters
                 done = np.zeros(self.done.shape)
                 done[0, 0] = self.done.numpy().sum()
                 self.done.assign(done)
@@ -137,7 +137,7 @@ class AttachmentSprings(FrameTables):
     def _write(self, tables: Tables, times: NDArray[np.float64]) -> None:
         """Write the poses and velocities of the carriers at these times.
 
-        If the method's velocities lag behind positions, the carriers' are mean velocities of the last substep.
+        If the method's velocities lag behind positions, carriers have their mean velocities of the last substep.
         """
         before, span = (1.0, 1.0) if self.steps.lagging else (ASIDE, 2 * ASIDE)
         start = np.maximum(times - before * self.steps.dt, 0.0)  # a motion may be undefined before 0
@@ -156,7 +156,7 @@ class AttachmentSprings(FrameTables):
         return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of each attachment's stiffness and damping: the bound doubles blocks, for springs' two ends."""
+        """Add half of each attachment's stiffness and damping, since the step's bound doubles blocks."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 

@@ -17,9 +17,9 @@ from ..model.stage_tables import FrameTables
 from ..model.state import State
 
 POINTS = 5
-"""Points for a derivative, which is exact for polynomials of degree 4."""
+"""Number of points for a derivative, which is then exact for polynomials of degree 4."""
 WINDOW = 1 / 16
-"""Share of a frame that these points span, for a derivative at a frame's end."""
+"""Fraction of a frame that these points span, for a derivative at a frame's end."""
 
 
 def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
@@ -31,9 +31,9 @@ def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
 class Drives(FrameTables):
     """Moves driven particles along their prescribed motions.
 
-    Positions are those of the motion at the time of each stage, rounded once. Velocities are differences of these:
-    in methods whose velocities lag by half a substep, the mean velocity of the last substep; else the derivative
-    of the polynomial through five positions. So both have the method's order: 2 for leapfrog, 4 for RK4.
+    Positions are those of the motion at the time of each stage, rounded once. Velocities follow from positions. If
+    the method's velocities lag by half a substep, they are means over the last substep; else derivatives of
+    the polynomial through five positions. So both have the method's order: 2 for leapfrog, 4 for RK4.
     """
 
     def __init__(self, model: Model, drives: Sequence[tuple[str, Driven]]) -> None:
@@ -167,7 +167,7 @@ def _shortest_attached(model: Model, one: Driven) -> float:
 
 
 def _derivative(points: NDArray, at: float, order: int = 1) -> NDArray[np.float64]:
-    """Return the weights by which values at `points` add up to their derivative of an order at the point `at`.
+    """Return weights with which a sum of values at `points` is the derivative of this order at the point `at`.
 
     It is the derivative of the polynomial through the nearest points.
     """

@@ -58,7 +58,7 @@ class Work(Effect):
         self._remaining = 0.0
         self.by_world = ("done", "last") if self._counts and summed else ()
         self.before = np.zeros(model.worlds)
-        """Added to each world's sums: −f·x of steady forces at the start, and earlier work [J]."""
+        """What is added to each world's sums [J]: −f·x of steady forces at the start, and earlier work."""
         if steady is not None:
             self._combination, self._steady = steady.data.combination, steady.data.value
             forces = steady.sums[self._combination.numpy()]
@@ -79,7 +79,7 @@ class Work(Effect):
             setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
 
     def settle(self, x: wp.array, v: wp.array) -> None:
-        """Add the pending work of the last force, before velocities are changed from outside."""
+        """Add the remaining half of the last force's work, before velocities are changed from outside."""
         done = self.totals(x, v)
         self._last.zero_()
         self.before += done - self.totals(x, v)

@@ -31,7 +31,7 @@ def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
 def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the distinct combinations of forces on particles, and the index of each particle's combination.
 
-    A combination has the share of each force, shape [combination_count, force_count]; in the first all are 0.
+    A combination has a fraction of each force, shape [combination_count, force_count]; the first has none.
     """
     chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
     sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]

@@ -46,7 +46,7 @@ class SurfacePressure(Effect):
         """Return a bound of each particle's stiffness due to turning area vectors [N/m], shape [particle_count].
 
         ∂a/∂x_j is half the opposite edge (as a cross product). By Gershgorin each triangle of a particle adds at
-        most p (|e_1| + |e_2| + |e_3|) / 6 to its row of the stiffness. Blocks hold half of this.
+        most p (|e_1| + |e_2| + |e_3|) / 6 to its row of the stiffness. Blocks get half of this.
         """
         faces, places = self._faces, self._faces.facets.points(x)
         edges = sum(
@@ -111,7 +111,7 @@ class Gases(SurfacePressure):
         wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
 
     def elements(self) -> Elements:
-        """Return the triangles, whose gases are summed first."""
+        """Return the triangles; their `prepare` first makes the sums over each gas."""
         model, faces, worlds = self._model, self._faces, self._model.worlds
         each, count = np.arange(worlds)[:, None], worlds * len(self._gases)
         of, ends = faces.of + len(self._gases) * each, faces.ends[:-1] + faces.ends[-1] * each

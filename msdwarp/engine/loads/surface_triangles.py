@@ -21,7 +21,7 @@ class Faces:
 
     def __init__(self, parts: Sequence[Facets], particle_count: int) -> None:
         self.facets, self._count = parts[0], particle_count
-        """Vertices, as weighted means of particles."""
+        """The surface with its vertices, as weighted means of particles."""
         self.mixed: bool = parts[0].mixed
         """Whether vertices are weighted means of particles; else they are particles."""
         self.corner: NDArray[np.int32] = np.concatenate([one.corner for one in parts])
@@ -44,7 +44,7 @@ class Faces:
         return self.facets.bound(sums, self._count) if self.mixed else sums
 
     def add_to_corners(self, values: NDArray[np.float64], corner: NDArray[np.int32] | None = None) -> NDArray:
-        """Return the sum of the triangles' numbers or vectors around each vertex."""
+        """Return for each vertex the sum of the numbers or vectors of the triangles around it."""
         result = np.zeros((len(self.facets.particle), *values.shape[1:]))
         np.add.at(result, self.corner if corner is None else corner, values[:, None])
         return result
@@ -53,7 +53,7 @@ class Faces:
         """Return these triangles as a `Struct` made by `msdwarp.kernels.loads.surface_triangles.face`."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)
-        if self.mixed:  # a particle's weight in a triangle is the sum of those in the three corners
+        if self.mixed:  # a particle's weight in a triangle is the sum of its weights in the corners
             entry = triangle[:, None] * np.int64(self._count) + self.facets.particle[particle]
             weight = self.facets.weight[particle] / 3
             different, number = np.unique(entry[weight != 0], return_inverse=True)

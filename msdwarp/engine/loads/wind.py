@@ -75,7 +75,7 @@ class WindEffect(StageTables):
         return super().at(times) if self._given else np.zeros((len(times), 1, self._model.dim))
 
     def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
-        """Return dF/du for areas A [m²], at the largest relative speed u: ρ (C_d + C_l) A u [N s/m]."""
+        """Return dF/du = ρ (C_d + C_l) A u [N s/m] for areas A [m²], at the largest relative speed u."""
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
         air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
@@ -123,7 +123,7 @@ class OnParticles(WindEffect):
         upload_fields(self.data, model.device, wind=self._number, area=self._area)
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
-        """Add the slope of each particle's drag over its speed [N s/m]."""
+        """Add dF/du of each particle's drag [N s/m]."""
         damping += self._resistance(v, self._area, self._number)
 
     def elements(self) -> Elements:

@@ -13,19 +13,19 @@ from .lattice import Lattice, NotALattice, find_lattice
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 AUTO = "auto"
 FEW_CONNECTIONS = 300
-"""Up to this number scatter is faster: a thread per connection ends sooner than one per particle."""
+"""Up to this number scatter is faster: a thread per connection has less work than one per particle."""
 LEAST_PARTICLES = 32
 """Up to this number of particles a stencil is faster than scatter: it has several threads per particle."""
 FEW_PARTICLES = 20_000
-"""Up to this number latency dominates, which is least for a stencil."""
+"""Up to this number of particles latency dominates, which is least for a stencil."""
 LEAST_USED = 0.4
-"""Share of a lattice's neighbours that must exist for a stencil to be faster than a table."""
+"""Fraction of a lattice's neighbours that must exist for a stencil to be faster than a table."""
 MOST_TIES = 0.05
-"""Largest share of connections that may be ties, outside all lattice directions."""
+"""Largest fraction of connections that may be ties, outside all lattice directions."""
 
 
 def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool) -> tuple[str, Lattice | None]:
-    """Return the requested algorithm, or the fastest one, and for a stencil the system's lattice.
+    """Return the algorithm, for "auto" the fastest one, and the system's lattice if it is a stencil, else None.
 
     Raises ValueError if `force_algorithm` is unknown, or "stencil" for a system that is not cut from lattices.
     """
@@ -41,7 +41,7 @@ def choose_force_algorithm(system: System, force_algorithm: str, *, on_gpu: bool
 
 
 def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lattice | None]:
-    """Return the algorithm that was fastest in benchmarks of similar systems, and for a stencil the lattice."""
+    """Return the fastest algorithm in benchmarks of similar systems, and the lattice if it is a stencil."""
     few = system.connection_count <= FEW_CONNECTIONS
     if not on_gpu or (few and system.particle_count > LEAST_PARTICLES):
         return "scatter", None
@@ -76,8 +76,8 @@ def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
 def scatter_order(system: System) -> NDArray[np.int64] | None:
     """Return an order of connections in which scattering seldom waits; None if the current order is suitable.
 
-    Successive connections are added at the same time; those that share a particle wait for each other. So
-    connections are sorted by their rank among those of their first particle, then by that particle.
+    Successive connections are added at the same time; connections that share a particle wait for each other. So
+    one connection of each first particle comes first, in the order of particles, then a second one, and so on.
     """
     first = system.connections[:, 0]
     if len(first) < 2 or np.count_nonzero(first[1:] == first[:-1]) < 0.2 * len(first):

@@ -24,7 +24,7 @@ class Steps(NamedTuple):
     substeps: int
     """Substeps in a frame."""
     stage_times: Sequence[float] = (0.0,)
-    """Times at which a method's launches evaluate forces, as shares of the substep; the first is 0."""
+    """Times at which a method's launches evaluate forces, as fractions of the substep; the first is 0."""
 
     weights: Sequence[float] = (1.0,)
     """Weights of these evaluations in an integral over the substep; they sum to 1."""
@@ -46,20 +46,20 @@ class Steps(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Groups of points that exert forces on each other, or feel one alone, for gradients."""
+    """Groups of points with forces that depend only on the group, for gradients."""
 
     data: Any
     """The struct that `projected` reads."""
     projected: Any
     """wp.func that returns φ·F of an element, see `kernels.adjoint.elements_adjoint`."""
     points: NDArray[np.integer]
-    """The points of each element, -1 for none, shape [element_count, k]: numbers of particles, or of vertices."""
+    """The points of each element, -1 for none, shape [element_count, k]: indices of particles or vertices."""
     vertices: Facets | None = None
-    """The vertices, if points are these."""
+    """The vertices, if points are vertices."""
     prepare: Callable[..., None] | None = None
-    """Function (particle, weight, x, φ) that launches what must precede; see `elements_adjoint` for the first."""
+    """Function (particle, weight, x, φ) that launches what must precede; see `elements_adjoint`."""
     of_all_worlds: bool = False
-    """Whether `data` has the elements of one world after those of another; else all worlds share it."""
+    """Whether `data` concatenates the elements of all worlds; else all worlds share it."""
 
 
 def summed(
@@ -91,18 +91,18 @@ class Effect:
     members: NDArray[np.bool_] | None = None
     """Mask of the particles that its force acts on, shape [particle_count], if `piece` is selective."""
     by_world: Sequence[str] = ()
-    """Names of arrays of `data` that have a part for each world."""
+    """Names of the arrays of `data` that have a part for each world."""
     done: wp.array | None = None
-    """External work that it has done, as terms to sum [J], float64; None if it does none.
+    """External work that it has done so far, as terms to sum [J], float64; None if it does none.
 
-    The work of a `piece` that `works` is summed elsewhere.
+    If `piece.works`, `Work` sums it.
     """
 
     shared_points: int = 0
     """Number of its points that CPU threads can share, each about as much work as a connection."""
 
     conserves: bool = False
-    """Whether its forces only store energy or turn it to heat: a rise of energy is then due to the step."""
+    """Whether its forces only store or dissipate energy, so that a rise of energy is due to the step."""
 
     numbers_substeps: bool = False
     """Whether its launches depend on the number of the substep in a frame, beyond the first two and the last."""
@@ -126,17 +126,17 @@ class Effect:
         """Write the prescribed part of a `State` at `time` [s], the start of a frame of 1 / `fps` seconds."""
 
     def prepare(self, time: float) -> None:
-        """Prepare early, on the host, for the frame that begins at `time` [s], while another is running.
+        """Prepare early, on the host, for the frame that begins at `time` [s], while another frame is running.
 
-        That frame may never be run, or another one instead. So nothing may change that the device or `begin_frame`
-        reads, and no exception may be raised.
+        The frame may never be run, or be replaced by another. So nothing may change that the device or
+        `begin_frame` reads, and no exception may be raised.
         """
 
     def hold(self, time: float) -> None:
-        """Set the values at `time` [s] for all stages, for launches between frames."""
+        """Set what depends on time to its value at `time` [s] in all stages, for launches between frames."""
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Replace loads, the keys, by others of the same kind, the values; `hold` is called next.
+        """Replace loads (keys) by other loads of the same kind (values); `hold` is called next.
 
         Graphs may have recorded only the loads' arrays. See `differ_in_values` in `msdwarp/world/loads.py`.
         """
@@ -150,18 +150,18 @@ class Effect:
         """Launch the search for neighbours, if it is due, for positions x and velocities v.
 
         It is launched before `before_forces`. `after` is the time from the end of the last substep [s]; `begins`
-        and `frame_begins` tell whether a substep begins, and a frame. Between frames only the latter is true.
+        and `frame_begins` tell whether a substep and a frame begin. Between frames only `frame_begins` is true.
         """
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch what must precede the evaluation of forces, for positions x and velocities v.
 
-        `compensation` is the kernels' struct; `begins` tells whether these forces begin a substep. With such an
-        effect each stage is a separate launch.
+        `compensation` is the kernels' struct; `begins` tells whether these forces begin a substep. If an effect
+        overrides this, each stage is a separate launch.
         """
 
     def watch(self) -> None:
-        """Launch what `end_substep` needs, and may run beside the forces of a substep's start, after `search`."""
+        """Launch what `end_substep` needs, after `search`; it may run beside a substep's first forces."""
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch changes of the state at a substep's end, `after`, given the state at its start.
@@ -188,7 +188,7 @@ class Effect:
         """Launch the kernels whose results `is_void` reads, after a frame's substeps; a graph may record it."""
 
     def is_void(self) -> bool:
-        """Tell whether the finished frame must be repeated; if so, reserve room for it first."""
+        """Return whether the finished frame must be repeated; if so, reserve the room that it lacked."""
         return False
 
     def begin_substep(self, substep: int) -> bool:
@@ -208,7 +208,7 @@ class Effect:
         """Restore the state that `checkpoint` returned."""
 
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return the fields of the system that the run has changed, as they are now."""
+        """Return the current values of the system's fields that the run has changed."""
         return {}
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
@@ -216,17 +216,17 @@ class Effect:
 
         The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
         [particle_count], for the particles of a world at x. The bound is twice the largest eigenvalue of a block
-        over the mass: enough for a spring between two particles. A force on a particle by itself adds half.
+        over the mass, as a spring between two particles needs. A force that depends on one particle adds half.
         """
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
-        """Add the slope of the resisting force over each particle's speed [N s/m], shape [particle_count].
+        """Add the derivative of resisting forces by each particle's speed [N s/m], shape [particle_count].
 
-        It is for forces that depend on speeds, at positions x and velocities v.
+        Only for forces that depend on speeds, at positions x and velocities v.
         """
 
     def elements(self) -> Elements | None:
-        """Return its forces as those of elements, which Warp differentiates; None if they are none."""
+        """Return the elements whose forces Warp differentiates; None if the effect has none."""
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the energy that the effect stores [J] and the power that it dissipates [W], by world."""

@@ -1,8 +1,8 @@
-"""Find the lattices that a system is cut from, so that its neighbours need no table.
+"""Find the lattices from which a system is cut, so that neighbours need no table.
 
-A lattice's points are stored row after row along x. A point's neighbours in the row (y, z) are around one index,
-`shift` particles further; a bit mask tells to which of them it is connected. Connections that follow no direction,
-such as those made by `join`, are left over as ties.
+A lattice's points are stored row after row along x. A point's neighbours in the row (y, z) are around the index
+`shift` after its own; a bit mask tells to which of them it is connected. Connections in no lattice direction, such
+as those made by `join`, are ties.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class Lattice(NamedTuple):
     def numbers(self, system: System) -> NDArray[np.int32]:
         """Return the index of the connection in each direction from each particle, −1 for none.
 
-        `system` is the one that the lattice was found in. Shape [direction_count, particle_count].
+        `system` is the system of this lattice. Shape [direction_count, particle_count].
         """
         found = np.full((len(self.steps), system.particle_count), -1, dtype=np.int32)
         for body in system.directions:
@@ -72,7 +72,7 @@ class Lattice(NamedTuple):
 
     @property
     def margin(self) -> int:
-        """Number of particles before the first and after the last that may be read, but are not used."""
+        """Number of entries before the first and after the last particle that kernels may read, but do not use."""
         return 2 + (2 + COLUMN) * (self.reach - 2)
 
     @property
@@ -192,7 +192,7 @@ def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray
 def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32]:
     """Return the offset of each row from each particle, shape [row_count, particle_count]."""
     shift = np.zeros((row_count, system.particle_count), dtype=np.int32)
-    for check in (False, True):  # neighbours in a row must agree: the last value written must equal all others
+    for check in (False, True):  # neighbours in a row must agree: the value written last must equal all others
         for part in parts:
             i, j = system.connections[part.connections].T
             offset = j - i - part.along
@@ -222,7 +222,7 @@ def _constants(
 ) -> tuple[dict[int, int], dict[str, NDArray[np.float64]]]:
     """Return the kind of each body that is a lattice, and each kind's constants by name.
 
-    The latter are of shape [kind_count, direction_count].
+    The constants have the shape [kind_count, direction_count].
     """
     bodies = np.zeros((len(system.directions), len(CONSTANTS), direction_count))
     for part in parts:

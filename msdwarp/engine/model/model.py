@@ -45,7 +45,7 @@ class Model:
     """
 
     generation = 0
-    """Increases when an argument of launches or a kernel is replaced: earlier recorded graphs are then invalid."""
+    """Increases when a kernel or an argument of launches is replaced, which invalidates recorded graphs."""
 
     @in_turn
     def __init__(
@@ -68,7 +68,7 @@ class Model:
         self.tables = dict[str, wp.array]()
         """Tables that `table` has uploaded; effects that change constants put their own arrays here."""
         if self.in_worlds:
-            # The largest mass and damping of all worlds: a pin or damper in any world needs code.
+            # The largest mass and damping of all worlds, since a pin or damper in any world needs code.
             largest = {name: self.rows[name].max(axis=0) for name in ("mass", "damping") if name in self.rows}
             first = {name: self.rows[name][0] for name in ("position", "velocity") if name in self.rows}
             if force_algorithm == AUTO:
@@ -155,7 +155,7 @@ class Model:
 
     @property
     def different(self) -> int:
-        """Number of worlds after which the parameters repeat."""
+        """Number of worlds with different parameters: world w has those of world w mod `different`."""
         return lcm(*map(len, self.rows.values()))
 
     def row_of(self, name: str) -> NDArray[np.float64]:
@@ -168,7 +168,7 @@ class Model:
 
     @property
     def lengths_change(self) -> bool:
-        """Whether a run changes rest lengths, so that the algorithms must not copy them."""
+        """Whether rest lengths change in a run; then the algorithms must not copy rest lengths."""
         return self.system.yields
 
     def _check_masses(self) -> None:
@@ -212,11 +212,11 @@ class Model:
         return records_together(count, each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
-        """Return numbers of connections, concatenated by world, in the device's order."""
+        """Return values of connections, concatenated by world, in the device's order."""
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
-        """Upload numbers of shape [rows, count]; what a row repeats is stored once (a broadcast array)."""
+        """Upload numbers of shape [rows, count]; a row of equal numbers is stored as one (a broadcast array)."""
         if values.shape[1] < 2 or values.strides[1] != 0:
             return wp.array(np.ascontiguousarray(values), dtype=self.scalar, device=self.device)
         once = wp.array(np.ascontiguousarray(values[:, 0]), dtype=self.scalar, device=self.device)

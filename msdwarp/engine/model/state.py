@@ -49,7 +49,7 @@ class State:
     @classmethod
     @in_turn
     def from_system(cls, system: System, model: Model, method_state: int = 0) -> Self:
-        """Upload positions and velocities: those of the model's rows, by world, else those of the system."""
+        """Upload positions and velocities: by world from the model's rows if it has any, else from the system."""
         state = cls(model, method_state)
         for name, field in (("x", "position"), ("v", "velocity")):
             exact = model.rows[field] if field in model.rows else getattr(system, field)[None]
@@ -60,7 +60,7 @@ class State:
     def write(self, name: str, exact: NDArray[np.float64], chosen: NDArray[np.bool_] | None = None) -> None:
         """Write positions "x" [m] or velocities "v" [m/s] of all particles, or of chosen ones.
 
-        `exact` has shape [rows, particle_count, d], world w taking row w mod rows, and `chosen` [particle_count].
+        `exact` has shape [rows, particle_count, d], where world w gets row w mod rows; `chosen` [particle_count].
         """
         model = self.model
         rounded = exact.astype(model.dtype)
@@ -77,7 +77,7 @@ class State:
             array.assign(values)
 
     def throw(self, exact: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
-        """Give chosen particles other velocities [m/s]; `exact` has shape [particle_count, d]."""
+        """Set the velocities of chosen particles [m/s]; `exact` has shape [particle_count, d]."""
         self.write("v", exact[None], chosen)
 
     @property
@@ -109,7 +109,7 @@ class State:
         self.state_in, self.state_out, self._at_home = self.state_out, self.state_in, not self._at_home
 
     def settle(self) -> None:
-        """Copy the current state back to the original arrays, where graphs expect it."""
+        """Copy the current state to the arrays that had it at first, which recorded graphs read."""
         if not self._at_home:
             self.flip()
             copy_vectors(moving(self.state_in), moving(self.state_out))
@@ -121,7 +121,7 @@ def moving(instant: Instant) -> list[wp.array]:
 
 
 def copy_vectors(to: Iterable[Any], source: Iterable[Any]) -> None:
-    """Copy arrays made by `Model.vectors_together`; each allocation is copied once, as a whole."""
+    """Copy arrays made by `Model.vectors_together`, with one copy per allocation."""
     pieces = {id(one._ref): (other._ref, one._ref) for other, one in zip(to, source, strict=True)}
     for there, here in pieces.values():
         wp.copy(there, here)

@@ -24,15 +24,15 @@ from ..model.effect import Effect, Elements, summed
 from ..model.model import Model
 
 FACES_ON_CPU = False
-"""Whether a CPU, too, sums the forces of a lattice's cells by faces: more arithmetic, and less memory."""
+"""Whether CPUs also sum the forces of a lattice's cells by faces: more arithmetic, less memory traffic."""
 SPRINGS = 20
-"""Springs that take a CPU about as long as a cell."""
+"""Number of springs that cost a CPU as much time as a cell."""
 
 
 class CellVolumes(Effect):
-    """Computes what cells exert before the forces of springs, and sums it for each particle.
+    """Computes pressures or forces of cells before the forces of springs; particles then sum the forces.
 
-    If the cells are those of a lattice, they have a pressure each; else each has the forces on its corners.
+    For cells of a lattice the pressure of each cell is stored, for other cells the forces on its corners.
     """
 
     conserves = True
@@ -64,7 +64,7 @@ class CellVolumes(Effect):
         on_faces = model.device.is_cuda or FACES_ON_CPU
         steps = lattice_steps(cells.corners) if on_faces and model.dim == 3 else None
         self._size: int | None = None
-        """Entries of pressures of a world; None if the cells are no lattice."""
+        """Number of entries of pressures in a world; None if the cells are no lattice."""
         if steps is not None:
             margin = sum(steps)
             self._size = model.stride + 2 * margin
@@ -88,7 +88,7 @@ class CellVolumes(Effect):
         self._partition: Launcher | None = None
 
     def use_partition(self, partition: Launcher | None) -> None:
-        """Divide the cells among the threads of a launcher."""
+        """Divide the cells among the CPU threads of `partition`."""
         self._partition = partition
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
@@ -131,9 +131,9 @@ class CellVolumes(Effect):
 
 
 def lattice_steps(corners: NDArray[np.integer]) -> tuple[int, int, int] | None:
-    """Return the steps from each cell's first corner along three axes, if these are alike for all; else None.
+    """Return the index steps from a cell's first corner along three axes, if equal for all cells; else None.
 
-    All are positive, and the other corners are sums of them.
+    All steps are positive, and the other corners are reached by sums of them.
     """
     apart = corners - corners[:, :1]
     if (apart[0, 1:] <= 0).any() or (apart != apart[0]).any():

@@ -12,8 +12,8 @@ from ..model.model import Model
 class ExtraSprings(Effect):
     """The forces of the springs that a stencil leaves out (`Lattice.ties`).
 
-    Energies, the stability bound and linearised products include them already, as springs of the system. So this
-    effect adds only their forces.
+    As springs of the system they are already in energies, in the stability bound and in linearised products. So
+    this effect adds only their forces.
     """
 
     conserves = True

@@ -41,10 +41,10 @@ LANES = {
     ("gather", "many"): ((20_000, 8), (32_000, 4)),
     ("gather", "few"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (2_048, 1), (20_000, 4)),
 }
-"""Pairs (maximal particle count, threads per particle), by algorithm and number of neighbours; beyond them one.
+"""Pairs (maximal particle count, threads per particle) by algorithm and number of neighbours; above them 1 thread.
 
-From measurements on an H200. Some sizes in between have one thread per particle, because one block or cluster
-advances such systems for a whole frame.
+From measurements on an H200. For some sizes in between one thread per particle is fastest, because one block or
+cluster advances such systems for a whole frame.
 """
 
 
@@ -74,7 +74,7 @@ def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
 class Gather:
     """The gathering algorithm: a thread per particle, with a table of neighbours built on the device.
 
-    Several `lanes` (threads per particle) are for systems that do not tear, on a GPU.
+    More than one of `lanes` (threads per particle) needs a GPU, and springs that do not break.
     """
 
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
@@ -147,7 +147,7 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
         if len(values) == 0 or is_uniform(values):
             tables.append(values[:1] if len(values) else np.zeros(1))
             continue
-        different = np.unique(values[:: max(1, len(values) // 4096)])  # usually a sample contains all of them
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # usually a sample contains all kinds
         place = np.zeros(len(values), dtype=np.uint8)
         while True:
             if count * len(different) > MOST_KINDS:
@@ -181,7 +181,7 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     n, ends, device = model.particle_count, 2 * model.connection_count, model.device
     count = np.zeros(-(-n // SLICE) * SLICE, dtype=np.int64)
     count[:n] = np.bincount(model.system.connections.ravel(), minlength=n)
-    # A slice has equally many slots for all its particles: those of the fullest one, in whole chunks.
+    # All particles of a slice have as many slots as the one with most neighbours, in whole chunks.
     slots = CHUNK * SLICE * -(-count.reshape(-1, SLICE).max(axis=1) // CHUNK)
     start, first = (
         wp.array(np.append(0, np.cumsum(each)), dtype=int, device=device) for each in (count[:n], slots)
@@ -190,7 +190,7 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     def launch(kernel: Any, threads: int, inputs: list, outputs: list) -> None:
         wp.launch(kernel, threads, inputs, outputs, device=device)
 
-    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # half is for sorting
+    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # one half is for sorting
     launch(tables.list_ends, model.connection_count, [model.connections], [particle, end])
     wp.utils.radix_sort_pairs(particle, end, ends)
     total = int(slots.sum())
@@ -204,7 +204,7 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 class Stencil:
     """The gathering algorithm for lattices, without a table; extra springs between lattices are an effect.
 
-    Several `lanes` (threads per particle) are for uniform lattices that do not tear, on a GPU.
+    More than one of `lanes` (threads per particle) needs a GPU, and a uniform lattice that does not tear.
     """
 
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
@@ -256,7 +256,7 @@ class Stencil:
         self.data.constants = records_of_three(model, constants)
 
     def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
-        """Clear the bits of broken springs; `numbers` are springs by direction and first particle."""
+        """Clear the mask bits of broken springs; `numbers` has a spring by direction and first particle."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
         gone = (numbers >= 0) & fracture.broken[numbers]
         for d, first in enumerate(map(np.flatnonzero, gone)):
@@ -281,7 +281,7 @@ CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}
 
 
 def forces_of(model: Model, fracture: Fracture | None = None) -> Scatter | Gather | Stencil:
-    """Return the forces by a model's algorithm, in its fastest form for a single world."""
+    """Return the force algorithm of a model, in the form that is fastest for a single world."""
     if model.force_algorithm == "scatter":
         return Scatter(model, fracture)
     return CLASSES[model.force_algorithm](model, fracture, lanes(model, fracture is not None))

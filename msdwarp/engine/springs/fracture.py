@@ -14,7 +14,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 
 JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
-"""The array of an algorithm that holds which particles are connected."""
+"""The array, for each algorithm, that tells which particles are connected."""
 
 
 class Fracture(Effect):
@@ -32,9 +32,9 @@ class Fracture(Effect):
     def __init__(self, model: Model) -> None:
         self._model = model
         self.breaking = breaking(model.scalar)
-        """The functions of breaking that the algorithms are composed with."""
+        """The functions of breaking with which algorithms are composed."""
         system, device = model.system, model.device
-        # Limited so that rounding leaves broken springs broken.
+        # Limited so that rounding cannot mend broken springs.
         rounded = np.minimum(system.broken_at, np.finfo(np.float32).max)
         broken_at = np.where(system.broken, rounded, np.inf).astype(np.float32)
         self.broken_at = wp.array(model.of_each_world(broken_at[None]), dtype=wp.float32, device=device)
@@ -117,7 +117,7 @@ class Fracture(Effect):
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore the state that `checkpoint` returned; springs that are broken now must be broken in it."""
+        """Restore the state that `checkpoint` returned; springs that are broken now must be broken there too."""
         self.broken_at.assign(self._model.ordered(arrays["broken_at"]))
         broken = self.broken
         for constants in self._summed:

@@ -1,8 +1,8 @@
 """The forces of an ensemble: the algorithm of a single world, with constants of springs for each world.
 
-Springs with equal constants within every world form a class. The algorithm is first set up for a stand-in system,
-whose springs have the number of their class as stiffness. Wherever the algorithm stores this number (in a table,
-in an array or by direction), it is replaced by the constants of the class in each world.
+Springs with equal constants within every world form a class. The algorithm is first set up for an auxiliary system
+(the stand-in), whose stiffnesses are class indices. Where the algorithm stores such an index (in a table, an
+array or by direction), it is replaced by the constants of the class in each world.
 """
 
 from math import lcm
@@ -20,7 +20,7 @@ from .fracture import Fracture
 
 
 class EnsembleForces(NamedTuple):
-    """The forces of an algorithm, and how they differ between worlds."""
+    """The force algorithm of an ensemble, and how spring constants differ between worlds."""
 
     force_algorithm: Any
     """The algorithm, as for a single world."""
@@ -29,13 +29,13 @@ class EnsembleForces(NamedTuple):
     storage: str = ""
     """See `kernels.integrators.Differences`."""
     how: dict[str, str] = {}  # noqa: RUF012 (a default that is never changed)
-    """How each constant differs."""
+    """How each constant differs between worlds, by name."""
     fields: dict[str, wp.array] = {}  # noqa: RUF012
     """The arrays that kernels index by world."""
 
 
 def ensemble_forces(model: Model, fracture: Fracture | None, rest_length: wp.array | None) -> EnsembleForces:
-    """Return the forces of an ensemble by its model's algorithm; springs that yield pass `rest_length` by world.
+    """Return the forces of an ensemble with its model's algorithm; `rest_length`, by world, if springs yield.
 
     Raises ValueError if the algorithm is a stencil, and constants differ among the springs of a direction.
     """
@@ -91,7 +91,7 @@ def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForce
 
 
 class Classes:
-    """The classes of springs: those of a class have equal constants within every world."""
+    """The classes of springs; springs of a class have equal constants within every world."""
 
     def __init__(self, model: Model) -> None:
         self._model, count = model, model.connection_count
@@ -117,7 +117,7 @@ class Classes:
 
     @staticmethod
     def named(numbers: NDArray) -> NDArray[np.int64]:
-        """Return the classes that a stand-in's stiffnesses name; 0 is no spring and gives an arbitrary class."""
+        """Return the classes for a stand-in's stiffnesses; 0 means no spring, and an arbitrary class."""
         return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
 
 

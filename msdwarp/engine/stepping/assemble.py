@@ -67,7 +67,7 @@ class Surroundings(NamedTuple):
     contact_forces: bool
     """Whether the contact force on each particle is requested."""
     settles: bool
-    """Whether the system is led to equilibrium."""
+    """Whether the system is moved to equilibrium (`Fire`)."""
 
     @property
     def hard_colliders(self) -> list[Collider]:
@@ -105,7 +105,7 @@ def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
 
 
 def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
-    """Return the effects of wind and pressure, after the effect of the embedded vertices that they act on."""
+    """Return the effects of wind and pressure, and before them the embedded vertices on which they act."""
     vertices = embedded_vertices_of(model, loads)
     effects: list[Effect] = [] if vertices is None else [vertices]
     return effects + winds_of(model, loads) + pressures_of(model, loads, vertices)
@@ -165,7 +165,7 @@ class Assembly:
         self.external_work = self._work()
         self.all += [self.external_work] if self.external_work is not None else []
         self.fire = Fire(model) if around.settles else None
-        self.all += [self.fire] if self.fire is not None else []  # after all that changes velocities
+        self.all += [self.fire] if self.fire is not None else []  # after everything else that changes velocities
 
     def _one_of(self, kind: type) -> Any:
         """Return the effect of a kind, or None."""
@@ -182,12 +182,12 @@ class Assembly:
 
     @property
     def begins_substeps(self) -> bool:
-        """Whether springs change at the start of a substep: an effect changes them, or they break."""
+        """Whether springs change when a substep begins, by an effect or because they break."""
         pieces = [one.piece for one in self.all if isinstance(one.piece, ForceTerm)]
         return self.fracture is not None or any(piece.begin is not None for piece in pieces)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
-        """Return for each world the arrays from which the effects of a single run are restored."""
+        """Return for each world the arrays from which a single run restores its effects."""
         found: list[dict[str, NDArray]] = [{} for _ in range(self.model.worlds)]
         for effect in self.all:
             if effect is self.body_contact:
@@ -199,9 +199,9 @@ class Assembly:
         return found
 
     def take_over(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
-        """Take over the work, and the state of each effect, from the assembly `other` before a change.
+        """Copy the work and the state of each effect from `other`, the assembly before a change of the scene.
 
-        x and v are its current positions and velocities.
+        x [m] and v [m/s] are the current positions and velocities in `other`.
         """
         if self.external_work is not None and other.external_work is not None:
             self.external_work.before += other.external_work.totals(x, v)
@@ -270,7 +270,7 @@ def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> 
 
 
 def _check_starts(model: Model, colliders: Sequence[Collider]) -> None:
-    """Raise ValueError if worlds that differ start inside obstacles: all worlds share one depenetration."""
+    """Raise ValueError if worlds that differ start inside obstacles, since all worlds share one depenetration."""
     if not colliders or not {"position", "rest_length", "mass"} & model.rows.keys():
         return
     positions = model.row_of("position")

@@ -1,4 +1,4 @@
-"""ContactLaunch: takes the substeps of small bodies in contact in one launch, by a cluster of blocks of a GPU."""
+"""ContactLaunch: one launch for all substeps of small bodies in contact, by a cluster of blocks of a GPU."""
 
 from collections.abc import Sequence
 
@@ -12,17 +12,17 @@ from .persistent import CLUSTER
 from .stages import Stage
 
 AHEAD = 2.0
-"""Lists are made again unless they hold for this many substeps at the present speeds: one is what is needed."""
+"""Lists are made again unless valid for this many substeps at present speeds; one would suffice."""
 MOST = 2**13, 2**8, 2**11
 """Points, bodies and particles up to which a cluster may be faster than the whole GPU."""
 MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
-"""With more points near anything the threads would take them in turns."""
+"""Above this number of active points, threads would take several points in turn."""
 
 
 class ContactLaunch:
     """Launches `persistent_contact`: stages, forces of contact and searches in one kernel.
 
-    Its parts are the kernels that are launched one by one otherwise.
+    It is composed of the kernels that otherwise are launched one by one.
     """
 
     def __init__(self, dynamics: Dynamics, effect: BodyContact, stages: Sequence[Stage]) -> None:
@@ -33,15 +33,15 @@ class ContactLaunch:
 
     @property
     def pays(self) -> bool:
-        """Whether few enough points are near anything: else launches that fill the whole GPU are faster.
+        """Whether so few points are near anything that separate launches, which fill the GPU, are slower.
 
-        Where pairs are kept apart, this kernel would take half a minute to compile and save a tenth of the time.
+        False if pairs are kept apart: the kernel would compile for half a minute and save a tenth of the time.
         """
         planes = self._effect.planes
         return (planes is None or not planes.awake) and self._effect.neighbors.active <= MOST_ACTIVE
 
     def launch(self, substeps: int, first: int) -> None:
-        """Take substeps from number `first` of a frame on."""
+        """Take `substeps` substeps of a frame, from number `first` on."""
         dynamics, effect, model = self._dynamics, self._effect, self._dynamics.model
         neighbors, planes, triangles = effect.neighbors, effect.planes, effect.surfaces.triangles
         dynamics.go_to_substep(first)
@@ -60,7 +60,7 @@ class ContactLaunch:
 
 
 def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int) -> ContactLaunch | None:
-    """Return the launch of whole frames, or None if the scene is too large for it or has other effects."""
+    """Return the launch of whole frames; None if the scene is too large or has other effects than contact."""
     model, effect, algorithm = dynamics.model, dynamics.assembly.body_contact, dynamics.composition.force_algorithm
     if effect is None or model.in_worlds or not model.device.is_cuda or model.device.arch < 90 or per_substep != 1:
         return None

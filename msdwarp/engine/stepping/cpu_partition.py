@@ -1,4 +1,4 @@
-"""CpuPartition: divides a body's particles among CPU threads, each with launches of its own."""
+"""CpuPartition: divides a body's particles among CPU threads; each thread has its own launches."""
 
 import ctypes
 import os
@@ -36,8 +36,8 @@ THREADS = "MSDWARP_THREADS"
 class CpuPartition:
     """Divides a body's particles among threads, at least 2, and records the launches of each thread for a frame.
 
-    The first thread launches the whole frame, but only its part of the stages. The other threads launch their
-    parts. The graphs of all threads run at the same time; threads wait for each other inside kernels.
+    The first thread launches the whole frame, but only its part of the stages; the others only their parts.
+    The graphs of all threads run at the same time; threads wait for each other inside kernels.
     """
 
     def __init__(self, model: Model, composition: Composition, threads: int) -> None:
@@ -88,7 +88,7 @@ class CpuPartition:
     def launch_parts(self, launch_part: Callable[[int, int], None]) -> None:
         """Launch the first thread's part, `launch_part(0, threads)`, and store the others' parts for later.
 
-        There is a barrier before the parts, and another one after them.
+        A barrier is before the parts, and another after them.
         """
         assert self.is_recording
 
@@ -102,7 +102,7 @@ class CpuPartition:
     def launch_if(self, condition: wp.array, launch: Callable[[], None]) -> None:
         """Record launches that each thread runs only if `condition`, shape [1], is not 0 in that frame.
 
-        There must be a barrier before; the first of these launches is another one, behind which it may change.
+        A barrier must precede, and the first of these launches must be a barrier: after it `condition` may change.
         """
         assert self.is_recording
         outer, self._launches = self._launches, [self._launch_barrier]
@@ -174,7 +174,7 @@ def repeat(left: wp.array, times: int, launch: Callable[[], object]) -> None:
 
 
 def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:
-    """Return the first particle of each thread, and the end of the last thread's, shape [threads + 1].
+    """Return the first particle of each thread, and last the particle count, shape [threads + 1].
 
     Each thread gets consecutive particles with about the same number of spring ends (`ends`, shape
     [connection_count, 2]).
@@ -185,9 +185,9 @@ def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDA
 
 
 def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """Return the springs with an end among particles first … last − 1, and their other particles.
+    """Return the springs with an end among particles first … last − 1, and the other particles of these springs.
 
-    The springs are ranges [start, stop), shape [range_count, 2].
+    The springs are given as ranges [start, stop), shape [range_count, 2].
     """
     within = (ends >= first) & (ends < last)
     touching = within.any(axis=1)
@@ -196,9 +196,9 @@ def ending_in(ends: NDArray[np.integer], first: int, last: int) -> tuple[NDArray
 
 
 def threads_for(assembly: Assembly, threads: int | str) -> int:
-    """Return the number of CPU threads for a body. "auto": one per core, fewer for small bodies.
+    """Return the number of CPU threads for a body; for "auto" one per core, fewer for small bodies.
 
-    Raises ValueError if `threads` is neither "auto" nor a whole number of at least 1, or more than 1 on a GPU.
+    Raises ValueError unless `threads` is "auto" or a whole number of at least 1, which is 1 on a GPU.
     """
     on_gpu = assembly.model.device.is_cuda
     if threads != "auto":

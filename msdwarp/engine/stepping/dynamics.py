@@ -35,7 +35,7 @@ from .world_differences import differences, fill_world_data, threads_at_a_time
 MOST_SELECTIVE = 8
 """Number of bits in the mask of the selective effects that act on a particle."""
 MOST_IN_SECOND_PASS = 0.25
-"""Largest share of masked particles for which a second launch advances them."""
+"""Largest fraction of masked particles for which a second launch advances them."""
 
 
 class Dynamics:
@@ -72,7 +72,7 @@ class Dynamics:
             effect.use_partition(self.partition)
         self._single_launch = not assembly.begins_substeps
         """Whether one launch can do all that a stage does to particles and springs."""
-        slow = self.launches_before_forces or self.model.in_worlds  # where a launch has a thread per particle
+        slow = self.launches_before_forces or self.model.in_worlds  # if launches have a thread per particle
         self._one_thread = not self.model.device.is_cuda and slow and self._single_launch
         self._stage_arrays = StageArrays()
         self._steps, self._last_stage, self._stage = Steps(1.0, 1), 0, 0
@@ -107,8 +107,8 @@ class Dynamics:
     ) -> bool:
         """Return whether a second launch advances the particles on which selective effects act.
 
-        After a launch of this size another one costs about 7 µs, less than sums of work in each column. It also
-        lets launches before forces run in parallel with the forces of springs.
+        A second launch costs about 7 µs, less than sums of work in each column would. It also lets launches before
+        forces run in parallel with the forces of springs.
         """
         model, terms = self.model, [one for one in terms if one.force is not None]
         if not model.device.is_cuda or model.in_worlds or not all(one.selective for one in terms):
@@ -158,7 +158,7 @@ class Dynamics:
         return effect_mask
 
     def begin(self, steps: Steps) -> None:
-        """Prepare for frames of these substeps."""
+        """Prepare for frames with the substeps `steps`."""
         self._steps, self._last_stage = steps, steps.substeps * len(steps.stage_times)
         self.model.generation += 1  # graphs must be recorded with the new tables
         if self.composition.timed:
@@ -176,7 +176,7 @@ class Dynamics:
             effect.begin_frame(time)
 
     def prepare(self, time: float) -> None:
-        """Do early work on the host for the frame that begins at `time` [s], while another one runs."""
+        """Do early work on the host for the frame that begins at `time` [s], while another frame runs."""
         for effect in self.assembly.all:
             effect.prepare(time)
 
@@ -196,7 +196,7 @@ class Dynamics:
 
     @contextmanager
     def measuring(self, substep: int) -> Iterator[None]:
-        """Set effects to a substep's end while forces are measured. These do no work and count as no stage."""
+        """Set effects to a substep's end while forces are measured, which do no work and are not a stage's."""
         if self.composition.timed:  # the end is the start of the next substep
             self.scene.stage = (substep + 1) * len(self._steps.stage_times)
         work = self.assembly.external_work
@@ -228,7 +228,7 @@ class Dynamics:
         self.go_to_substep(substep)
 
     def end_substep(self, state: State, substep: int) -> None:
-        """End substep number `substep` of a frame: launch effects' changes of its result, `state.state_out`."""
+        """End substep number `substep` of a frame: launch what effects change in its result, `state.state_out`."""
         for effect in self._ending:
             effect.end_substep(state.state_in, state.state_out, substep)
 
@@ -241,7 +241,7 @@ class Dynamics:
             self.scene.stage = substep * len(self._steps.stage_times)
 
     def stop_fracture(self) -> None:
-        """Stop breaking until the next substep: springs break in the first stage only."""
+        """Prevent breaking until the next substep, since springs break in the first stage only."""
         if self.composition.force_algorithm.tears:
             self.scene.forces.breaking.substep = NO_SUBSTEP
 
@@ -271,7 +271,7 @@ class Dynamics:
             steps = self._stage_arrays.array_of(step, partition.kernel(method), self.model.device)
             partition.launch(method, self.scene, steps, 1)
         elif forced and self._one_thread:
-            kernel = self.persistent(method, 1, 1)  # a thread per particle would copy its arguments first
+            kernel = self.persistent(method, 1, 1)  # with a thread per particle each would copy the arguments
             steps = self._stage_arrays.array_of(step, kernel, self.model.device)
             launch_persistent(kernel, self.model, self.scene, steps, 1, self.model.worlds, 1)
         else:
@@ -283,26 +283,26 @@ class Dynamics:
         self.stop_fracture()
 
     def persistent(self, method: Any, blocks: int, threads: int) -> Any:
-        """Return the kernel of many stages by blocks of threads; a world takes one block."""
+        """Return the kernel that runs many stages by blocks of threads, one block per world."""
         if self.model.in_worlds:
             return persistent(self.composition, method, 1, threads, threads_at_a_time(self.assembly))
         return persistent(self.composition, method, blocks)
 
     @property
     def repeats(self) -> bool:
-        """Whether substeps within a frame are the same launches on a CPU, where to record a launch takes 1 ms."""
+        """Whether all substeps of a frame are the same launches, on a CPU, where recording a launch takes 1 ms."""
         alike = not self.composition.timed and not any(one.numbers_substeps for one in self.assembly.all)
         return alike and not self.model.device.is_cuda
 
     def repeat(self, times: int, launch: Callable[[], None]) -> None:
-        """Make launches that the device repeats this many times, at least once."""
+        """Call `launch`, whose launches the device repeats this many times, at least once."""
         if self.partition is not None and self.partition.is_recording:
             self.partition.repeat(times, launch)
         else:
             repeat(self._left, times, launch)
 
     def _search(self, step: Any, begins: bool) -> None:
-        """Launch the searches of effects for a stage: not on a side stream, where no launch can be conditional."""
+        """Launch effects' searches for a stage, not on the side stream, where launches cannot be conditional."""
         steps, after = self._steps, 0.0
         if self._in_frame and not begins and not self._measuring and self._stage < len(steps.stage_times):
             after = (steps.stage_times[self._stage] - 1.0) * steps.dt
@@ -327,7 +327,7 @@ class Dynamics:
 
     @property
     def only_contact_precedes(self) -> bool:
-        """Whether contact between bodies, without sums of its forces, is all that is launched beside stages."""
+        """Whether nothing but contact between bodies, without sums of its forces, is launched beside stages."""
         effect = self.assembly.body_contact
         if effect is None or self._preceding != [effect] or effect.impulse is not None:
             return False
@@ -335,11 +335,11 @@ class Dynamics:
 
     @property
     def launches_between(self) -> bool:
-        """Whether an effect needs a launch of its own before forces, so that each stage must be a launch."""
+        """Whether an effect needs its own launch before forces, so that each stage must be one launch."""
         return len(self._evaluated_within()) < len(self._preceding)
 
     def _evaluated_within(self) -> list[Effect]:
-        """Return the effects whose parts a single launch of many stages, or of one CPU thread, evaluates."""
+        """Return the effects that are evaluated within a single launch of many stages, or of one CPU thread."""
         if self.partition is not None:
             return []
         return [one for one in self._preceding if isinstance(one.piece, ForceTerm) and one.piece.parts is not None]

@@ -1,4 +1,4 @@
-"""Fire: leads a body to a minimum of its energy, by velocities that it changes after each substep."""
+"""Fire: moves a body to a minimum of its energy, by changing velocities after each substep."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from ..model.state import Instant
 
 
 class Fire(Effect):
-    """Changes velocities after each substep as `msdwarp.kernels.integrators.fire` says."""
+    """Changes velocities after each substep; the method is in `msdwarp.kernels.integrators.fire`."""
 
     piece = None
 
@@ -39,15 +39,15 @@ class Fire(Effect):
 
     @property
     def changing(self) -> list[wp.array]:
-        """What has been decided."""
+        """The arrays that substeps change: the method's decisions."""
         return [self._decision]
 
     def use_partition(self, partition: Launcher | None) -> None:
-        """Let the first thread of a launcher do all."""
+        """Let the first thread of `partition` run all launches."""
         self._partition = partition
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch nothing; but so each substep is launched by itself."""
+        """Launch nothing; that this method exists makes each substep its own launch."""
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch the sums, the decision and the change of velocities."""

@@ -63,7 +63,7 @@ class PerStage:
 
 
 def column_count(model: Model, algorithm: Any) -> int:
-    """Return the number of columns that an algorithm advances; 0 if it advances single particles."""
+    """Return the number of particle columns that an algorithm advances; 0 if it advances single particles."""
     return columns(model) if algorithm.column_forces and not model.in_worlds else 0
 
 
@@ -76,5 +76,5 @@ def columns(model: Model) -> int:
 
 
 def of_each_world(model: Model, count: int) -> int | tuple[int, int]:
-    """Return the threads of a launch: `count` for each world."""
+    """Return the dimensions of a launch with `count` threads for each world."""
     return (model.worlds, count) if model.in_worlds else count

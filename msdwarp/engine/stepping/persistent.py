@@ -1,4 +1,4 @@
-"""Launches of many stages at once: by a block or a cluster of blocks on a GPU, by one thread on the CPU."""
+"""Single launches of many stages, by a block or a cluster of blocks on a GPU, or one CPU thread."""
 
 from typing import Any
 

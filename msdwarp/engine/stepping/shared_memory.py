@@ -1,4 +1,4 @@
-"""Small worlds in shared memory: the layout of a world's state for the block of threads that advances it."""
+"""Small worlds in a GPU's shared memory: the layout of a world's state for the block that advances it."""
 
 from typing import Any, NamedTuple
 
@@ -58,8 +58,8 @@ class Chip(NamedTuple):
 def on_chip(dynamics: Dynamics, state: State, method: Any, stages: list[Any]) -> Chip | None:
     """Return the layout of worlds in shared memory; None if they do not fit.
 
-    `state_in` and `state_out` share memory: in a block no thread writes before all have read. The method must
-    write `state_out` in the last of its `stages` only.
+    `state_in` and `state_out` have the same memory, since no thread of a block writes before all have read. The
+    method must write `state_out` only in the last of its `stages`.
     """
     model, force_algorithm = dynamics.model, dynamics.composition.force_algorithm
     if not model.device.is_cuda or force_algorithm.evaluate is not None or dynamics.assembly.begins_substeps:
@@ -96,11 +96,11 @@ def on_chip(dynamics: Dynamics, state: State, method: Any, stages: list[Any]) ->
 
 
 def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
-    """Return a world's threads, how far they read beyond its particles, and whether it has columns."""
+    """Return the threads of a world, how many particles beyond its own they read, and whether it has columns."""
     count, lattice = model.particle_count, model.lattice
     if lattice is None:
         return count, 0, False
-    few = 2 * len(lattice.steps) <= MANY_NEIGHBOURS  # then columns are no faster than reads from the cache
+    few = 2 * len(lattice.steps) <= MANY_NEIGHBOURS  # with few neighbours columns are no faster than the cache
     if count <= MOST_THREADS or few or force_algorithm.column_forces is None or lattice.stride <= 0:
         return count, lattice.reach, False
     columns = -(-count // (COLUMN * lattice.stride)) * lattice.stride
@@ -108,13 +108,13 @@ def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
 
 
 def _addresses(instant: Instant) -> list[int]:
-    """Return the addresses of the arrays of an instant, in an order that is equal for both instants of a state."""
+    """Return the addresses of an instant's arrays, in the same order for both instants of a state."""
     arrays = [instant.x, instant.v, *instant.method_state, instant.compensation.x]
     return [int(array.ptr) for array in arrays if array.size]
 
 
 def _addresses_in(table: Any, name: str) -> Any:
-    """Return a view of the addresses of an array in each stage."""
+    """Return a view of the addresses that array `name` has in each stage."""
     for part in name.split("."):
         table = table[part]
     return table["data"]

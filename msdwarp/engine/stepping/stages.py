@@ -14,7 +14,7 @@ class Stage(NamedTuple):
     method: Any
     """One of the functions of `msdwarp.kernels.integrators`."""
     fields: dict[str, Any]
-    """The fields of its `Step`: arrays that it reads and writes, and its numbers."""
+    """The fields of the method's `Step`: arrays that a stage reads and writes, and numbers."""
 
     def step(self, composition: Any) -> Any:
         """Return the fields as the struct `Step` that the method's kernels take."""
@@ -38,11 +38,11 @@ class StageArrays:
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
 
     def array_of(self, step: Any, kernel: Any, device: Any) -> wp.array:
-        """Return the struct of a stage as an array of length 2, as kernels of many stages take it."""
-        # Warp shares one kernel among identical sources, so its type of a step may come from another composition
-        # with the same fields.
+        """Return the struct of a stage as an array of length 2, the argument of kernels of many stages."""
+        # Warp shares one kernel among identical sources. So the type of its argument may come from another
+        # composition, with the same fields.
         Step: Any = kernel.adj.args[1].type.dtype
         raw = bytes(step.__ctype__())
-        if raw not in self._kept:  # copied by NumPy: Warp would record the copy
+        if raw not in self._kept:  # NumPy copies it, since Warp would record the copy
             self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
         return wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=device)

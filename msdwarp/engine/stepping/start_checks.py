@@ -35,7 +35,7 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
 def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | None:
     """Warn about a doubtful start; return a message about an overlap with an obstacle or between bodies.
 
-    The warning names the line two calls up. ValueError is raised if depenetration would tear a body.
+    The warning names the line two calls up. Raises ValueError if depenetration would tear a body.
     """
     model, obstacles, drives = assembly.model, assembly.colliders, assembly.drives
     depenetrates, free = obstacles is None or obstacles.leads_out, np.isfinite(model.mass)
@@ -55,7 +55,7 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
 def start_inside(
     system: System, colliders: Sequence[Collider], free: NDArray[np.bool_], *, depenetrates: bool
 ) -> str | None:
-    """Return a message about the particle that starts deepest in an obstacle; None if all are outside or touching.
+    """Return a message about the particle that starts deepest in an obstacle; None if none is inside.
 
     Pinned and driven particles, which are not `free`, may be anywhere. The rule "report" has no depenetration.
     """
@@ -86,8 +86,8 @@ def start_inside(
 def check_swallowed(system: System, colliders: Sequence[Collider], free: NDArray[np.bool_]) -> None:
     """Raise ValueError for a body that starts wholly inside an obstacle and would be torn on the way out.
 
-    Each particle is moved out by its own shortest way. In the middle of a box or wall, one half of a body would
-    leave on one side, and the other half on the opposite side.
+    Depenetration moves each particle out by its own shortest way. So in the middle of a box or wall the two halves
+    of a body would leave on opposite sides.
     """
     if not colliders or not system.connection_count or not free.any():
         return
@@ -117,7 +117,7 @@ def start_far(model: Model) -> str | None:
     """Return a message about a system too far from the origin for float32 strains; None if it is near."""
     system = model.system
     if model.precision != "float32" or not system.connection_count:
-        return None  # compensated sums carry the rounding errors
+        return None  # compensated sums add the rounding errors
     most = float(max(system.position.max(), -system.position.min()))
     apart, shortest = float(np.spacing(np.float32(most))), float(stored(system.rest_length).min())
     if apart <= COARSE * shortest:

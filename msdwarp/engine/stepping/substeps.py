@@ -1,6 +1,6 @@
 """Stepper: takes the substeps of a frame, with a launch per stage or one for all.
 
-How long and how many they are: `integrators/stability.py` and `simulation/substep_controller.py`.
+`integrators/stability.py` and `simulation/substep_controller.py` choose their length and number.
 """
 
 from collections.abc import Callable, Sequence
@@ -65,7 +65,7 @@ class Stepper:
         self.contact: ContactLaunch | None = None
         """Launches whole frames of small bodies in contact; None if that is not possible."""
         self.takes_contact_along = False
-        """Whether it launches the next frames."""
+        """Whether `contact` launches the next frames."""
         if chosen and single and not one_launch and after_substep is None:
             self.contact = contact_launch(dynamics, stages_only, len(stages_only) // 2)
         self._repeats = single and after_substep is None and dynamics.repeats
@@ -85,17 +85,17 @@ class Stepper:
 
     @property
     def may_take_contact_along(self) -> bool:
-        """Whether the coming frame is best one launch, with all of contact in it."""
+        """Whether one launch for the coming frame, with all of contact in it, is fastest."""
         return self.contact is not None and self.contact.pays
 
     def take(self, substeps: int, first: int = 0) -> None:
-        """Take substeps from number `first` of a frame on. The new state is in the arrays that had the old one."""
+        """Take `substeps` substeps from number `first` of a frame on, and write the new state over the old."""
         if self.takes_contact_along and self.contact is not None:
             self.contact.launch(substeps, first)
             if substeps % 2:
                 self._state.flip()
         elif self.blocks is None:
-            begun, pairs = 2, (substeps - 3) // 2  # the first two are not like others, nor is the last
+            begun, pairs = 2, (substeps - 3) // 2  # the first two and the last substep differ from the others
             if not self._repeats or pairs < 2 or first > 0:
                 begun = pairs = 0
             self._take_each(range(begun), first)
@@ -121,7 +121,7 @@ class Stepper:
                 self._after_substep(first + k)
 
     def _launch_all(self, blocks: int, threads: int, stages: int, first: int) -> None:
-        """Take stages from substep number `first` on in one launch, or in one per CPU thread."""
+        """Take `stages` stages from substep number `first` on, in one launch or one per CPU thread."""
         dynamics, partition = self._dynamics, self._dynamics.partition
         dynamics.go_to_substep(first)
         if partition is not None and partition.is_recording:

@@ -1,4 +1,4 @@
-"""Velocities at the time of the positions, and at the method's own time."""
+"""Velocities at the time of the positions, and at the time to which the method's velocities belong."""
 
 import warp as wp
 
@@ -11,8 +11,8 @@ from .stages import Stage
 class Velocities:
     """Shifts velocities between the time of the positions and the method's own time.
 
-    The method's velocities lag behind positions by `lag` [s], which is negative if time runs backwards. Unless
-    they are `staggered`, velocities are given and read at the method's time, and are not shifted.
+    The method's velocities lag behind positions by `lag` [s], which is negative if time runs backwards. Velocities
+    are shifted only if they are `staggered`; else users give and read them at the method's time.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float, staggered: bool) -> None:
@@ -34,8 +34,8 @@ class Velocities:
     def change_lag(self, lag: float) -> None:
         """Shift the state's velocities for substeps with another lag [s].
 
-        Without the shift each change of the step would change the energy: (h/2) Σ v·f is up to 0.8 of the energy
-        of the fastest mode.
+        Without it each change of the step would change the energy by (h/2) Σ v·f, up to 0.8 of the energy of the
+        fastest mode.
         """
         if self._staggered:
             wp.copy(self._state.v, self.read())
@@ -50,7 +50,7 @@ def kicked(dynamics: Dynamics, state: State, seconds: float, v_out: wp.array) ->
     The forces are those at the state's positions, without contact.
     """
     start = state.state_in
-    v = start.method_state[0] if start.method_state else start.v  # the velocities that dampers use
+    v = start.method_state[0] if start.method_state else start.v  # the velocities that dampers act on
     fields = {"compensation": start.compensation, "x": start.x, "v": v, "v_half": start.v, "v_out": v_out}
     dynamics.run(Stage(kick, {"h": seconds, **fields}))
     return v_out

@@ -36,7 +36,7 @@ def differences(assembly: Assembly, forces: EnsembleForces) -> Differences:
 
 
 def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, frozen: Any) -> None:
-    """Fill in the struct of the differences that `world_data` composes; `frozen` is the status of each world."""
+    """Write the differences between worlds to `data`; `frozen` is the status of each world, see `Dynamics`."""
     model = assembly.model
     data.stride, data.frozen = model.stride_in_bytes, frozen
     if "gravity" in model.rows:
@@ -52,7 +52,7 @@ def fill_world_data(data: Any, assembly: Assembly, forces: EnsembleForces, froze
 
 
 def threads_at_a_time(assembly: Assembly) -> int:
-    """Return the number of threads per multiprocessor; solid obstacles take more registers."""
+    """Return the number of threads per multiprocessor, half as many with solid obstacles, which take registers."""
     solids = assembly.colliders is not None and not assembly.colliders.planes_only
     return MOST_IN_BLOCK[assembly.model.precision] // (2 if solids else 1)
 
@@ -60,7 +60,7 @@ def threads_at_a_time(assembly: Assembly) -> int:
 def threads_of_world(assembly: Assembly, threads: int | str | None) -> int | None:
     """Return the number of threads for one launch of all substeps of a world; None for a launch per stage.
 
-    `threads` is the requested number, None or "auto"; ValueError is raised if the number is not possible.
+    `threads` is the requested number, None or "auto". Raises ValueError for a number that is not possible.
     """
     model, launches_between = assembly.model, any(one.precedes for one in assembly.all)
     if isinstance(threads, str):
@@ -84,5 +84,5 @@ def threads_of_world(assembly: Assembly, threads: int | str | None) -> int | Non
 
 
 def power_of_two(threads: int) -> int:
-    """Round up to a power of two, at least 32: a kernel is compiled for each number of threads."""
+    """Round up to a power of two, at least 32, since each number of threads needs a compiled kernel."""
     return max(32, 1 << (threads - 1).bit_length())
