@@ -95,8 +95,8 @@ def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
     """Return what is not tried by other algorithms on the CPU, which are slow.
 
     How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
-    that are composed of both. The functions of a file take turns: every other one is tried by gathering, those
-    between by the stencil, with every value of each of several parameters, or every fourth of the only one.
+    that are composed of both. The functions of a file take turns: of six, the first is tried by gathering and the
+    fourth by the stencil, with every value of each of several parameters, or every fourth of the only one.
     """
     left: set[pytest.Item] = set()
     for tests in _products(items):
@@ -106,9 +106,9 @@ def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
             module = vars(tests[0].module)  # type: ignore[attr-defined]
             given = {name: str(signature(module[name])) for name in module if name.startswith("test_")}
             functions = [name for name in given if re.search(r"\bdevice", given[name])]
-            odd = functions.index(tests[0].originalname) % 2  # type: ignore[attr-defined]
+            turn = functions.index(tests[0].originalname) % 6  # type: ignore[attr-defined]
             left |= set(tests)
-            if force_algorithm == ("cpu gather", "cpu stencil")[odd]:
+            if force_algorithm == {0: "cpu gather", 3: "cpu stencil"}.get(turn):
                 left -= set(_covering(tests) if len(_values(tests[0])) > 1 else tests[::4])
     return left
 

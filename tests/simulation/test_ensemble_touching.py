@@ -65,7 +65,6 @@ def test_worlds_touch_as_alone(plain_device, force_algorithm):
     ("force_algorithm", "method", "precision"),
     [
         ("scatter", "leapfrog", "float32"),
-        ("gather", "leapfrog", "float32-compensated"),
         ("gather", "extrapolated", "float64"),
         ("scatter", "rk4", "float64"),
     ],
