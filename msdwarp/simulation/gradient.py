@@ -84,8 +84,9 @@ class Differentiable(Present):
         """Return a loss of the coming frames, and its derivatives by the present state and by parameters.
 
         The frames are taken from the present state, at the present number of substeps, and led back from the last
-        to the first; the simulation itself stays as it is. The state at the start of each frame is kept, and a
-        frame's substeps are taken once more. See docs/gradients.md for what can be differentiated.
+        to the first; the simulation itself stays as it is. The state at the start of each frame is kept (of every
+        k-th if memory is short), and a frame's substeps are taken once more. See docs/gradients.md for what can be
+        differentiated.
 
         In an ensemble each world has its own loss and derivatives, and all are led back together: `value` and what
         the loss returns, the derivatives and `growth` have the axis of worlds first, as the `Frames` have.

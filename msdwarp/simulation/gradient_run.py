@@ -1,5 +1,6 @@
 """A differentiable run: frames forward, and derivatives of a loss from the last frame to the first."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -7,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .. import checks
 from ..engine import (
     Adjoint,
     Assembly,
@@ -20,6 +22,10 @@ from ..engine import (
 from ..integrators import Integrator, StepChoice
 from ..runtime import record
 from .stepping import Stepping
+
+SHARE = 0.25
+"""Most of the free memory that states at the start of all frames may take. On a CPU the frames that the loss gets
+take nearly as much again, and its derivatives twice that."""
 
 
 class Frames(NamedTuple):
@@ -87,9 +93,11 @@ class Differentiated:
             Adjoint(dynamics, names) if tableau is None else StageAdjoint(dynamics, names, tableau, choice.step)
         )
         self._strains, self._by_strain = "strain" in names, None
-        self._checkpoints: list[Sequence[wp.array]] = []
+        self._checkpoints, self._between = list[Sequence[wp.array]](), list[Sequence[wp.array]]()
+        self._every, self._part = 1, 0
+        """A checkpoint is every so many frames; the states between are those after checkpoint number `_part`."""
         self._v_read, self._times = self._model.vectors(), list[float]()
-        self._graph: Any = None
+        self._graphs = dict[str, Any]()
         self.stopped = np.zeros(self._model.worlds if self._model.in_worlds else (), dtype=bool)
         """Which worlds have diverged, shape [worlds]; in a simulation False, of shape []."""
 
@@ -99,14 +107,18 @@ class Differentiated:
 
     def forward(self, frames: int) -> Frames:
         """Take frames from the start, and return them."""
-        found = list[tuple[NDArray, NDArray]]()
+        model = self._model
+        shape: tuple[int, ...] = (frames + 1, model.particle_count, model.dim)
+        shape = (model.worlds, *shape) if model.in_worlds else shape
+        size = 2 * math.prod(shape) * np.dtype(model.dtype).itemsize
+        checks.fits(f"frames is {frames}", "their positions and velocities", size)
+        position, velocity = (np.empty(shape, model.dtype) for _ in range(2))
 
-        def read(time: float) -> None:
-            frame = self._stepping.frame(time)
-            found.append((np.array(frame.position), np.array(frame.velocity)))
+        def read(k: int) -> None:
+            frame = self._stepping.frame(self._times[k])
+            position[..., k, :, :], velocity[..., k, :, :] = frame.position, frame.velocity
 
         self.take(frames, read)
-        position, velocity = (np.stack(each, axis=-3) for each in zip(*found, strict=True))
         velocity[..., 0, :, :] = self._of_each_world(self._given_v)
         if self._stepping.frozen is not None:
             last = self._stepping.frozen.found().good_frames
@@ -115,20 +127,48 @@ class Differentiated:
                 position[w, last[w] + 1 :] = velocity[w, last[w] + 1 :] = np.nan
         return Frames(np.array(self._times), position, velocity)
 
-    def take(self, frames: int, look: Callable[[float], None] = lambda time: None) -> None:
-        """Take frames from the start, and keep the state at the start of each; call `look` at its time [s]."""
+    def take(self, frames: int, look: Callable[[int], None] = lambda k: None) -> None:
+        """Take frames from the start, and keep states to lead back from; call `look` with the number of each."""
         stepping, first = self._stepping, round(self._start * self._fps)
+        if len(self._times) != frames + 1:
+            self._make_room(frames + 1)
         times = self._times = [self._start, *((first + k + 1) / self._fps for k in range(frames))]
-        if len(self._checkpoints) != frames + 1:
-            self._checkpoints = [self._model.vectors_together(2) for _ in range(frames + 1)]
         now = stepping.state.x, stepping.state.v
         copy_vectors(now, self._first)
         stepping.begin_at(self._start)
         for k in range(frames + 1):
             if k > 0 and not stepping.advance(times[k - 1]):
                 raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
-            copy_vectors(self._checkpoints[k], now)
-            look(times[k])
+            copy_vectors(self._place(k), now)
+            look(k)
+        self._part = frames // self._every
+
+    def _make_room(self, count: int) -> None:
+        """Make room for the states at the start of `count` frames; if they take too much memory, for 2 √count."""
+        x: Any = self._first[0]
+        device, size = x.device, 2 * len(x) * x.strides[0]
+        free = device.free_memory if device.is_cuda else checks.free_memory()
+        many = free is not None and count * size > SHARE * free
+        self._every = math.isqrt(count - 1) + 1 if many else 1
+        self._checkpoints = [self._model.vectors_together(2) for _ in range(0, count, self._every)]
+        self._between = [self._model.vectors_together(2) for _ in range(self._every - 1)]
+
+    def _place(self, k: int) -> Sequence[wp.array]:
+        """Return the arrays for the state at the start of frame k."""
+        part, after = divmod(k, self._every)
+        return self._between[after - 1] if after else self._checkpoints[part]
+
+    def _state(self, k: int) -> Sequence[wp.array]:
+        """Return the state at the start of frame k; take the frames between its checkpoint and the next again."""
+        part, now = k // self._every, (self._stepping.state.x, self._stepping.state.v)
+        if part != self._part:
+            self._part, begin = part, part * self._every
+            copy_vectors(now, self._checkpoints[part])
+            for n in range(begin, min(begin + len(self._between), len(self._times) - 1)):
+                self._dynamics.begin_frame(self._times[n])
+                self._play(self._launch_again)
+                copy_vectors(self._place(n + 1), now)
+        return self._place(k)
 
     def backward(
         self, by_position: Sequence[NDArray | None], by_velocity: Sequence[NDArray | None]
@@ -170,20 +210,14 @@ class Differentiated:
 
     def _restart(self, k: int) -> None:
         """Write the state at the start of frame k to the start of the tape."""
-        copy_vectors(self._tape.states[0], self._checkpoints[k])
+        copy_vectors(self._tape.states[0], self._state(k))
         self._tape.go_to(0)
 
     def _lead_back(self, k: int) -> None:
         """Repeat frame k, and lead derivatives back through it; for k = 0 also to the given velocities."""
         self._restart(k)
         self._dynamics.begin_frame(float(self._times[k]))
-        partition = self._dynamics.partition
-        if partition is not None:
-            self._graph = self._graph or partition.record(self._launch_back)
-            self._graph.replay()
-        else:
-            self._graph = self._graph or record(self._launch_back, self._model.device)
-            wp.capture_launch(self._graph)
+        self._play(self._launch_back)
         if k == 0 and self._lag:
             x, v = self._checkpoints[0]
             self._dynamics.hold(float(self._times[0]))
@@ -201,6 +235,20 @@ class Differentiated:
         begin = k * self._stages
         rows = self._by_strain[..., begin : begin + self._stages, :]
         rows += stages[..., : rows.shape[-2], :]
+
+    def _play(self, launch: Callable[[], None]) -> None:
+        """Launch what a method launches, by a graph that is recorded the first time."""
+        name, partition = launch.__name__, self._dynamics.partition
+        if partition is not None:
+            self._graphs[name] = self._graphs.get(name) or partition.record(launch)
+            self._graphs[name].replay()
+        else:
+            self._graphs[name] = self._graphs.get(name) or record(launch, self._model.device)
+            wp.capture_launch(self._graphs[name])
+
+    def _launch_again(self) -> None:
+        """Launch a frame's substeps once more, without a judgement: it was fine."""
+        self._stepping.stepper.take(self._stepping.choice.substeps)
 
     def _launch_back(self) -> None:
         """Launch a frame's substeps, and their adjoints from the last to the first."""

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,8 +33,9 @@ from msdwarp import (
     System,
     box,
 )
-from msdwarp.engine import Effect
+from msdwarp.engine import Effect, Model
 from msdwarp.engine.adjoint.adjoint import DIFFERENTIABLE, WORDS
+from msdwarp.simulation import gradient_run
 from msdwarp.world import MouseSpring
 
 
@@ -67,7 +69,7 @@ def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_devic
 
 
 @pytest.mark.parametrize("method", [msd.SymplecticEuler(), RK4()])
-def test_threads_share_the_way_back(method):
+def test_threads_share_the_way_back(method, monkeypatch):
     # With a soft obstacle, a force and a gas, each of which is led back by parts, too.
     body, found = block(), []
     plane, loads = Plane((0.1, 0, 1), -0.1, **SOFT), [Force(soft_floor), msd.EnclosedGas(60.0)]
@@ -75,9 +77,12 @@ def test_threads_share_the_way_back(method):
         options = {"integrator": method, "threads": threads, "device": "cpu"}
         run = simulation(body, colliders=[plane], loads=loads, **options)
         found.append(run.gradient(loss, FRAMES, by=NAMES))
+    monkeypatch.setattr(gradient_run, "SHARE", 0.0)
+    again = run.gradient(loss, FRAMES, by=NAMES)  # takes frames again whose states do not fit
     for name in NAMES:  # the threads sum forces in another order
         scale = np.abs(found[0][name]).max()
         np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-10 * scale)
+        np.testing.assert_array_equal(again[name], found[1][name])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -183,6 +188,30 @@ def test_a_gradient_from_the_middle_has_the_frames_of_the_run(plain_device):
     np.testing.assert_allclose(found.frames.time, body.time + np.arange(FRAMES + 1) / 60, rtol=1e-14)
     body.step(FRAMES)
     np.testing.assert_array_equal(found.frames.position[-1], body.frame().position)
+
+
+@pytest.mark.parametrize(("share", "states"), [(1.0, 100 - 25), (0.0, 19 - 9)])
+def test_memory_grows_with_the_root_of_frames_that_do_not_fit(share, states, monkeypatch):
+    made, make = [0], Model.vectors_together
+
+    def counting(model: Model, count: int) -> Any:
+        made[0] += 1
+        return make(model, count)
+
+    monkeypatch.setattr(gradient_run, "SHARE", share)
+    monkeypatch.setattr(Model, "vectors_together", counting)
+    body, found = simulation(block(), substeps=8, device="cpu"), []
+    for frames in (24, 99):
+        made[0] = 0
+        body.differentiated(frames, ())
+        found.append(made[0])
+    assert found[1] - found[0] == states  # 10 checkpoints and 9 states between two, 5 and 4
+
+
+def test_frames_that_memory_cannot_hold_are_refused(monkeypatch):
+    monkeypatch.setattr(gradient_run.checks, "free_memory", lambda: 10**9)
+    with pytest.raises(ValueError, match="frames is 1000000; their positions and velocities take"):
+        simulation(block(), device="cpu").gradient(loss, 10**6)
 
 
 def test_float32_has_the_gradient_of_float64(plain_device):
