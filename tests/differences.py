@@ -32,6 +32,20 @@ def soft_floor(x: wp.vec3d, v: wp.vec3d, t: wp.float64, i: int) -> wp.vec3d:
     return force
 
 
+PAIR = {"connections": [[0, 1], [1, 2]], "stiffness": [50.0, 80.0], "damping": 0.2, "rest_length": [0.9, 0.4]}
+CHAIN = System(position=[[0.0, 0, 1], [1.0, 0, 1], [1.4, 0.2, 1]], mass=[0.3, 0.5, 0.4], **PAIR)
+ROWS = {
+    "position": CHAIN.position + 0.01 * np.random.default_rng(0).normal(size=(4, 3, 3)),
+    "velocity": np.array([[0.1, 0.0, 0.2], [0.0, 0.3, -0.1]]),  # the same for all particles, in every other world
+    "stiffness": CHAIN.stiffness * np.array([[0.8], [1.0], [1.2], [1.3]]),
+    "damping": np.array([0.2, 0.3]),
+    "rest_length": np.array(0.7),  # of all connections in all worlds
+    "mass": np.array([0.3, 0.4, 0.5, 0.6]),
+    "gravity": np.array([9.0, 9.8]),  # downwards
+}
+"""Parameters of four worlds of the chain, in all shapes that an ensemble takes."""
+
+
 def block() -> System:
     """Return a strained block, pinned at two particles, with different numbers everywhere."""
     rng = np.random.default_rng(0)

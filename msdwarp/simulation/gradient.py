@@ -127,13 +127,9 @@ class Differentiable(Present):
             )
         value[stopped] = np.nan
         for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
-            values = [None] * len(found.time)
             if each is not None:
-                if stopped.any():
-                    each = np.where(stopped[:, None, None, None], 0.0, each)
-                each = checks.broadcast(f"{name} of the loss", each, found.position.shape)
-                values = [one if one.any() else None for one in np.moveaxis(each, -3, 0)]
-            both.append(values)
+                each = run.by_frame(checks.broadcast(f"{name} of the loss", each, found.position.shape))
+            both.append(each or [None] * len(found.time))
         growth = run.backward(*both)
         growth[stopped] = 0.0
         most = float(growth.max())

@@ -170,6 +170,12 @@ class Differentiated:
                 copy_vectors(self._place(n + 1), now)
         return self._place(k)
 
+    def by_frame(self, values: NDArray[np.float64]) -> list[NDArray | None]:
+        """Return derivatives by each frame, None where all are 0; those of worlds that have diverged are 0."""
+        if self.stopped.any():
+            values = np.where(self.stopped[:, None, None, None], 0.0, values)
+        return [one if one.any() else None for one in np.moveaxis(values, -3, 0)]
+
     def backward(
         self, by_position: Sequence[NDArray | None], by_velocity: Sequence[NDArray | None]
     ) -> NDArray[np.float64]:

@@ -9,37 +9,50 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..simulation import GRADIENT_NAMES, Differentiated, Frames, Simulation
+from ..simulation import GRADIENT_NAMES, Differentiated, Ensemble, Frames, Simulation
 
 ARRAYS = tuple(name for name in GRADIENT_NAMES if name not in ("force", "strain"))
 
 
-def split_arrays(system: System, options: dict[str, Any], kind: Any) -> tuple[list[str], list[Any]]:
-    """Remove arrays of a kind, a type or several, from `options`; return their names and themselves.
-
-    Raises ValueError if gravity is no vector.
-    """
+def split_arrays(options: dict[str, Any], kind: Any) -> tuple[list[str], list[Any]]:
+    """Remove arrays of a kind, a type or several, from `options`; return their names and themselves."""
     names = [name for name in ARRAYS if isinstance(options.get(name), kind)]
-    arrays = [options.pop(name) for name in names]
-    for name, one in zip(names, arrays, strict=True):
-        if name == "gravity" and tuple(one.shape) != (system.dim,):
-            raise ValueError(
-                f"gravity has shape {tuple(one.shape)}; it must be a vector, of shape ({system.dim},)"
-            )
-    return names, arrays
+    return names, [options.pop(name) for name in names]
 
 
 def differentiated(
-    system: System, frames: int, values: Mapping[str, NDArray], options: Mapping[str, Any]
+    system: System, frames: int, worlds: int | None, values: Mapping[str, NDArray], options: Mapping[str, Any]
 ) -> tuple[Differentiated, Frames]:
-    """Take frames of a system with other values, which can be led back; see `Simulation` for `options`."""
-    names: Sequence[str] = list(values)
+    """Take frames of a system, or of many worlds of it, with other values, which can be led back."""
     own: dict[str, Any] = {name: np.asarray(one, dtype=np.float64) for name, one in values.items()}
+    if worlds is not None:
+        return Ensemble(system, worlds, **options, **own).differentiated(frames, list(values))
     around: dict[str, Any] = {"gravity": own.pop("gravity")} if "gravity" in own else {}
-    return Simulation(system.replace(**own), **options, **around).differentiated(frames, names)
+    return Simulation(system.replace(**own), **options, **around).differentiated(frames, list(values))
 
 
-def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, Any]:
+def led_back(
+    run: Differentiated, by_frames: Sequence[NDArray], shapes: Mapping[str, tuple[int, ...]]
+) -> list[NDArray]:
+    """Return derivatives by arrays of these shapes, given those by the positions and velocities of frames.
+
+    What stands for several particles, connections or worlds has the sum of their derivatives.
+    """
+    run.backward(*map(run.by_frame, by_frames))
+    sums = []
+    for name, found in run.found(shapes).items():
+        shape = shapes[name]
+        if name == "gravity" and len(shape) < found.ndim:  # numbers are downwards
+            found = -found[..., -1]
+        rows = min(len(shape), run.stopped.ndim)
+        if rows:  # world w has row w mod their number
+            found = found.reshape(-1, shape[0], *found.shape[1:]).sum(axis=0)
+        found = found.sum(axis=tuple(range(rows, rows + found.ndim - len(shape))))
+        sums.append(found.sum(axis=tuple(k for k, n in enumerate(shape) if n == 1), keepdims=True))
+    return sums
+
+
+def simulate_torch(system: System, frames: int, *, worlds: int | None = None, **options: Any) -> tuple[Any, Any]:
     """Return positions [m] and velocities [m/s] of the coming frames as tensors that can be differentiated.
 
     Parameters
@@ -48,26 +61,30 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
         What is simulated.
     frames
         How many frames.
+    worlds
+        How many worlds to simulate at once; None for one without an axis of worlds.
     options
         Tensors for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or "gravity" in place of
         the system's; gradients are led back to those that require them. One number may stand for all connections
-        or particles; gravity is a vector. Others are arguments of `Simulation`.
+        or particles; gravity is a vector, or a number downwards. Others are arguments of `Simulation`. With
+        `worlds` they are those of `Ensemble`, and tensors have its shapes: rows first, one for each world.
 
     Returns
     -------
     position, velocity
-        Tensors of shape [frames + 1, particle_count, d], in float64 on the host.
+        Tensors of shape [frames + 1, particle_count, d], in float64 on the host; with `worlds` these come first.
+        A world that diverges has NaN from that frame on, and as its derivatives.
 
     Raises
     ------
     ValueError
-        See `Simulation` and `Simulation.gradient`.
+        See `Simulation` and `Simulation.gradient`, or `Ensemble` and `Ensemble.gradient`.
     ImportError
         Without PyTorch.
     """
     torch: Any = importlib.import_module("torch")
     checks.instance("system", system, System, "chain(5)")
-    names, tensors = split_arrays(system, options, torch.Tensor)
+    names, tensors = split_arrays(options, torch.Tensor)
 
     def on_host(tensor: Any) -> Any:
         return tensor.detach().cpu().numpy().astype(np.float64)
@@ -76,27 +93,26 @@ def simulate_torch(system: System, frames: int, **options: Any) -> tuple[Any, An
         @staticmethod
         def forward(ctx: Any, *given: Any) -> Any:
             values = dict(zip(names, map(on_host, given), strict=True))
-            ctx.run, found = differentiated(system, frames, values, options)
+            ctx.run, found = differentiated(system, frames, worlds, values, options)
             return tuple(torch.from_numpy(one.astype(np.float64)) for one in (found.position, found.velocity))
 
         @staticmethod
         def backward(ctx: Any, *by_frames: Any) -> Any:
-            ctx.run.backward(*map(on_host, by_frames))
-            found = ctx.run.found(names)
+            shapes = {name: tuple(one.shape) for name, one in zip(names, tensors, strict=True)}
+            found = led_back(ctx.run, [on_host(one) for one in by_frames], shapes)
             return tuple(
-                # One number that stands for all has the sum of their derivatives.
-                torch.as_tensor(found[name], dtype=one.dtype, device=one.device).sum_to_size(one.shape)
-                for name, one in zip(names, tensors, strict=True)
+                torch.as_tensor(each, dtype=one.dtype, device=one.device)
+                for each, one in zip(found, tensors, strict=True)
             )
 
     return Run.apply(*tensors)
 
 
-def simulate_jax(system: System, frames: int, **options: Any) -> tuple[Any, Any]:
+def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **options: Any) -> tuple[Any, Any]:
     """Return positions [m] and velocities [m/s] of the coming frames as JAX arrays that can be differentiated.
 
-    It can be used within `jax.jit` and `jax.grad` (reverse mode, first derivatives), not within `jax.vmap`. Within
-    `jax.jit` the backward pass takes the frames again, as JAX keeps arrays alone.
+    It can be used within `jax.jit` and `jax.grad` (reverse mode, first derivatives), not within `jax.vmap`: use
+    `worlds`. Within `jax.jit` the backward pass takes the frames again, as JAX keeps arrays alone.
 
     Parameters
     ----------
@@ -104,16 +120,14 @@ def simulate_jax(system: System, frames: int, **options: Any) -> tuple[Any, Any]
         What is simulated.
     frames
         How many frames.
-    options
-        Arrays for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or "gravity" in place of
-        the system's; gradients are led back to them. One number may stand for all connections or particles;
-        gravity is a vector. Others are arguments of `Simulation`.
+    worlds, options
+        As of `simulate_torch`, with arrays in place of tensors; gradients are led back to all of them.
 
     Returns
     -------
     position, velocity
-        Arrays of shape [frames + 1, particle_count, d], in float64 if JAX has it enabled (`jax_enable_x64`), else
-        in float32.
+        Arrays of the shapes that `simulate_torch` returns, in float64 if JAX has it enabled (`jax_enable_x64`),
+        else in float32.
 
     Raises
     ------
@@ -127,26 +141,24 @@ def simulate_jax(system: System, frames: int, **options: Any) -> tuple[Any, Any]
     jax: Any = importlib.import_module("jax")
     checks.instance("system", system, System, "chain(5)")
     frames = checks.count("frames", frames, 1)
-    names, arrays = split_arrays(system, options, (jax.Array, np.ndarray))
+    names, arrays = split_arrays(options, (jax.Array, np.ndarray))
     dtype = jax.dtypes.canonicalize_dtype(np.float64)
-    shape = jax.ShapeDtypeStruct((frames + 1, system.particle_count, system.dim), dtype)
+    each_world = () if worlds is None else (checks.count("worlds", worlds, 1),)
+    shape = jax.ShapeDtypeStruct((*each_world, frames + 1, system.particle_count, system.dim), dtype)
 
     kept: list[Differentiated] = []
     """The run that is led back next, where JAX does not compile: compiled code may take others meanwhile."""
 
     def take_frames(*given: Any) -> Any:
         values = dict(zip(names, map(np.asarray, given), strict=True))
-        run, found = differentiated(system, frames, values, options)
+        run, found = differentiated(system, frames, worlds, values, options)
         return run, (found.position.astype(dtype), found.velocity.astype(dtype))
 
     def lead_back(given: Any, by_frames: Any) -> Any:
         run = kept.pop() if kept else take_frames(*given)[0]
-        by_position, by_velocity = (np.asarray(one, dtype=np.float64) for one in by_frames)
-        run.backward(list(by_position), list(by_velocity))
-        found = run.found(names)
-        # One number that stands for all has the sum of their derivatives.
-        sums = [found[name] if one.ndim else found[name].sum() for name, one in zip(names, given, strict=True)]
-        return tuple(np.asarray(one, dtype=like.dtype) for one, like in zip(sums, given, strict=True))
+        shapes = {name: tuple(one.shape) for name, one in zip(names, given, strict=True)}
+        found = led_back(run, [np.asarray(one, dtype=np.float64) for one in by_frames], shapes)
+        return tuple(np.asarray(one, dtype=like.dtype) for one, like in zip(found, given, strict=True))
 
     def compiles(given: Any) -> bool:
         return any(isinstance(one, jax.core.Tracer) for one in jax.tree.leaves(given))

@@ -4,15 +4,16 @@ import gc
 
 import numpy as np
 import pytest
+from differences import CHAIN, ROWS
 
-from msdwarp import Leapfrog, Simulation, System, simulate_jax
+from msdwarp import Ensemble, Leapfrog, Simulation, simulate_jax
 
 jax = pytest.importorskip("jax")
 test_util = pytest.importorskip("jax.test_util")
-PAIR = {"connections": [[0, 1], [1, 2]], "stiffness": [50.0, 80.0], "damping": 0.2, "rest_length": [0.9, 0.4]}
-CHAIN = System(position=[[0.0, 0, 1], [1.0, 0, 1], [1.4, 0.2, 1]], mass=[0.3, 0.5, 0.4], **PAIR)
 NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass")
 HOW = {"integrator": Leapfrog(), "precision": "float64", "substeps": 4}
+CHECK = {"order": 1, "modes": ["rev"], "eps": 1e-5, "atol": 1e-6, "rtol": 1e-5}
+"""Its differences are over 1e-5 of the arguments, so they are right to some 1e-9 of the largest derivatives."""
 
 
 @pytest.fixture(autouse=True)
@@ -30,9 +31,37 @@ def test_gradients_pass_the_check_of_jax(compiled, plain_device):
         named = dict(zip((*NAMES, "gravity"), given, strict=True))
         return simulate_jax(CHAIN, 2, **named, **HOW, device=plain_device)
 
-    # Its differences are over 1e-5 of the arguments, so they are right to some 1e-9 of the largest derivatives.
-    how = {"order": 1, "modes": ["rev"], "eps": 1e-5, "atol": 1e-6, "rtol": 1e-5}
-    test_util.check_grads(jax.jit(run) if compiled else run, arrays, **how)
+    test_util.check_grads(jax.jit(run) if compiled else run, arrays, **CHECK)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_gradients_of_worlds_pass_the_check_of_jax(compiled, plain_device):
+    def run(*given):
+        named = dict(zip(ROWS, given, strict=True))
+        return simulate_jax(CHAIN, 2, worlds=4, **named, **HOW, device=plain_device)
+
+    test_util.check_grads(jax.jit(run) if compiled else run, list(map(jax.numpy.array, ROWS.values())), **CHECK)
+
+
+def test_frames_of_worlds_are_those_of_the_ensemble(plain_device):
+    how = {**ROWS, **HOW, "device": plain_device}
+    position, velocity = simulate_jax(CHAIN, 3, worlds=4, **how)
+    ensemble = Ensemble(CHAIN, 4, **how)
+    ensemble.step(3)
+    assert position.shape == (4, 4, 3, 3)
+    np.testing.assert_array_equal(position[:, -1], ensemble.frame().position)
+    np.testing.assert_array_equal(velocity[:, -1], ensemble.frame().velocity)
+
+
+def test_a_world_that_diverges_leaves_the_derivatives_of_others_alone(plain_device):
+    def end(stiffness):
+        how = {**ROWS, "stiffness": stiffness, "allow_unstable": True, "device": plain_device}
+        return jax.numpy.nansum(simulate_jax(CHAIN, 8, worlds=4, **how, **HOW)[0])
+
+    found = jax.grad(end)(jax.numpy.array([50.0, 1e7, 60.0, 70.0]))
+    others = np.array([0, 2, 3])
+    assert np.isnan(found[1])
+    np.testing.assert_array_equal(found[others], jax.grad(end)(jax.numpy.array([50.0, 55.0, 60.0, 70.0]))[others])
 
 
 def test_frames_are_those_of_the_simulation(plain_device):
@@ -70,7 +99,11 @@ def test_a_loop_keeps_nothing():
 
 def test_wrong_values_are_told():
     with pytest.raises(ValueError, match="gravity has shape"):
-        simulate_jax(CHAIN, 4, gravity=jax.numpy.array(9.82), device="cpu")
+        simulate_jax(CHAIN, 4, gravity=jax.numpy.zeros(2), device="cpu")
+    with pytest.raises(ValueError, match="mass has 3 rows; that must divide the number of worlds, 4"):
+        simulate_jax(CHAIN, 4, worlds=4, mass=jax.numpy.ones(3), device="cpu")
+    with pytest.raises(ValueError, match="worlds is 0"):
+        simulate_jax(CHAIN, 4, worlds=0, device="cpu")
     with pytest.raises(ValueError, match="frames is 0"):
         simulate_jax(CHAIN, 0, device="cpu")
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from differences import CHAIN, ROWS
 
-from msdwarp import Leapfrog, System, simulate_torch
+from msdwarp import Leapfrog, simulate_torch
 
 torch = pytest.importorskip("torch")
-PAIR = {"connections": [[0, 1], [1, 2]], "stiffness": [50.0, 80.0], "damping": 0.2, "rest_length": [0.9, 0.4]}
-CHAIN = System(position=[[0.0, 0, 1], [1.0, 0, 1], [1.4, 0.2, 1]], mass=[0.3, 0.5, 0.4], **PAIR)
 NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass")
 
 
@@ -22,6 +21,17 @@ def test_gradients_pass_gradcheck(plain_device):
 
     # Its differences are over 1e-6, so they are right to some 1e-9 of the largest derivatives.
     assert torch.autograd.gradcheck(run, tensors, eps=1e-6, atol=1e-6, rtol=1e-5)
+
+
+def test_gradients_of_worlds_pass_gradcheck(plain_device):
+    tensors = [torch.tensor(one, requires_grad=True) for one in ROWS.values()]
+
+    def run(*given):
+        how = {"integrator": Leapfrog(), "precision": "float64", "substeps": 4, "device": plain_device}
+        return simulate_torch(CHAIN, 2, worlds=4, **dict(zip(ROWS, given, strict=True)), **how)
+
+    assert run(*tensors)[0].shape == (4, 3, 3, 3)
+    assert torch.autograd.gradcheck(run, tensors, eps=1e-6, atol=1e-6, rtol=1e-5)  # as above
 
 
 def test_a_loss_in_tensors_finds_a_stiffness():
@@ -53,4 +63,4 @@ def test_one_number_for_all_has_the_sum_of_derivatives():
     assert found[0].shape == ()
     assert float(found[0]) == pytest.approx(float(found[1].sum()), rel=1e-12)
     with pytest.raises(ValueError, match="gravity has shape"):
-        simulate_torch(CHAIN, 4, gravity=torch.tensor(9.82), **how)
+        simulate_torch(CHAIN, 4, gravity=torch.tensor([0.0, 9.82]), **how)
