@@ -51,8 +51,7 @@ class Actuator(Load):
 
     def __post_init__(self) -> None:
         if not self.varies:
-            self.at(np.zeros(1))
-            object.__setattr__(self, "strain", float(self.strain))
+            object.__setattr__(self, "strain", float(self.at(np.zeros(1))[0]))
         object.__setattr__(self, "delay", checks.finite("delay", self.delay))
         if self.along is not None:
             names = (self.along,) if isinstance(self.along, str) else self.along

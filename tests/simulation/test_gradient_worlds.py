@@ -170,6 +170,26 @@ def test_the_gradient_of_a_world_that_diverges_is_nan_and_others_do_not_notice(p
         ensemble.step(FRAMES)
 
 
+def test_bodies_with_strains_of_their_own_have_the_derivatives_of_each_alone(plain_device):
+    def run(body: System, loads: list[msd.Actuator]) -> Gradient:
+        how = {"integrator": Leapfrog(), "precision": "float64", "substeps": 12, "device": plain_device}
+        return msd.Simulation(body, loads=loads, **how).gradient(end, FRAMES, by=("strain",))
+
+    def end(frames: Frames) -> tuple[float, np.ndarray, None]:
+        by_x = np.zeros(frames.position.shape)
+        by_x[-1] = frames.position[-1]
+        return 0.5 * (by_x**2).sum(), by_x, None
+
+    strains = {"one": lambda t: 0.1 * math.sin(40 * t), "two": lambda t: 0.05 * math.cos(30 * t)}
+    bodies = BLOCK.named("one") + BLOCK.named("two")
+    found = run(bodies, [msd.Actuator(strain, on=name) for name, strain in strains.items()])["strain"]
+    for column, strain in zip(found.T, strains.values(), strict=True):
+        alone = run(BLOCK, [msd.Actuator(strain)])["strain"][:, 0]
+        # The same sums in the same order on a CPU; by atomics on a GPU.
+        tolerance = 0.0 if plain_device == "cpu" else 1e-10 * np.abs(alone).max()
+        np.testing.assert_allclose(column, alone, rtol=0, atol=tolerance)
+
+
 def test_a_chaotic_world_is_named(plain_device):
     # A chain of three links that stands on its end, and turns over and over; the other hangs at rest.
     links = np.array([[0.0, 0, 0], [0.0, 0, 0.1], [0.02, 0, 0.2], [0.05, 0.01, 0.29]])
@@ -195,6 +215,7 @@ def test_what_an_ensemble_cannot_lead_back_is_told_by_name():
     refused("contact between bodies", contact=msd.Contact())
     refused("integrator is Leapfrog", integrator=Leapfrog(damper_extrapolation=0.5))
     refused("there must be an Actuator", by=("strain",))
+    refused(r"loads\[0\].strain has 2 numbers", loads=[msd.Actuator(lambda t: (0.1, 0.2))])
     refused(
         r"value of shape \(\); it must be of shape \(2,\), a number for each world", lambda f: (0.0, None, None)
     )
