@@ -128,6 +128,15 @@ def test_throws_learn_by_gradients(capsys):
 
 
 @pytest.mark.slow
+def test_a_gust_blows_as_far_as_the_page_of_gradients_says(capsys):
+    (gust,) = (one for one in snippets("docs/gradients.md") if "def blown" in one)
+    run("docs/gradients.md", ["import numpy as np\nimport msdwarp as msd\n", gust])
+    told = re.findall(r"[−\d.]+(?= m)", gust.split("#")[-1])
+    found = capsys.readouterr().out.split()
+    assert [float(one.replace("−", "-")) for one in told] == [float(f"{float(one):.3g}") for one in found]
+
+
+@pytest.mark.slow
 def test_the_example_of_fitting_finds_what_made_the_motion(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     found = run("docs/fitting.md")["found"]

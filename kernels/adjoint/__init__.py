@@ -1,6 +1,10 @@
 """Adjoints of the launches of a substep: derivatives of a loss, from its end to its start."""
 
-from .elements import add_elements as add_elements, elements_adjoint as elements_adjoint
+from .elements import (
+    add_elements as add_elements,
+    elements_adjoint as elements_adjoint,
+    sum_numbers as sum_numbers,
+)
 from .kick import (
     SUMMING as SUMMING,
     add_given as add_given,

@@ -19,11 +19,14 @@ def element_rows(points: int, dim: int, scalar: type):
 
 
 @functools.cache
-def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: Any, in_worlds: bool):
+def elements_adjoint(
+    dim: int, scalar: type, points: int, Data: Any, project: Any, in_worlds: bool, numbers: Any, wanted: int
+):
     """Compose the kernel, over elements, that writes ∂(φ·F)/∂x and ∂(φ·F)/∂v of each point.
 
     `project` is a wp.func (data, e, i, time, stage, x, v, φ) -> φ·F of element e, whose first point is particle i,
-    with a row of x, v and φ for each point.
+    with a row of x, v and φ for each point. If forces depend on numbers of elements, `numbers` is a wp.func (data,
+    e, i, stage) -> vector of these, which `project` takes last. Derivatives by `wanted` of them are added up.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Rows = element_rows(points, dim, scalar)
@@ -44,6 +47,7 @@ def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: An
         # Out, in the same rows:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
+        by_numbers: wp.array2d(dtype=scalar),  # in and out, shape [any, wanted]
         begin: int,  # elements of this launch
         end: int,
         threads: int,  # of the launch
@@ -67,9 +71,17 @@ def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: An
             if wp.static(in_worlds):
                 own = e % count
                 first = first % stride
-            _d, _e, _i, _t, _s, of_x, of_v, _phi = wp.grad(project)(
-                data, own, first, time[wp.min(stage, time.shape[0] - 1)], stage, places, rates, phis
-            )
+            seconds = time[wp.min(stage, time.shape[0] - 1)]
+            if wp.static(numbers is None):
+                _d, _e, _i, _t, _s, of_x, of_v, _phi = wp.grad(project)(
+                    data, own, first, seconds, stage, places, rates, phis
+                )
+            else:
+                _d, _e, _i, _t, _s, of_x, of_v, _phi, of_numbers = wp.grad(project)(
+                    data, own, first, seconds, stage, places, rates, phis, numbers(data, own, first, stage)
+                )
+                for k in range(wp.static(wanted)):
+                    by_numbers[e, k] = by_numbers[e, k] + of_numbers[k]
             for k in range(wp.static(points)):
                 by_x[e * wp.static(points) + k] = of_x[k]
                 by_v[e * wp.static(points) + k] = of_v[k]
@@ -111,3 +123,38 @@ def add_elements(dim: int, scalar: type):
             m += threads
 
     return add_points
+
+
+@functools.cache
+def sum_numbers(scalar: type):
+    """Compose the kernel that sums derivatives by the numbers of elements over groups, and sets them to 0.
+
+    A block sums one number of a group in a world. Each thread sums a share; shares are added in a fixed order.
+    """
+
+    @kernel
+    def sum_groups(
+        first: wp.array(dtype=int),  # row starts of `entry`, shape [group_count + 1]
+        entry: wp.array(dtype=int),  # elements of each group
+        count: int,  # elements of a world
+        row: int,
+        # In and out:
+        each: wp.array2d(dtype=scalar),  # shape [worlds count, k]
+        total: wp.array4d(dtype=wp.float64),  # shape [worlds, rows, group_count, k]
+    ):
+        block = wp.tid() / wp.block_dim()
+        k = block % each.shape[1]
+        g = block / each.shape[1] % (first.shape[0] - 1)
+        w = block / each.shape[1] / (first.shape[0] - 1)
+        share = wp.float64(0.0)
+        n = first[g] + wp.tid() % wp.block_dim()
+        while n < first[g + 1]:
+            e = w * count + entry[n]
+            share += wp.float64(each[e, k])
+            each[e, k] = scalar(0.0)
+            n += wp.block_dim()
+        whole = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0)
+        if wp.tid() % wp.block_dim() == 0:
+            total[w, row, g, k] = total[w, row, g, k] + whole
+
+    return sum_groups

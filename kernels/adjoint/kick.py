@@ -100,24 +100,44 @@ def add_given(dim: int, scalar: type):
 
 @functools.cache
 def forget(dim: int, scalar: type):
-    """Compose the kernel, over members, that sets their vectors to 0."""
-    V, store = vector(dim, scalar), records(dim, scalar).store
+    """Compose the kernel, over driven particles, that sets the derivatives by their state to 0.
+
+    Before, it adds them to those by the poses that place the particles, and by their rates. A particle that
+    started at y is at R y + o, so the derivatives by a row of (R, o) are the one by a coordinate, times (y, 1).
+    """
+    V, Wide, (load, store, _) = vector(dim, scalar), vector(dim, wp.float64), records(dim, scalar)
 
     @kernel
-    def set_to_zero(
-        member: wp.array(dtype=int),
-        # Out:
-        values: wp.array(dtype=V),
+    def forget_driven(
+        member: wp.array(dtype=int),  # driven particles, of one world after those of another
+        start: wp.array(dtype=Wide),  # y of those of a world [m]
+        # In and out, derivatives by:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        by_poses: wp.array2d(dtype=scalar),  # shape [member_count, 2 d (d + 1)], or [0, any] if not asked for
         begin: int,  # members of this launch
         end: int,
         threads: int,  # of the launch
     ):
         k = begin + wp.tid()
         while k < end:
-            store(values, member[k], V())
+            if k < by_poses.shape[0]:
+                y = V(start[k % start.shape[0]])
+                x = load(by_x, member[k])
+                v = load(by_v, member[k])
+                for a in range(wp.static(dim)):
+                    of_x = wp.static(dim + 1) * a
+                    of_v = wp.static(dim + 1) * (wp.static(dim) + a)
+                    for b in range(wp.static(dim)):
+                        by_poses[k, of_x + b] = by_poses[k, of_x + b] + x[a] * y[b]
+                        by_poses[k, of_v + b] = by_poses[k, of_v + b] + v[a] * y[b]
+                    by_poses[k, of_x + wp.static(dim)] = by_poses[k, of_x + wp.static(dim)] + x[a]
+                    by_poses[k, of_v + wp.static(dim)] = by_poses[k, of_v + wp.static(dim)] + v[a]
+            store(by_x, member[k], V())
+            store(by_v, member[k], V())
             k += threads
 
-    return set_to_zero
+    return forget_driven
 
 
 @functools.cache

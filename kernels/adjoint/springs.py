@@ -136,8 +136,6 @@ class Neighbours(NamedTuple):
     """wp.func (table, i, slot, c) -> whether particle i writes the derivatives by entry c."""
     strain_of: Any = None
     """wp.func (table, stage, c) -> the strain of an actuator; None without actuators."""
-    add_strain: Any = None
-    """wp.func (table, stage, c, s): add s to the derivative by that strain."""
 
 
 @functools.cache
@@ -156,7 +154,6 @@ def in_table(scalar: type, damped: bool) -> Neighbours:
         damping: wp.array(dtype=scalar)  # in the units of the law
         column: wp.array(dtype=int)  # of `strain` for each connection, −1 without an actuator
         strain: wp.array2d(dtype=scalar)  # of actuators, in each stage of a frame
-        by_strain: wp.array2d(dtype=scalar)  # derivatives, in and out
 
     @wp.func
     def range_of(table: Table, i: int):
@@ -186,12 +183,7 @@ def in_table(scalar: type, damped: bool) -> Neighbours:
             s = table.strain[stage, table.column[c]]
         return s
 
-    @wp.func
-    def add_strain(table: Table, stage: int, c: int, by_s: scalar):
-        if table.column[c] >= 0:
-            wp.atomic_add(table.by_strain, stage, table.column[c], by_s)
-
-    return Neighbours(Table, range_of, look, spring_of, owns, strain_of, add_strain)
+    return Neighbours(Table, range_of, look, spring_of, owns, strain_of)
 
 
 @functools.cache
@@ -239,9 +231,11 @@ def keeping(scalar: type, wanted: Wanted):
         by_rest_length: scalar,
         by_stiffness: scalar,
         by_damping: scalar,
+        by_strain: scalar,
         rest_length: Numbers,
         stiffness: Numbers,
         damping: Numbers,
+        strain: Numbers,
     ):
         if wp.static(wanted.rest_length):
             rest_length[c] = rest_length[c] + by_rest_length
@@ -249,6 +243,8 @@ def keeping(scalar: type, wanted: Wanted):
             stiffness[c] = stiffness[c] + by_stiffness
         if wp.static(wanted.damping):
             damping[c] = damping[c] + by_damping
+        if wp.static(wanted.strain):
+            strain[c] = strain[c] + by_strain
 
     return keep
 
@@ -268,7 +264,7 @@ def springs_adjoint(
     """Compose the kernel, over particles and their lanes, of the adjoint of spring forces.
 
     Each lane takes every n-th neighbour (see `springs.lanes`). One particle of a spring writes the derivatives by
-    its constants. Derivatives by actuators' strains are atomic sums over springs.
+    its constants.
 
     Then derivatives are propagated back through the kick and drift of the substep before; see `kick_back`.
     """
@@ -277,7 +273,7 @@ def springs_adjoint(
     derive, lead_back = derivatives(dim, scalar, laws), kick_back(dim, scalar, by_mass, by_gravity)
     keep = keeping(scalar, wanted)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
-    Table, range_of, look, spring_of, owns, strain_of, add_strain = neighbours
+    Table, range_of, look, spring_of, owns, strain_of = neighbours
 
     @kernel
     def add_springs_adjoint(
@@ -293,6 +289,7 @@ def springs_adjoint(
         by_rest_length: wp.array(dtype=scalar),  # shape [connection_count]
         by_stiffness: wp.array(dtype=scalar),
         by_damping: wp.array(dtype=scalar),
+        by_strain: wp.array(dtype=scalar),
         # The substep before, for `kick_back`; 0 for none:
         drift: scalar,
         kick: scalar,
@@ -335,10 +332,7 @@ def springs_adjoint(
                     sum_v += by_dv
                     if wp.static(own):
                         if owns(table, i, slot, c):
-                            keep(c, by_rest, by_k, by_b, by_rest_length, by_stiffness, by_damping)
-                    if wp.static(wanted.strain):
-                        if owns(table, i, slot, c):
-                            add_strain(table, stage, c, by_s)
+                            keep(c, by_rest, by_k, by_b, by_s, by_rest_length, by_stiffness, by_damping, by_strain)
                 slot += wp.static(lanes) * step
             sum_x = load(by_x, i) + sum_of_lanes(sum_x)
             sum_v = load(by_v, i) + sum_of_lanes(sum_v)

@@ -33,7 +33,6 @@ def in_worlds(scalar: type, damped: bool) -> Neighbours:
         stiffness: wp.array(dtype=scalar)
         damping: wp.array(dtype=scalar)
         differs: wp.vec3i  # 0 for each of these three that is shared, else 1
-        by_strain: wp.array3d(dtype=scalar)  # derivatives, in and out, by world, stage and column
 
     @wp.func
     def range_of(table: Table, i: int):
@@ -73,11 +72,4 @@ def in_worlds(scalar: type, damped: bool) -> Neighbours:
             s = table.strain[stage, column]
         return s
 
-    @wp.func
-    def add_strain(table: Table, stage: int, c: int, by_s: scalar):
-        count = table.connections.shape[0]
-        column = table.column[c % count]
-        if column >= 0:
-            wp.atomic_add(table.by_strain, c / count, stage, column, by_s)
-
-    return Neighbours(Table, range_of, look, spring_of, owns, strain_of, add_strain)
+    return Neighbours(Table, range_of, look, spring_of, owns, strain_of)

@@ -52,37 +52,42 @@ def soft_data(dim: int, scalar: type):
 
 @functools.cache
 def soft_force(dim: int, scalar: type, kinds: tuple[str, ...]):
-    """Compose wp.func (data, p, x, v, w) -> force of obstacle p on a particle of inverse mass w [N]."""
-    V, SoftData = vector(dim, scalar), soft_data(dim, scalar)
+    """Compose (push, numbers) of obstacle p: its force on a particle of inverse mass w [N], and its numbers."""
+    V, Numbers, SoftData = vector(dim, scalar), vector(5, scalar), soft_data(dim, scalar)
     distance_from = signed_distance(dim, scalar, kinds)
     zero, one, half, two = (scalar(number) for number in (0.0, 1.0, 0.5, 2.0))
 
     @wp.func
-    def push(data: SoftData, p: int, x: V, v: V, w: scalar) -> V:
+    def numbers(data: SoftData, p: int) -> Numbers:
+        return Numbers(data.stiffness[p], data.ramp[p], data.dissipation[p], data.friction[p], data.rest_speed[p])
+
+    @wp.func
+    def push(data: SoftData, p: int, own: Numbers, x: V, v: V, w: scalar) -> V:
         found = distance_from(data.solids, p, x)
         normal = V()
         for k in range(wp.static(dim)):
             normal[k] = found[k]
         depth = wp.max(-found[wp.static(dim)], zero)
-        ramp = data.ramp[p]
+        ramp = own[1]
         within = wp.min(depth, ramp)
         leaving = wp.dot(v, normal)
-        pressing = data.stiffness[p] * (depth - within + half * within * within / ramp)
-        pressing = pressing * wp.max(one - data.dissipation[p] * leaving, zero)
+        pressing = own[0] * (depth - within + half * within * within / ramp)
+        pressing = pressing * wp.max(one - own[2] * leaving, zero)
         along = v - leaving * normal
-        grip = data.friction[p] * pressing
+        grip = own[3] * pressing
         slow = two * grip * data.dt * w
-        speed = wp.sqrt(wp.dot(along, along) + data.rest_speed[p] * data.rest_speed[p] + slow * slow)
+        speed = wp.sqrt(wp.dot(along, along) + own[4] * own[4] + slow * slow)
         return pressing * normal - (grip / speed) * along
 
-    return push
+    return push, numbers
 
 
 @functools.cache
 def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, ...]) -> SoftTerm:
     """Compose the soft obstacles of a scene, which are of these kinds."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    Data, push, load = soft_data(dim, scalar), soft_force(dim, scalar, kinds), records(dim, scalar).load
+    Data, load = soft_data(dim, scalar), records(dim, scalar).load
+    push, numbers = soft_force(dim, scalar, kinds)
     distance_from = signed_distance(dim, scalar, kinds)
     Block: Any = wp.types.matrix((dim, dim), wp.float64)
 
@@ -96,7 +101,7 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
             total = V()
             for p in range(scene.soft.count):
                 if distance_from(scene.soft.solids, p, x_i)[wp.static(dim)] < scalar(0.0):
-                    total += push(scene.soft, p, x_i, v_i, scene.inverse_mass[i])
+                    total += push(scene.soft, p, numbers(scene.soft, p), x_i, v_i, scene.inverse_mass[i])
             return total
 
         return push_out
@@ -144,8 +149,9 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
                     e = depth - a
                     k = wp.float64(data.stiffness[p])
                     stored += k * (a * a * a / (wp.float64(6.0) * ramp) + wp.float64(0.5) * e * depth)
-                    springing = push(data, p, x_i, V(), w)  # elastic force only: v = 0
-                    lost += wp.float64(wp.dot(springing - push(data, p, x_i, v_i, w), v_i))
+                    own = numbers(data, p)
+                    springing = push(data, p, own, x_i, V(), w)  # elastic force only: v = 0
+                    lost += wp.float64(wp.dot(springing - push(data, p, own, x_i, v_i, w), v_i))
         energy[world, i] = stored
         power[world, i] = lost
 
@@ -153,14 +159,18 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
 
 
 @functools.cache
-def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool):
-    """Compose the kernel, over particles, that adds (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of soft obstacles to derivatives."""
+def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool, by_own: bool):
+    """Compose the kernel, over particles, that adds (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of soft obstacles to derivatives.
+
+    `by_own`: also to those by the obstacles' numbers, and by their place, in a row for each particle and obstacle.
+    """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    Data, push = soft_data(dim, scalar), soft_force(dim, scalar, kinds)
+    Data, (push, numbers) = soft_data(dim, scalar), soft_force(dim, scalar, kinds)
+    Numbers = vector(5, scalar)
 
     @wp.func
-    def projected(data: Data, p: int, x: V, v: V, w: scalar, phi: V) -> scalar:
-        return wp.dot(push(data, p, x, v, w), phi)
+    def projected(data: Data, p: int, own: Numbers, x: V, v: V, w: scalar, phi: V) -> scalar:
+        return wp.dot(push(data, p, own, x, v, w), phi)
 
     # In Warp 1.19 a function that a kernel calls before its `wp.grad` has no adjoint: nothing else calls `push`.
     @kernel
@@ -175,6 +185,7 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool):
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
         by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
+        by_numbers: wp.array2d(dtype=scalar),
         begin: int,  # particles of this launch
         end: int,
         threads: int,  # of the launch
@@ -189,7 +200,15 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool):
             sum_v = V()
             sum_w = scalar(0.0)
             for p in range(data.count):
-                _data, _p, of_x, of_v, of_w, _phi = wp.grad(projected)(data, p, x_i, v_i, w, phi_i)
+                _data, _p, of_own, of_x, of_v, of_w, _phi = wp.grad(projected)(
+                    data, p, numbers(data, p), x_i, v_i, w, phi_i
+                )
+                if wp.static(by_own):
+                    row = i * data.count + p
+                    for k in range(5):
+                        by_numbers[row, k] = by_numbers[row, k] + of_own[k]
+                    for k in range(wp.static(dim)):
+                        by_numbers[row, 5 + k] = by_numbers[row, 5 + k] - of_x[k]
                 sum_x += of_x
                 sum_v += of_v
                 sum_w += of_w

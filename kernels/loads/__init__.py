@@ -6,6 +6,7 @@ from .drives import driven as driven
 from .forces import (
     function_force as function_force,
     function_projection as function_projection,
+    given_force_projection as given_force_projection,
     steady_force as steady_force,
     varying_force as varying_force,
     weight_force as weight_force,

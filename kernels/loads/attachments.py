@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import kernel
+from ..basis import kernel, vector
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
@@ -22,6 +22,8 @@ class Attachments(NamedTuple):
     """Kernel, over members, that writes the stored energy [J] and the dissipated power [W] of each."""
     projected: Any
     """φ·F of an attachment, for `adjoint.elements`."""
+    numbers: Any
+    """Its stiffness, damping, rest length and anchor point there."""
 
 
 @functools.cache
@@ -63,8 +65,7 @@ def attachments(
             done: wp.array2d(dtype=wp.float64)
 
     @wp.func
-    def place(attached: Attached, row: int, e: int) -> V:
-        y = attached.point[e]
+    def place(attached: Attached, row: int, e: int, y: V) -> V:
         if wp.static(moving):
             c = attached.carrier[e]
             if c >= 0:
@@ -72,29 +73,27 @@ def attachments(
         return y
 
     @wp.func
-    def velocity(attached: Attached, row: int, e: int) -> V:
+    def velocity(attached: Attached, row: int, e: int, y: V) -> V:
         if wp.static(moving):
             c = attached.carrier[e]
             if c >= 0:
-                return attached.turning[row, c] * attached.point[e] + attached.speed[row, c]
+                return attached.turning[row, c] * y + attached.speed[row, c]
         return V()
 
     @wp.func
-    def pull(attached: Attached, row: int, e: int, x: V, v: V) -> V:
-        dx = x - place(attached, row, e)
-        k = attached.stiffness[e]
+    def pull(attached: Attached, row: int, e: int, y: V, k: scalar, b: scalar, l0: scalar, x: V, v: V) -> V:
+        dx = x - place(attached, row, e, y)
         dv = V()
         if wp.static(damped):
-            dv = v - velocity(attached, row, e)
+            dv = v - velocity(attached, row, e, y)
         if wp.static(stretched):
-            l0 = attached.rest_length[e]
             if l0 > scalar(0.0):
                 length = wp.length(dx)
                 if length == scalar(0.0):
                     return V()
                 axis = dx / length
-                return -(k * (length - l0) + attached.damping[e] * wp.dot(dv, axis)) * axis
-        return -k * dx - attached.damping[e] * dv
+                return -(k * (length - l0) + b * wp.dot(dv, axis)) * axis
+        return -k * dx - b * dv
 
     def force(SceneData: Any):
         @wp.func
@@ -103,8 +102,10 @@ def attachments(
                 before = scene.worked.weight[row]
                 after = scene.worked.weight_of_last[row]
                 if before + after > wp.float64(0.0):  # false at a frame's end
-                    now = before * wp.float64(wp.dot(f, velocity(scene.attached, row, e)))
-                    half = after * wp.float64(wp.dot(f, velocity(scene.attached, row + scene.attached.ahead, e)))
+                    y = scene.attached.point[e]
+                    later = row + scene.attached.ahead
+                    now = before * wp.float64(wp.dot(f, velocity(scene.attached, row, e, y)))
+                    half = after * wp.float64(wp.dot(f, velocity(scene.attached, later, e, y)))
                     scene.attached.done[0, e] = scene.attached.done[0, e] + now + half
                     scene.attached.done[1, e] = half
 
@@ -121,7 +122,10 @@ def attachments(
                 v_i = load(v, i)
             total = V()
             for e in range(scene.attached.first[i], scene.attached.first[i + 1]):
-                f = pull(scene.attached, row, e, x_i, v_i)
+                y = scene.attached.point[e]
+                k = scene.attached.stiffness[e]
+                b = scene.attached.damping[e]
+                f = pull(scene.attached, row, e, y, k, b, scene.attached.rest_length[e], x_i, v_i)
                 if wp.static(moving):
                     add_work(scene, row, e, f)
                 total += f
@@ -130,15 +134,29 @@ def attachments(
         return attachment
 
     Rows: Any = wp.types.matrix((1, dim), scalar)
+    Numbers = vector(3 + dim, scalar)
+
+    @wp.func
+    def numbers(attached: Attached, e: int, i: int, stage: int) -> Numbers:
+        own = Numbers()
+        own[0] = attached.stiffness[e]
+        own[1] = attached.damping[e]
+        own[2] = attached.rest_length[e]
+        for k in range(wp.static(dim)):
+            own[3 + k] = attached.point[e][k]
+        return own
 
     @wp.func
     def projected(
-        attached: Attached, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+        attached: Attached, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
     ) -> scalar:
         row = int(0)
         if wp.static(moving):
             row = stage
-        return wp.dot(pull(attached, row, e, x[0], v[0]), phi[0])
+        y = V()
+        for k in range(wp.static(dim)):
+            y[k] = own[3 + k]
+        return wp.dot(pull(attached, row, e, y, own[0], own[1], own[2], x[0], v[0]), phi[0])
 
     @kernel
     def add_attachment_blocks(
@@ -175,8 +193,8 @@ def attachments(
         stored = wp.float64(0.0)
         lost_power = wp.float64(0.0)
         for e in range(attached.first[i], attached.first[i + 1]):
-            p = place(attached, row, e)
-            u = velocity(attached, row, e)
+            p = place(attached, row, e, attached.point[e])
+            u = velocity(attached, row, e, attached.point[e])
             square = wp.float64(0.0)  # |x − p|²
             along = wp.float64(0.0)  # (v − u)·(x − p)
             whole = wp.float64(0.0)  # |v − u|²
@@ -196,4 +214,4 @@ def attachments(
         power[w, m] = lost_power
 
     piece = ForceTerm("attached", Attached, force=force, selective=True, timed=moving)
-    return Attachments(piece, add_attachment_blocks, measure_attached, projected)
+    return Attachments(piece, add_attachment_blocks, measure_attached, projected, numbers)

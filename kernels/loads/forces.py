@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from ..basis import vector
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
@@ -52,6 +53,28 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
         return vary
 
     return ForceTerm("varying", Varying, force=force, selective=True, timed=True, works=True)
+
+
+@functools.cache
+def given_force_projection(dim: int, scalar: type, Data: Any, varies: bool):
+    """Compose (projected, numbers): φ·F of a particle, and the force F on it, for `adjoint.elements`."""
+    Rows: Any = wp.types.matrix((1, dim), scalar)
+    V = vector(dim, scalar)
+
+    @wp.func
+    def numbers(data: Data, e: int, i: int, stage: int) -> V:
+        if wp.static(varies):
+            return data.value[stage, data.combination[i]]
+        else:
+            return data.value[data.combination[i]]
+
+    @wp.func
+    def projected(
+        data: Data, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: V
+    ) -> scalar:
+        return wp.dot(own, phi[0])
+
+    return projected, numbers
 
 
 @functools.cache

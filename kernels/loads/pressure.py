@@ -135,19 +135,22 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
 
 @functools.cache
 def given_projection(dim: int, scalar: type, Pressed: Any):
-    """Compose φ·F of a triangle under a given pressure, for `adjoint.elements`."""
+    """Compose (projected, numbers): φ·F of a triangle, and its pressure, for `adjoint.elements`."""
     Rows: Any = wp.types.matrix((3, dim), scalar)
+    Numbers = vector(1, scalar)
 
     @wp.func
-    def projected(data: Pressed, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
-        sixth = scalar(1.0) / scalar(6.0)
-        return (
-            data.value[stage, data.of[t]]
-            * sixth
-            * wp.dot(wp.cross(x[1] - x[0], x[2] - x[0]), phi[0] + phi[1] + phi[2])
-        )
+    def numbers(data: Pressed, t: int, i: int, stage: int) -> Numbers:
+        return Numbers(data.value[stage, data.of[t]])
 
-    return projected
+    @wp.func
+    def projected(
+        data: Pressed, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
+    ) -> scalar:
+        sixth = scalar(1.0) / scalar(6.0)
+        return own[0] * sixth * wp.dot(wp.cross(x[1] - x[0], x[2] - x[0]), phi[0] + phi[1] + phi[2])
+
+    return projected, numbers
 
 
 @functools.cache
@@ -155,7 +158,8 @@ def gas_adjoint(dim: int, scalar: type):
     """Compose (Gases, projected, kernel) of the adjoint of gases: φ·F of a triangle, and the sums that it needs.
 
     With S = Σ a·φ over a gas' triangles and their mean φ, φ·F = p S: its derivative is p ∂S/∂x + p' S ∂V/∂x.
-    The kernel sums S and V for each gas, by a block.
+    The kernel sums S and V for each gas, by a block. It adds to the derivatives by the gas' numbers, if they are
+    wanted: overpressure, pressure outside, volume, and exponent.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Rows: Any = wp.types.matrix((3, dim), scalar)
@@ -195,6 +199,7 @@ def gas_adjoint(dim: int, scalar: type):
         phi: wp.array(dtype=V),
         # Out:
         data: Gases,
+        by_numbers: wp.array2d(dtype=scalar),  # in and out, shape [any, 4]
     ):
         g = wp.tid() / wp.block_dim()
         thread = wp.tid() % wp.block_dim()
@@ -220,5 +225,11 @@ def gas_adjoint(dim: int, scalar: type):
             data.over[g] = scalar(inside - of_gas[1])
             data.slope[g] = scalar(-of_gas[3] * inside / (part * of_gas[2]) * along)
             data.origin[g] = origin
+            if g < by_numbers.shape[0]:
+                ratio = inside / of_gas[0]
+                by_numbers[g, 0] = by_numbers[g, 0] + scalar(along * ratio)
+                by_numbers[g, 1] = by_numbers[g, 1] + scalar(along * (ratio - wp.float64(1.0)))
+                by_numbers[g, 2] = by_numbers[g, 2] + scalar(along * of_gas[3] * inside / of_gas[2])
+                by_numbers[g, 3] = by_numbers[g, 3] - scalar(along * inside * wp.log(part))
 
     return Gases, projected, find_slopes

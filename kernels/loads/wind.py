@@ -110,28 +110,55 @@ def wind_on_faces(
     return ForceTerm("wind", WindOnFaces, force=force, selective=True, timed=True, works=True)
 
 
+def _numbers_of_air(dim: int, scalar: type, Data: Any, function: Any, on_faces: bool):
+    """Compose (Numbers, numbers, air): drag, lift and velocity as numbers of an element, and the velocity at x."""
+    V, Numbers = vector(dim, scalar), vector(2 + dim, scalar)
+
+    @wp.func
+    def numbers(data: Data, e: int, i: int, stage: int) -> Numbers:
+        w = data.wind[i]
+        if wp.static(on_faces):
+            w = data.wind[e]
+        own = Numbers()
+        own[0] = data.winds.drag[w]
+        own[1] = data.winds.lift[w]
+        for k in range(wp.static(dim)):
+            own[2 + k] = data.winds.velocity[stage, w][k]
+        return own
+
+    @wp.func
+    def air(own: Numbers, x: V, time: scalar) -> V:
+        if wp.static(function is not None):
+            return function(x, time)
+        velocity = V()
+        for k in range(wp.static(dim)):
+            velocity[k] = own[2 + k]
+        return velocity
+
+    return Numbers, numbers, air
+
+
 @functools.cache
 def projection_on_faces(dim: int, scalar: type, WindOnFaces: Any, function: Any, any_closed: bool):
-    """Compose φ·F of a triangle in the wind, for `adjoint.elements`."""
+    """Compose (projected, numbers): φ·F of a triangle in the wind, and its numbers, for `adjoint.elements`."""
     Rows: Any = wp.types.matrix((3, dim), scalar)
-    _Winds, air = _blows(dim, scalar, function)
     push = _force_on_face(dim, scalar)
+    Numbers, numbers, air = _numbers_of_air(dim, scalar, WindOnFaces, function, True)
 
     @wp.func
     def projected(
-        data: WindOnFaces, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+        data: WindOnFaces, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
     ) -> scalar:
         third = scalar(1.0) / scalar(3.0)
-        w = data.wind[t]
         a = scalar(0.5) * wp.cross(x[1] - x[0], x[2] - x[0])
-        u = third * (v[0] + v[1] + v[2]) - air(data.winds, third * (x[0] + x[1] + x[2]), time, stage, w)
-        along = third * wp.dot(push(data.winds.drag[w], data.winds.lift[w], u, a), phi[0] + phi[1] + phi[2])
+        u = third * (v[0] + v[1] + v[2]) - air(own, third * (x[0] + x[1] + x[2]), time)
+        along = third * wp.dot(push(own[0], own[1], u, a), phi[0] + phi[1] + phi[2])
         if wp.static(any_closed):
             if data.closed[t] and wp.dot(u, a) < scalar(0.0):
                 along = scalar(0.0)
         return along
 
-    return projected
+    return projected, numbers
 
 
 @functools.cache
@@ -161,16 +188,15 @@ def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) 
 
 @functools.cache
 def projection_on_particles(dim: int, scalar: type, WindOnParticles: Any, function: Any):
-    """Compose φ·F of a particle in the wind, for `adjoint.elements`."""
+    """Compose (projected, numbers): φ·F of a particle in the wind, and its numbers, for `adjoint.elements`."""
     Rows: Any = wp.types.matrix((1, dim), scalar)
-    _Winds, air = _blows(dim, scalar, function)
+    Numbers, numbers, air = _numbers_of_air(dim, scalar, WindOnParticles, function, False)
 
     @wp.func
     def projected(
-        data: WindOnParticles, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
+        data: WindOnParticles, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
     ) -> scalar:
-        w = data.wind[i]
-        u = v[0] - air(data.winds, x[0], time, stage, w)
-        return -data.winds.drag[w] * data.area[i] * wp.length(u) * wp.dot(u, phi[0])
+        u = v[0] - air(own, x[0], time)
+        return -own[0] * data.area[i] * wp.length(u) * wp.dot(u, phi[0])
 
-    return projected
+    return projected, numbers

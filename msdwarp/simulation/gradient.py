@@ -51,9 +51,10 @@ class Gradient:
     """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers.
 
     "force" has those by a constant force on each particle, shape [particle_count, d], in addition to all others.
-    "strain" has the derivatives by the strains of actuators at each stage of each substep, and at the end of the
-    run: shape [frames · substeps · stages + 1, column_count], a column for each delay of each actuator. Stages are
-    at `integrator.stage_times`; `SymplecticEuler` and `Leapfrog` have one, at the start.
+
+    By a function of time there is a derivative for each of its values that the run has used: at each stage of each
+    substep, and at the end, shape [frames · substeps · stages + 1, ...]; `times` tells when. For "strain", that of
+    actuators, these have a column for each delay of each actuator.
     """
     growth: NDArray[np.float64]
     """Size of the derivative by the state at each frame, over the largest that the loss has added from there on.
@@ -62,6 +63,8 @@ class Gradient:
     """
     frames: Frames
     """The run."""
+    times: dict[str, NDArray[np.float64]]
+    """Of each function of time that derivatives were asked for by: the times of its values [s]."""
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return the derivative by a parameter."""
@@ -100,7 +103,8 @@ class Differentiable(Present):
             How many frames to take.
         by
             Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", "force", and
-            "strain" of actuators; see `Gradient`.
+            "strain" of actuators; and numbers of loads and soft obstacles, such as "loads[0].velocity" of a wind,
+            and "colliders[0].friction". See `Gradient`.
 
         Raises
         ------
@@ -142,14 +146,15 @@ class Differentiable(Present):
                 stacklevel=4,
             )
         growth[stopped] = np.nan
-        return Gradient(value if stopped.shape else float(value), run.found(by), growth, found)
+        return Gradient(value if stopped.shape else float(value), run.found(by), growth, found, run.times)
 
     def differentiated(self, frames: int, by: Sequence[str]) -> tuple[Differentiated, Frames]:
         """Take frames that can be led back, and return them; see `gradient` for the arguments and errors."""
         count = checks.count("frames", frames, 1)
         names = checks.sequence("by", by, str, "'stiffness'")
+        of_loads = [name for one in self.assembly.all for name in one.parameters() if name != "strain"]
         for k, name in enumerate(names):
-            checks.one_of(f"by[{k}]", name, GRADIENT_NAMES)
+            checks.one_of(f"by[{k}]", name, [*GRADIENT_NAMES, *of_loads])
         method, around = self.integrator, self._surroundings
         led_back = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
         if not led_back or method.method_state:

@@ -92,7 +92,7 @@ class Differentiated:
         self._adjoint = (
             Adjoint(dynamics, names) if tableau is None else StageAdjoint(dynamics, names, tableau, choice.step)
         )
-        self._strains, self._by_strain = "strain" in names, None
+        self._by_stage = dict[str, NDArray[np.float64]]()
         self._checkpoints, self._between = list[Sequence[wp.array]](), list[Sequence[wp.array]]()
         self._every, self._part = 1, 0
         """A checkpoint is every so many frames; the states between are those after checkpoint number `_part`."""
@@ -100,6 +100,8 @@ class Differentiated:
         self._graphs = dict[str, Any]()
         self.stopped = np.zeros(self._model.worlds if self._model.in_worlds else (), dtype=bool)
         """Which worlds have diverged, shape [worlds]; in a simulation False, of shape []."""
+        self.times = dict[str, NDArray[np.float64]]()
+        """The times of the values of each function of time by which derivatives have been found [s]."""
 
     def stop(self, status: NDArray[np.int32]) -> None:
         """Stop the worlds whose status is not 0 at the start."""
@@ -182,7 +184,7 @@ class Differentiated:
         """Propagate derivatives by frames (None for 0) back to the start; return their growth (see `Gradient`)."""
         adjoint, count = self._adjoint, len(by_position) - 1
         adjoint.clear()
-        self._by_strain = None
+        self._by_stage = {}
         added = np.zeros((count + 1, self._model.worlds))
         for k in reversed(range(count + 1)):
             if k < count:
@@ -191,7 +193,9 @@ class Differentiated:
             self._add(k, by_x, by_v)
             added[k] = np.hypot(_norm(by_x), self._fps * _norm(by_v))
             adjoint.measure(k, count + 1)
-        adjoint.forget_driven(adjoint.by_x, adjoint.by_v)
+        adjoint.forget_driven(0)
+        if adjoint.motions is not None:
+            adjoint.motions.take_start(self._start, self._lag)
         adjoint.add_up()
         most = np.maximum.accumulate(added[::-1])[::-1]
         sizes = np.hypot(*np.moveaxis(adjoint.sizes() * [1.0, self._fps], -1, 0))
@@ -208,7 +212,10 @@ class Differentiated:
                 with adjoint.aside(by_v):
                     x, v = self._tape.states[0]
                     adjoint.kick(0.0, self._lag, x, v, v_out, 0)
-                self._keep_strains(k)
+                self._keep_stages(k)
+                if adjoint.motions is not None:
+                    by_worlds = by_v.reshape(self._model.worlds, *by_v.shape[-2:])
+                    adjoint.motions.add_reading(float(self._times[k]), self._lag, by_worlds)
             else:
                 adjoint.add(adjoint.by_v, by_v)
         if by_x is not None:
@@ -228,19 +235,19 @@ class Differentiated:
             x, v = self._checkpoints[0]
             self._dynamics.hold(float(self._times[0]))
             self._adjoint.kick(0.0, -self._lag, x, self._given_v, v, 0)
-        self._keep_strains(k)
+        self._keep_stages(k)
+        if self._adjoint.motions is not None:
+            self._adjoint.motions.take_frame(float(self._times[k]))
 
-    def _keep_strains(self, k: int) -> None:
-        """Store the derivatives by strains from the launches of frame k."""
-        if not self._strains:
-            return
-        stages = self._adjoint.take_strains()
-        if self._by_strain is None:
-            rows = self._stages * (len(self._times) - 1) + 1
-            self._by_strain = np.zeros((*stages.shape[:-2], rows, stages.shape[-1]))
-        begin = k * self._stages
-        rows = self._by_strain[..., begin : begin + self._stages, :]
-        rows += stages[..., : rows.shape[-2], :]
+    def _keep_stages(self, k: int) -> None:
+        """Store the derivatives by functions of time from the launches of frame k."""
+        axis = int(self._model.in_worlds)
+        for name, added in self._adjoint.take_stages().items():
+            added = np.moveaxis(added, axis, 0)
+            if name not in self._by_stage:
+                self._by_stage[name] = np.zeros((self._stages * (len(self._times) - 1) + 1, *added.shape[1:]))
+            rows = self._by_stage[name][k * self._stages :][: self._stages]
+            rows += added[: len(rows)]
 
     def _play(self, launch: Callable[[], None]) -> None:
         """Launch what a method launches, by a graph that is recorded the first time."""
@@ -266,9 +273,18 @@ class Differentiated:
         """Return the requested derivatives, NaN for worlds that have diverged."""
         result = {}
         state = {"position": self._adjoint.by_x, "velocity": self._adjoint.by_v}
-        parameters = self._adjoint.found()
-        if self._by_strain is not None:
-            parameters["strain"] = self._by_strain
+        parameters, motions = self._adjoint.found(), self._adjoint.motions
+        stages = [self._dynamics.steps.times(time)[:-1] for time in self._times[:-1]]
+        times = np.concatenate([*stages, self._times[-1:]])
+        for name, values in self._by_stage.items():
+            if self._adjoint.varies(name):
+                parameters[name], self.times[name] = np.moveaxis(values, 0, int(self._model.in_worlds)), times
+            else:
+                parameters[name] = np.asarray(values.sum(axis=0))
+        if motions is not None:
+            for name in motions.names:
+                self.times[name], values = motions.found(name)
+                parameters[name] = self._model.of_each(values)
         for name in names:
             if name in state:
                 result[name] = self._of_each_world(state[name]).astype(np.float64)

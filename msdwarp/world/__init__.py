@@ -32,7 +32,7 @@ from .loads import (
     is_device_function as is_device_function,
 )
 from .look import Look as Look, Viewpoint as Viewpoint
-from .motion import Motion as Motion, poses as poses
+from .motion import Motion as Motion, displacement_and_turn as displacement_and_turn, poses as poses
 from .pressure import EnclosedGas as EnclosedGas, Pressure as Pressure, volume as volume
 from .probes import (
     BODY_CONTACT_FORCE as BODY_CONTACT_FORCE,

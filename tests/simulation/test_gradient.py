@@ -70,16 +70,18 @@ def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_devic
 
 @pytest.mark.parametrize("method", [msd.SymplecticEuler(), RK4()])
 def test_threads_share_the_way_back(method, monkeypatch):
-    # With a soft obstacle, a force and a gas, each of which is led back by parts, too.
+    # With a soft obstacle, a force, a gas and muscles, each of which is led back by parts, too.
     body, found = block(), []
     plane, loads = Plane((0.1, 0, 1), -0.1, **SOFT), [Force(soft_floor), msd.EnclosedGas(60.0)]
+    loads += [Actuator(lambda t: 0.1 * math.sin(40 * t))]
+    names = (*NAMES, "strain", "colliders[0].friction", "loads[1].pressure")
     for threads in (1, 2):
         options = {"integrator": method, "threads": threads, "device": "cpu"}
         run = simulation(body, colliders=[plane], loads=loads, **options)
-        found.append(run.gradient(loss, FRAMES, by=NAMES))
+        found.append(run.gradient(loss, FRAMES, by=names))
     monkeypatch.setattr(gradient_run, "SHARE", 0.0)
-    again = run.gradient(loss, FRAMES, by=NAMES)  # takes frames again whose states do not fit
-    for name in NAMES:  # the threads sum forces in another order
+    again = run.gradient(loss, FRAMES, by=names)  # takes frames again whose states do not fit
+    for name in names:  # the threads sum forces in another order
         scale = np.abs(found[0][name]).max()
         np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-10 * scale)
         np.testing.assert_array_equal(again[name], found[1][name])

@@ -78,6 +78,8 @@ CASES: dict[str, tuple[Scene, dict[str, Any]]] = {
     "surfaces, cells and angles": soft_case(msd.box((3, 3, 3), 0.07, material=RUBBER)),
     "embedded surfaces": soft_case(msd.ball(0.1, 0.07, material=RUBBER)),
 }
+NUMBERS = ["strain", "loads[1].force", "loads[3].velocity", "loads[4].to", "loads[5].motion"]
+NUMBERS += ["colliders[0].friction", "colliders[1].position"]
 EACH = [pytest.param(one, marks=pytest.mark.slow) if one.startswith("embedded") else one for one in CASES]
 
 
@@ -91,8 +93,10 @@ def ensemble_of(case: str, device: str = "cpu", **more) -> Ensemble:
 def test_each_world_has_the_gradient_of_its_run(case, plain_device):
     names, ensemble, frames = [*NAMES, "force"], ensemble_of(case, plain_device), 3
     alone = [ensemble.simulation_of(world) for world in range(WORLDS)]
+    if case.startswith(("surfaces", "embedded")):
+        names += ["loads[0].drag", "loads[1].volume"]
     if case.startswith("loads"):  # from the third frame on
-        names += ["strain"]
+        names += NUMBERS
         for run in (ensemble, *alone):
             run.step(2)
     found = ensemble.gradient(losses, frames, by=names)
@@ -156,7 +160,7 @@ def test_the_gradient_of_a_world_that_diverges_is_nan_and_others_do_not_notice(p
     how = {"allow_unstable": True, "stiffness": np.array([1.0, 1e5, 1.2])[:, None] * BLOCK.stiffness}
     ensemble = ensemble_of("loads and soft obstacles", plain_device, **how)
     for frames in (FRAMES, 2):  # it diverges meanwhile, and before
-        names = ("position", "stiffness", "strain")
+        names = ("position", "stiffness", *NUMBERS)
         found = ensemble.gradient(losses, frames, by=names)
         assert np.isnan(found.frames.position[1, -1]).all()
         for values in (found.value, found.growth, *found.derivatives.values()):

@@ -1,6 +1,6 @@
 """Adjoint: propagates derivatives of a loss back through the launches of substeps."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -27,18 +27,21 @@ from ..device.vector_arrays import in_records
 from ..loads.actuators import ActuatedSprings
 from ..loads.drives import Drives
 from ..loads.external_work import Work
-from ..loads.forces import Steady, Varying, Weight
+from ..loads.forces import Weight
 from ..loads.surface_triangles import EmbeddedVertices
+from ..model.effect import Effect, Parameter
 from ..springs.extra_springs import ExtraSprings
 from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
 from .element_adjoints import ElementAdjoints
+from .motion_adjoint import MotionAdjoint
+from .number_sums import NumberSums
 from .spring_adjoints import InTable, springs_of_particles
 from .tape import Tape
 
 MOST_LANES, MOST_THREADS = 16, 80_000
 """Most threads that share a particle on a GPU, and most in such a launch: more would wait (on an H100)."""
-GIVEN = (Drives, Steady, Varying, Weight, Work)
+GIVEN = (Drives, Weight, Work)
 DIFFERENTIABLE = (ActuatedSprings, EmbeddedVertices, ExtraSprings, SoftColliders, *GIVEN)
 """Effects without `elements` that have an adjoint, or whose forces do not depend on the motion."""
 WORDS = {
@@ -88,24 +91,46 @@ class Adjoint:
             self._lanes //= 2
         kinds = (model.dim, model.scalar, model.laws, own, self._springs.neighbours, self._lanes)
         self._pull = springs_adjoint(*kinds, *others, actuated is not None)
-        self._own = {
+        self._own: dict[str, wp.array] = {
             name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
-            for name in CONSTANTS
+            for name in (*CONSTANTS, "strain")
         }
         self._by_inverse_mass = wp.zeros(self._count, dtype=model.scalar, device=device)
-        each = [one.elements() for one in assembly.all]
+        self._sums: list[NumberSums] = []
+        self._parameters: dict[str, tuple[NumberSums, Parameter]] = {}
+        if isinstance(self._springs, InTable) and actuated is not None:
+            sums = self._sums_of(actuated, names, self._springs.column, 1)
+            if sums is not None:
+                self._own["strain"] = sums.each.flatten()
         time = getattr(dynamics.scene, "time", None)  # None if no force depends on it
         time = wp.zeros(1, dtype=model.scalar, device=device) if time is None else time
         about = time, self._launch, self._launch_once
-        self._elements = [ElementAdjoints(model, one, *about) for one in each if one is not None]
+        self._elements = list[ElementAdjoints]()
+        for effect in assembly.all:
+            elements = effect.elements()
+            if elements is not None:
+                own = elements.numbers
+                sums = None if own is None else self._sums_of(effect, names, own.group, own.width)
+                if elements.of_motion or sums is not None:
+                    self._elements.append(ElementAdjoints(model, elements, *about, sums))
         soft = next((one for one in assembly.all if isinstance(one, SoftColliders)), None)
         self._soft, self._soft_kernel = soft, None
         if soft is not None:
-            self._soft_kernel = soft_adjoint(model.dim, model.scalar, soft.kinds, "mass" in names)
+            sums = self._sums_of(soft, names, np.tile(np.arange(soft.data.count), model.stride), 5 + model.dim)
+            kinds = soft.kinds, "mass" in names, sums is not None
+            self._soft_kernel = soft_adjoint(model.dim, model.scalar, *kinds)
+            self._soft_by = wp.zeros((0, 1), dtype=model.scalar, device=device) if sums is None else sums.each
         drives = next((one for one in assembly.all if isinstance(one, Drives)), None)
         self._driven: wp.array | None = None
+        self.motions: MotionAdjoint | None = None
+        """Derivatives by prescribed motions, if any are asked for."""
         if drives is not None:
-            driven = np.flatnonzero(drives.data.entry.numpy() >= 0)
+            self._start = drives.data.start
+            self._by_poses = wp.zeros((0, 1), dtype=model.scalar, device=device)
+            if drives.parameters().keys() & names:
+                self.motions = MotionAdjoint(model, drives, self._launch_once)
+                self._by_poses = self.motions.sums.each
+            driven = np.concatenate([one.held for one in drives.motions])
             each = driven + model.stride * np.arange(model.worlds)[:, None]
             self._driven = wp.array(each.ravel(), dtype=int, device=device)
         self._only_springs = soft is None and drives is None and not self._elements
@@ -119,14 +144,31 @@ class Adjoint:
         self._sizes: wp.array | None = None
         self._given: Any = wp.zeros(self._count, dtype=model.vector, device=device)
         self._aside: tuple[wp.array, ...] = ()
-        # Sums over springs by strain have no order, and no atomic additions on the CPU: one thread.
-        self._partition = None if own.strain else dynamics.partition
+        self._partition = dynamics.partition
+
+    def _sums_of(
+        self, effect: Effect, wanted: Container[str], group: NDArray[np.integer], numbers: int
+    ) -> NumberSums | None:
+        """Return sums of derivatives by the numbers of an effect; None if none of its parameters is wanted."""
+        asked = {name: one for name, one in effect.parameters().items() if name in wanted}
+        if not asked:
+            return None
+        varies = any(one.varies for one in asked.values())
+        stages = len(effect.steps.times(0.0)) if varies else 1
+        sums = NumberSums(self._model, group, numbers, stages, self._launch_once)
+        self._sums.append(sums)
+        self._parameters |= {name: (sums, one) for name, one in asked.items()}
+        return sums
 
     def clear(self) -> None:
         """Set all derivatives to 0."""
         each = [self.by_x, self.by_v, self._by_gravity, self._by_inverse_mass, *self._own.values()]
         for array in (*each, *self._totals.values(), *([] if self._sizes is None else [self._sizes])):
             array.zero_()
+        for sums in self._sums:
+            sums.clear()
+        if self.motions is not None:
+            self.motions.clear()
 
     def kick(self, drift: float, seconds: float, x: wp.array, v: wp.array, v_out: wp.array, stage: int) -> None:
         """Lead derivatives back through a kick of v to v_out by forces at (x, v), and a drift by v_out.
@@ -137,12 +179,13 @@ class Adjoint:
         self._lead_kick_back(drift, seconds, v, v_out)
         self._lead_forces_back(x, v, stage)
 
-    def forget_driven(self, *each: wp.array) -> None:
-        """Set vectors of driven particles to 0, since their motion does not depend on earlier states."""
+    def forget_driven(self, stage: int) -> None:
+        """Set derivatives of driven particles to 0, since their motion does not depend on earlier states."""
         if self._driven is not None:
-            for array in each:
-                inputs = [self._driven, array]
-                self._launch(forget(self._model.dim, self._model.scalar), len(self._driven), inputs)
+            inputs = [self._driven, self._start, self.by_x, self.by_v, self._by_poses]
+            self._launch(forget(self._model.dim, self._model.scalar), len(self._driven), inputs)
+            if self.motions is not None:
+                self.motions.sums.add_up(stage)
 
     def frame(self, h: float, tape: Tape) -> None:
         """Lead derivatives back through the substeps (h seconds each) of a frame, which are stored on a tape.
@@ -151,7 +194,7 @@ class Adjoint:
         previous one.
         """
         states, last = tape.states, len(tape.states) - 1
-        self.forget_driven(self.by_x, self.by_v)
+        self.forget_driven(last)
         self._lead_kick_back(h, h, states[-2][1], states[-1][1])
         for n in reversed(range(last)):
             x, v = states[n]
@@ -160,7 +203,7 @@ class Adjoint:
                 self._lead_forces_back(x, v, n, h, before)
             else:
                 self._lead_forces_back(x, v, n)
-                self.forget_driven(self.by_x, self.by_v)
+                self.forget_driven(n)
                 if before is not None:
                     self._lead_kick_back(h, h, before, v)
 
@@ -182,8 +225,11 @@ class Adjoint:
         for one in self._elements:
             one.lead_back(x, v, self._phi, self.by_x, self.by_v, stage)
         if self._soft is not None:
-            inputs = [self._soft.data, self._inverse_mass, *state, self._by_inverse_mass]
+            inputs = [self._soft.data, self._inverse_mass, *state, self._by_inverse_mass, self._soft_by]
             self._launch(self._soft_kernel, self._count, inputs)
+        for sums in self._sums:
+            if sums.varies:
+                sums.add_up(stage)
         self._phi, self._next_phi = self._next_phi, self._phi
 
     def _launch(self, kernel: Any, count: int, inputs: list[Any], lanes: int = 1) -> None:
@@ -200,7 +246,7 @@ class Adjoint:
 
         partition.launch_parts(launch_part)
 
-    def _launch_once(self, launch: Callable[[], None]) -> None:
+    def _launch_once(self, launch: Callable[[], Any]) -> None:
         """Call `launch` in only one of the CPU threads that share a frame."""
         partition = self._partition
         if partition is None or not partition.is_recording:
@@ -253,14 +299,25 @@ class Adjoint:
             if name == "gravity":
                 kinds = (model.vector, vector(model.dim, wp.float64))
             wp.launch(widen(*kinds), len(total), [narrow, total], device=model.device)
+        for sums in self._sums:
+            if not sums.varies:
+                sums.add_up()
 
-    def take_strains(self) -> NDArray[np.float64]:
-        """Return the accumulated derivatives by strains, shape [stages, columns], and set them to 0.
+    def varies(self, name: str) -> bool:
+        """Tell whether a number of a load is a function of time."""
+        return self._parameters[name][1].varies
 
-        In an ensemble, the shape is [worlds, stages, columns].
+    def take_stages(self) -> dict[str, NDArray[np.float64]]:
+        """Return the accumulated derivatives by functions of time, for each stage, and set them to 0.
+
+        They have an axis of stages, in an ensemble after that of worlds.
         """
-        assert isinstance(self._springs, InTable)
-        return self._springs.take_strains()
+        found = {id(sums): sums.take() for sums in self._sums if sums.varies}
+        return {
+            name: self._model.of_each(one.of(found[id(sums)]))
+            for name, (sums, one) in self._parameters.items()
+            if sums.varies
+        }
 
     def found(self) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives by parameters, in the system's order."""
@@ -280,6 +337,9 @@ class Adjoint:
             result["gravity"] = model.of_each(each["gravity"].sum(axis=1))
         for name in self._totals.keys() & set(CONSTANTS):
             result[name] = self._springs.by_connection(self._totals[name].numpy())
+        for name, (sums, one) in self._parameters.items():
+            if not sums.varies:
+                result[name] = np.asarray(model.of_each(one.of(sums.total.numpy()[:, 0])))
         return result
 
 

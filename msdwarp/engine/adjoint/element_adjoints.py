@@ -1,6 +1,7 @@
 """The adjoint of an effect whose forces are those of elements, on a device."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -9,6 +10,7 @@ from ...kernels.adjoint import add_elements, elements_adjoint
 from ..device.csr import rows
 from ..model.effect import Elements
 from ..model.model import Model
+from .number_sums import NumberSums
 
 
 class ElementAdjoints:
@@ -27,6 +29,8 @@ class ElementAdjoints:
         `threads` to the inputs.
     launch_once
         Function that calls its argument, which launches kernels, in only one thread.
+    sums
+        The sums of derivatives by the elements' numbers; None if they are not requested.
     """
 
     def __init__(
@@ -35,7 +39,8 @@ class ElementAdjoints:
         elements: Elements,
         time: wp.array,
         launch: Callable[..., None],
-        launch_once: Callable[[Callable[[], None]], None],
+        launch_once: Callable[[Callable[[], Any]], None],
+        sums: NumberSums | None = None,
     ) -> None:
         device, scalar, vertices = model.device, model.scalar, elements.vertices
         self._elements, self._time, self._launch, self._launch_once = elements, time, launch, launch_once
@@ -61,8 +66,11 @@ class ElementAdjoints:
         ]
         self._table.append(wp.array(weight[row, column][order], dtype=scalar, device=device))
         self._by = [wp.zeros(len(particle), dtype=model.vector, device=device) for _ in range(2)]
+        own, wanted = elements.numbers, sums is not None
+        self._by_numbers = sums.each if sums else wp.zeros((0, 1), dtype=scalar, device=device)
         kinds = elements.data._cls, elements.projected, model.in_worlds
-        self._lead = elements_adjoint(model.dim, scalar, size, *kinds)
+        numbers = (own.of, own.width if wanted else 0) if own is not None else (None, 0)
+        self._lead = elements_adjoint(model.dim, scalar, size, *kinds, *numbers)
         self._add = add_elements(model.dim, scalar)
 
     def lead_back(
@@ -72,7 +80,7 @@ class ElementAdjoints:
         elements, parts = self._elements, [self._particle, self._weight]
         prepare = elements.prepare
         if prepare is not None:
-            self._launch_once(lambda: prepare(*parts, x, phi))
-        inputs = [elements.data, *self._apart, *parts, self._time, stage, x, v, phi, *self._by]
+            self._launch_once(lambda: prepare(*parts, x, phi, self._by_numbers))
+        inputs = [elements.data, *self._apart, *parts, self._time, stage, x, v, phi, *self._by, self._by_numbers]
         self._launch(self._lead, self._count, inputs)
         self._launch(self._add, len(self._table[0]), [*self._table, *self._by, by_x, by_v])

@@ -27,9 +27,8 @@ class InTable:
         column = np.full(model.connection_count if actuated is not None else 1, -1, dtype=np.int32)
         if actuated is not None:
             column[actuated.connection] = actuated.column
-        shape = (1, 1) if actuated is None else actuated.data.strain.shape
-        shape = (model.worlds, *shape) if model.in_worlds else shape
-        self._by_strain = wp.zeros(shape, dtype=model.scalar, device=model.device)
+        self.column = model.ordered(column)
+        """The column of each connection's strain, -1 without an actuator, in the model's order."""
         table = self._table = self.neighbours.Table()
         table.first, table.other, table.connection = neighbour_table(model)
         table.connections = model.connections
@@ -38,8 +37,7 @@ class InTable:
             if name in model.rows:
                 values = wp.array(model.of_each_world(model.rows[name]), dtype=model.scalar, device=model.device)
             setattr(table, name, values)
-        table.column = wp.array(model.ordered(column), dtype=int, device=model.device)
-        table.by_strain = self._by_strain
+        table.column = wp.array(self.column, dtype=int, device=model.device)
         table.strain = wp.zeros((1, 1), dtype=model.scalar, device=model.device)
         if model.in_worlds:
             table.particle_count, table.stride = model.particle_count, model.stride
@@ -51,12 +49,6 @@ class InTable:
         if self._actuated is not None:
             self._table.strain = self._actuated.data.strain
         return self._table
-
-    def take_strains(self) -> NDArray[np.float64]:
-        """Return the accumulated derivatives by strains, and set them to 0; see `Adjoint`."""
-        found = self._by_strain.numpy().astype(np.float64)
-        self._by_strain.zero_()
-        return found
 
     def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives by the constants of connections, in the system's order."""

@@ -53,19 +53,19 @@ class StageAdjoint(Adjoint):
             states = [tape.states[k], *self._inner, tape.states[k + 1]]
             tape.take(k, self._keep)
             for n in reversed(range(stages)):
-                self._lead_combination_back(n + 1, states)
+                self._lead_combination_back(n + 1, states, k * stages)
                 x, v = states[n]
                 self._lead_forces_back(x, v, k * stages + n)
-            self._lead_combination_back(0, states)
+            self._lead_combination_back(0, states, k * stages)
 
     def _keep(self, stage: int, x: wp.array, v: wp.array) -> None:
         """Store the state at which a stage evaluates forces; the tape already has the first."""
         if stage:
             self._launch(self._copy, self._count, [x, v, *self._inner[stage - 1]])
 
-    def _lead_combination_back(self, n: int, states: list[Any]) -> None:
-        """Lead derivatives by state n back to the velocities and forces of the stage before it."""
-        self.forget_driven(self.by_x, self.by_v)
+    def _lead_combination_back(self, n: int, states: list[Any], begin: int) -> None:
+        """Lead derivatives by state n of a substep, which begins at stage `begin`, back to the stage before it."""
+        self.forget_driven(begin + n)
         inputs = [self._weight, n, self._times[n], self._inverse_mass, self._gravity, states[0][1], states[n][1]]
         inputs += [self.by_x, self.by_v, self._by_inverse_mass, self._by_gravity, self._kept, self._phi]
         self._launch(self._combine, self._count, inputs)

@@ -7,9 +7,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.colliders import KINDS, soft_colliders
-from ...world import Collider
+from ...world import Collider, Plane
 from ..device.device import upload_fields
-from ..model.effect import Effect, summed
+from ..model.effect import Effect, Parameter, summed
 from ..model.model import Model
 from .penetration_depth import describe
 
@@ -25,7 +25,8 @@ class SoftColliders(Effect):
         for k, one in enumerate(colliders):
             if one.stiffness is not None and (wrong := one.fits(model.dim)):
                 raise ValueError(f"colliders[{k}].{wrong}")
-        soft = [one for one in colliders if one.stiffness is not None]
+        self._soft = [(k, one) for k, one in enumerate(colliders) if one.stiffness is not None]
+        soft = [one for _, one in self._soft]
         self._model = model
         self.kinds = tuple(sorted({type(one).__name__ for one in soft}, key=KINDS.index))
         """The kinds of obstacles, as in `msdwarp.kernels.colliders`."""
@@ -38,6 +39,19 @@ class SoftColliders(Effect):
         upload_fields(data, model.device, **numbers)
         self._stiffness = float(numbers["stiffness"].max())
         self._damped = float(numbers["dissipation"].any())
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the numbers of each obstacle, and its place if one number or point tells it."""
+        found, count = dict[str, Parameter](), len(NUMBERS)
+        for p, (k, one) in enumerate(self._soft):
+            for n, word in enumerate(NUMBERS):
+                found[f"colliders[{k}].{word}"] = Parameter(lambda sums, p=p, n=n: sums[..., p, n])
+            if isinstance(one, Plane):
+                normal = one.unit_normal(self._model.dim)
+                found[f"colliders[{k}].offset"] = Parameter(lambda sums, p=p, n=normal: sums[..., p, count:] @ n)
+            elif one.places == ("position",):
+                found[f"colliders[{k}].position"] = Parameter(lambda sums, p=p: sums[..., p, count:])
+        return found
 
     def begin(self, substeps: int, dt: float) -> None:
         """Set the length of substeps [s], which limits friction."""

@@ -11,6 +11,7 @@ from ...kernels.loads import actuated_springs, add_tension
 from ...world import Actuator, Load
 from ..device.csr import rows
 from ..device.device import upload_fields
+from ..model.effect import Parameter
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 
@@ -62,6 +63,10 @@ class ActuatedSprings(StageTables):
     def _row(self, name: str) -> NDArray[np.float64]:
         """Return a parameter of the actuated springs, shape [rows, actuated_count]; world w has row w mod rows."""
         return self._model.row_of(name)[:, self.connection]
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the strains."""
+        return {"strain": Parameter(lambda sums: sums[..., 0], varies=True)}
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the transverse stiffness of contracted muscles, at the largest known contraction."""

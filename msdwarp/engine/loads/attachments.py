@@ -12,7 +12,7 @@ from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..device.frame_tables import Tables
-from ..model.effect import Elements, summed
+from ..model.effect import Elements, Numbers, Parameter, summed
 from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
@@ -40,12 +40,13 @@ class AttachmentSprings(FrameTables):
             if isinstance(one, Attachment) and one.carried_by is not None and one.carried_by.motion is not None
         ]
         self._moving = bool(self._carriers)
+        self._damped = bool(self._hands) or any(one.damping for one in several)
         self._composed = attachments(
             model.dim,
             model.scalar,
             model.compensated,
             moving=self._moving,
-            damped=bool(self._hands) or any(one.damping for one in several),
+            damped=self._damped,
             stretched=any(one.rest_length.any() for one in several),
         )
         self.piece = self._composed.piece
@@ -73,14 +74,17 @@ class AttachmentSprings(FrameTables):
         chosen = [np.flatnonzero(one.particles(model.system)) for one in several]
         counts = list(map(len, chosen))
         points, carrier, k = [], np.full(len(several), -1), 0
+        self._turns = [np.eye(model.dim) for _ in several]
         for n, one in enumerate(several):
             to = np.asarray(one.to, dtype=np.float64).reshape(-1, model.dim)
             if k < len(self._carriers) and getattr(one, "carried_by", None) is self._carriers[k][1]:
                 turns, shifts = self._poses(k, np.zeros(1))
                 to = (to - shifts[0]) @ turns[0]  # in the carrier's given pose: y = Rᵀ (p − o)
+                self._turns[n] = turns[0]
                 carrier[n], k = k, k + 1
             points.append(to)
         order, first = rows(np.concatenate(chosen), model.particle_count)
+        self._rows_of = np.split(np.argsort(order), np.cumsum(counts)[:-1])
         member = np.unique(np.concatenate(chosen))
         values = {
             "first": first,
@@ -166,7 +170,21 @@ class AttachmentSprings(FrameTables):
             return None
         first = self.data.first.numpy()
         particle = np.repeat(np.arange(len(first) - 1), np.diff(first))
-        return Elements(self.data, self._composed.projected, particle[:, None])
+        numbers = Numbers(np.arange(len(particle)), 3 + self._model.dim, self._composed.numbers)
+        return Elements(self.data, self._composed.projected, particle[:, None], numbers=numbers)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the numbers of each attachment, in the order of its particles' indices."""
+        found = dict[str, Parameter]()
+        if self._hands:
+            return found
+        for (name, one), mine, turn in zip(self._named, self._rows_of, self._turns, strict=True):
+            found[f"{name}.to"] = Parameter(lambda sums, mine=mine, turn=turn: sums[..., mine, 3:] @ turn.T)
+            for n, word in enumerate(("stiffness", "damping")[: 1 + self._damped]):
+                found[f"{name}.{word}"] = Parameter(lambda sums, mine=mine, n=n: sums[..., mine, n].sum(axis=-1))
+            if isinstance(one, Attachment) and np.all(one.rest_length):  # at 0 the law is another one
+                found[f"{name}.rest_length"] = Parameter(lambda sums, mine=mine: sums[..., mine, 2])
+        return found
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Σ k (|x − p| − l0)²/2 [J] and Σ b |v − u|² [W], with the carriers' poses at the frame's end.

@@ -12,6 +12,7 @@ from ...kernels.loads import driven
 from ...world import Driven, Load, poses
 from ..device.device import upload_fields
 from ..device.frame_tables import Tables
+from ..model.effect import Parameter
 from ..model.model import Model
 from ..model.stage_tables import FrameTables
 from ..model.state import State
@@ -107,9 +108,7 @@ class Drives(FrameTables):
 
     def fill(self, time: float, tables: Tables) -> None:
         """Write the poses of the frame that begins at `time`, and their rates."""
-        steps, dim = self.steps, self._model.dim
-        times = np.maximum(time + steps.dt * self._at, 0.0)  # a motion may be undefined before 0
-        times[-1] = (round(time * steps.fps) + 1) / steps.fps
+        steps, dim, times = self.steps, self._model.dim, self._times(time)
         for k, (name, one) in enumerate(self._drives):
             turn, shift = self._poses(name, one, times)
             self._check_speed(name, k, turn[self._substeps], shift[self._substeps], times[self._substeps])
@@ -122,6 +121,48 @@ class Drives(FrameTables):
         if steps.lag:
             self._fill_accelerations(float(times[-1]), tables)
 
+    def _times(self, time: float) -> NDArray[np.float64]:
+        """Return the times at which the frame that begins at `time` takes poses [s]."""
+        times = np.maximum(time + self.steps.dt * self._at, 0.0)  # a motion may be undefined before 0
+        times[-1] = (round(time * self.steps.fps) + 1) / self.steps.fps
+        return times
+
+    def lead_frame_back(self, time: float, by_place: NDArray, by_speed: NDArray) -> tuple[NDArray, NDArray]:
+        """Return times, and derivatives by poses then, from those by the tables of a frame that begins at `time`.
+
+        Derivatives by tables have the shape [worlds, rows, drive_count, ...], others [time_count, worlds, ...].
+        """
+        places = np.eye(len(self._at))[self._rows]
+        values = np.tensordot(places, by_place, (0, 1)) + np.tensordot(self._weights, by_speed, (0, 1))
+        return self._times(time), values
+
+    def lead_rates_back(self, time: float, *by_rates: NDArray | None) -> tuple[NDArray, NDArray]:
+        """Return times, and derivatives by poses then, from those by the first and second rates at `time` [s].
+
+        Derivatives by rates have the shape [worlds, drive_count, ...], others [time_count, worlds, ...].
+        """
+        points, step = self._window(time, self.steps.fps)
+        parts = [
+            np.multiply.outer(_derivative(points, 0, m) / step**m, each)
+            for m, each in enumerate(by_rates, 1)
+            if each is not None
+        ]
+        return time + step * points, np.asarray(sum(parts))
+
+    @property
+    def motions(self) -> list[Driven]:
+        """The drives."""
+        return [one for _, one in self._drives]
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the motions, which `MotionAdjoint` sums by their poses."""
+        return {f"{name}.motion": Parameter(lambda poses: poses, varies=True) for name, _ in self._drives}
+
+    def _window(self, time: float, fps: float) -> tuple[NDArray, float]:
+        """Return the points of a window at `time`, for derivatives at the point 0, and their distance [s]."""
+        step = WINDOW / (fps * (POINTS - 1))
+        return np.arange(POINTS - 1, -1, -1) * (-1 if round(time * fps) > 0 else 1), step
+
     def _fill_accelerations(self, time: float, tables: Tables) -> None:
         """Write the second derivatives of the poses at `time`."""
         for k, (name, one) in enumerate(self._drives):
@@ -129,8 +170,7 @@ class Drives(FrameTables):
 
     def _around(self, name: str, one: Driven, time: float, fps: float) -> tuple[list[NDArray], list[NDArray]]:
         """Return rotation and shift, each with two derivatives, at `time`: a frame's end, or the start."""
-        step = WINDOW / (fps * (POINTS - 1))
-        points = np.arange(POINTS - 1, -1, -1) * (-1 if round(time * fps) > 0 else 1)
+        points, step = self._window(time, fps)
         found = self._poses(name, one, time + step * points)
         result = []
         for values in found:

@@ -1,14 +1,22 @@
 """The forces of a scene on particles, on a device."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...kernels.loads import function_force, function_projection, steady_force, varying_force, weight_force
+from ...kernels.loads import (
+    function_force,
+    function_projection,
+    given_force_projection,
+    steady_force,
+    varying_force,
+    weight_force,
+)
 from ...world import Falling, Force, Load
 from ..device.device import upload_fields
-from ..model.effect import Effect, Elements
+from ..model.effect import Effect, Elements, Numbers, Parameter
 from ..model.model import Model
 from ..model.stage_tables import StageTables, exchanged
 
@@ -42,6 +50,23 @@ def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDAr
     return kinds / np.array(sharing, dtype=np.float64), combination.ravel()
 
 
+def _particles_with(model: Model, data: Any, varies: bool) -> Elements:
+    """Return the particles on which given forces act, in groups that share their sums."""
+    project, numbers = given_force_projection(model.dim, model.scalar, data._cls, varies)
+    combination = data.combination.numpy()
+    particle = np.flatnonzero(combination)
+    own = Numbers(combination[particle], model.dim, numbers)
+    return Elements(data, project, particle[:, None], numbers=own, of_motion=False)
+
+
+def _forces(named: Named, shares: NDArray[np.float64], varies: bool) -> dict[str, Parameter]:
+    """Return the derivatives by forces, given those by the sums of their combinations."""
+    return {
+        name: Parameter(lambda sums, share=share: share @ sums, varies)
+        for (name, _), share in zip(named, shares.T, strict=True)
+    }
+
+
 class Steady(Effect):
     """Forces that are constant."""
 
@@ -58,6 +83,14 @@ class Steady(Effect):
     def _of(self, forces: Named) -> NDArray[np.float64]:
         """Return the force of each combination [N]."""
         return self._shares @ np.array([one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces])
+
+    def elements(self) -> Elements:
+        """Return the particles that the forces act on."""
+        return _particles_with(self._model, self.data, varies=False)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the forces."""
+        return _forces(self._forces, self._shares, varies=False)
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace forces by others on the same particles."""
@@ -81,6 +114,14 @@ class Varying(StageTables):
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
         return self._shares @ super().at(times)
+
+    def elements(self) -> Elements:
+        """Return the particles that the forces act on."""
+        return _particles_with(self._model, self.data, varies=True)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the forces."""
+        return _forces(self.named, self._shares, varies=True)
 
 
 class Weight(StageTables):

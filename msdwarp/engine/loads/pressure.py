@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.loads import gas_adjoint, gas_law, gas_pressure, given_pressure, given_projection
 from ...world import EnclosedGas, Load, Pressure, volume
 from ..device.device import upload_fields
-from ..model.effect import Effect, Elements
+from ..model.effect import Effect, Elements, Numbers, Parameter
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 from .surface_triangles import EmbeddedVertices, Faces, area_vectors
@@ -25,7 +25,7 @@ def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices
     `vertices` is the effect of the surface's vertices, if these are weighted means of particles.
     """
     given = [(f"loads[{k}].pressure", one) for k, one in enumerate(loads) if isinstance(one, Pressure)]
-    gases = [one for one in loads if isinstance(one, EnclosedGas)]
+    gases = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, EnclosedGas)]
     effects: list[Effect] = [GivenPressures(model, given)] if given else []
     return effects + ([Gases(model, gases, vertices)] if gases else [])
 
@@ -74,12 +74,16 @@ class GivenPressures(SurfacePressure, StageTables):
     def elements(self) -> Elements:
         """Return the triangles."""
         model, faces = self._model, self._faces
-        return Elements(
-            self.data,
-            given_projection(model.dim, model.scalar, self.data._cls),
-            faces.corner,
-            faces.facets,
-        )
+        project, numbers = given_projection(model.dim, model.scalar, self.data._cls)
+        numbers = Numbers(faces.of, 1, numbers)
+        return Elements(self.data, project, faces.corner, faces.facets, numbers=numbers)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the pressures."""
+        return {
+            name: Parameter(lambda sums, k=k: sums[..., k, 0], callable(one.pressure))
+            for k, (name, one) in enumerate(self.named)
+        }
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to the largest pressures of a frame."""
@@ -89,9 +93,12 @@ class GivenPressures(SurfacePressure, StageTables):
 class Gases(SurfacePressure):
     """Enclosed gases: pressures are computed from volumes in each stage of a substep."""
 
-    def __init__(self, model: Model, gases: Sequence[EnclosedGas], vertices: EmbeddedVertices | None) -> None:
+    def __init__(
+        self, model: Model, named: Sequence[tuple[str, EnclosedGas]], vertices: EmbeddedVertices | None
+    ) -> None:
+        gases = self._gases = [one for _, one in named]
         super().__init__(model, gases, gas_pressure)
-        self._gases, self._vertices = gases, vertices
+        self._names, self._vertices = [name for name, _ in named], vertices
         self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
         self.data.value = wp.zeros((model.worlds, len(gases)), dtype=model.scalar, device=model.device)
         self.by_world = ("value",)
@@ -123,11 +130,22 @@ class Gases(SurfacePressure):
         begin = wp.array(np.append(ends, worlds * faces.ends[-1]), dtype=int, device=model.device)
         numbers = wp.array(np.tile(self._numbers.numpy(), (worlds, 1)), dtype=wp.vec4d, device=model.device)
 
-        def prepare(particle: wp.array, weight: wp.array, x: wp.array, phi: wp.array) -> None:
-            inputs = [particle, weight, begin, numbers, x, phi, data]
+        def prepare(*arrays: wp.array) -> None:
+            particle, weight, x, phi, by_numbers = arrays
+            inputs = [particle, weight, begin, numbers, x, phi, data, by_numbers]
             wp.launch(kernel, count * threads, inputs, device=model.device, block_dim=threads)
 
-        return Elements(data, project, faces.corner, faces.facets, prepare, of_all_worlds=True)
+        own = Numbers(np.arange(len(self._gases)), 4)
+        return Elements(data, project, faces.corner, faces.facets, prepare, of_all_worlds=True, numbers=own)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the numbers of each gas; what is taken from the start is constant."""
+        words = "pressure", "outside", "volume", "exponent"
+        return {
+            f"{name}.{word}": Parameter(lambda sums, k=k, n=n: sums[..., k, n])
+            for k, name in enumerate(self._names)
+            for n, word in enumerate(words)
+        }
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to gases.

@@ -15,7 +15,7 @@ from ...kernels.loads import (
 )
 from ...world import Load, Wind
 from ..device.device import upload_fields
-from ..model.effect import Effect, Elements
+from ..model.effect import Effect, Elements, Numbers, Parameter
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 from .surface_triangles import Faces, area_vectors
@@ -61,6 +61,20 @@ class WindEffect(StageTables):
             values = np.array([0.5 * one.density * getattr(one, name) for _, one in self.named])
             getattr(self.data.winds, name).assign(values.astype(self._model.dtype))
 
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the numbers of each wind, of which kernels have ½ ρ C and the velocity."""
+        found = {}
+        for k, (name, one) in enumerate(self.named):
+            of, half = name.removesuffix("velocity"), 0.5 * one.density
+            shares = {"drag": (half, 0.0), "lift": (0.0, half), "density": (0.5 * one.drag, 0.5 * one.lift)}
+            if not one.lift:  # without it kernels leave its direction out
+                del shares["lift"]
+            for word, share in shares.items():
+                found[of + word] = Parameter(lambda sums, k=k, share=share: sums[..., k, :2] @ share)
+            if self._given:
+                found[name] = Parameter(lambda sums, k=k: sums[..., k, 2:], one.varies)
+        return found
+
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace winds by others on the same surfaces or particles."""
         super().exchange(others)
@@ -103,8 +117,9 @@ class OnFaces(WindEffect):
         """Return the triangles."""
         model, faces = self._model, self._faces
         kinds = model.dim, model.scalar, self.data._cls
-        project = projection_on_faces(*kinds, self.function, self._closed)
-        return Elements(self.data, project, faces.corner, faces.facets)
+        project, numbers = projection_on_faces(*kinds, self.function, self._closed)
+        numbers = Numbers(faces.of, 2 + model.dim, numbers)
+        return Elements(self.data, project, faces.corner, faces.facets, numbers=numbers)
 
 
 class OnParticles(WindEffect):
@@ -129,5 +144,7 @@ class OnParticles(WindEffect):
     def elements(self) -> Elements:
         """Return the particles."""
         model = self._model
-        project = projection_on_particles(model.dim, model.scalar, self.data._cls, self.function)
-        return Elements(self.data, project, np.flatnonzero(self._area)[:, None])
+        project, numbers = projection_on_particles(model.dim, model.scalar, self.data._cls, self.function)
+        on = np.flatnonzero(self._area)
+        numbers = Numbers(self._number[on], 2 + model.dim, numbers)
+        return Elements(self.data, project, on[:, None], numbers=numbers)

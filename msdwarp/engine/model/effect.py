@@ -45,6 +45,17 @@ class Steps(NamedTuple):
         return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
 
 
+class Numbers(NamedTuple):
+    """The numbers on which the forces of elements depend, such as the pressure on a triangle."""
+
+    group: NDArray[np.integer]
+    """The group of each element: its elements share their numbers, and derivatives are summed over it."""
+    width: int
+    """How many numbers an element has."""
+    of: Any = None
+    """wp.func that returns those of an element, see `elements_adjoint`; None if `prepare` adds derivatives."""
+
+
 class Elements(NamedTuple):
     """Groups of points with forces that depend only on the group, for gradients."""
 
@@ -57,9 +68,22 @@ class Elements(NamedTuple):
     vertices: Facets | None = None
     """The vertices, if points are vertices."""
     prepare: Callable[..., None] | None = None
-    """Function (particle, weight, x, φ) that launches what must precede; see `elements_adjoint`."""
+    """Function (particle, weight, x, φ, by_numbers) that launches what must precede; see `elements_adjoint`."""
     of_all_worlds: bool = False
     """Whether `data` concatenates the elements of all worlds; else all worlds share it."""
+    numbers: Numbers | None = None
+    """The numbers on which the forces depend, if there are derivatives by them."""
+    of_motion: bool = True
+    """Whether the forces depend on the motion; else only derivatives by numbers need the elements."""
+
+
+class Parameter(NamedTuple):
+    """A derivative by a number, or several, of a load or an obstacle."""
+
+    of: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    """Function that returns it from the sums of derivatives by numbers of elements, shape [..., group, k]."""
+    varies: bool = False
+    """Whether it is a function of time; then there is a derivative for each stage."""
 
 
 def summed(
@@ -227,6 +251,10 @@ class Effect:
 
     def elements(self) -> Elements | None:
         """Return the elements whose forces Warp differentiates; None if the effect has none."""
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the numbers by which there are derivatives, by name such as "loads[0].drag"."""
+        return {}
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the energy that the effect stores [J] and the power that it dissipates [W], by world."""

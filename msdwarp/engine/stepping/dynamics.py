@@ -75,7 +75,8 @@ class Dynamics:
         slow = self.launches_before_forces or self.model.in_worlds  # if launches have a thread per particle
         self._one_thread = not self.model.device.is_cuda and slow and self._single_launch
         self._stage_arrays = StageArrays()
-        self._steps, self._last_stage, self._stage = Steps(1.0, 1), 0, 0
+        self.steps, self._last_stage, self._stage = Steps(1.0, 1), 0, 0
+        """The substeps of the coming frames."""
         self._measuring = self._in_frame = self._at_substep_start = self._at_frame_start = False
 
     def _forces(self) -> tuple[Any, Differences | None]:
@@ -159,7 +160,7 @@ class Dynamics:
 
     def begin(self, steps: Steps) -> None:
         """Prepare for frames with the substeps `steps`."""
-        self._steps, self._last_stage = steps, steps.substeps * len(steps.stage_times)
+        self.steps, self._last_stage = steps, steps.substeps * len(steps.stage_times)
         self.model.generation += 1  # graphs must be recorded with the new tables
         if self.composition.timed:
             self.scene.time = wp.zeros(self._last_stage + 1, dtype=self.model.scalar, device=self.model.device)
@@ -171,7 +172,7 @@ class Dynamics:
     def begin_frame(self, time: float) -> None:
         """Prepare on the host for the frame that begins at `time` [s], before its graph is launched."""
         if self.composition.timed:
-            self.scene.time.assign(self._steps.times(time).astype(self.model.dtype))
+            self.scene.time.assign(self.steps.times(time).astype(self.model.dtype))
         for effect in self.assembly.all:
             effect.begin_frame(time)
 
@@ -198,7 +199,7 @@ class Dynamics:
     def measuring(self, substep: int) -> Iterator[None]:
         """Set effects to a substep's end while forces are measured, which do no work and are not a stage's."""
         if self.composition.timed:  # the end is the start of the next substep
-            self.scene.stage = (substep + 1) * len(self._steps.stage_times)
+            self.scene.stage = (substep + 1) * len(self.steps.stage_times)
         work = self.assembly.external_work
         if work is not None:
             setattr(self.scene, work.field, work.idle)
@@ -238,7 +239,7 @@ class Dynamics:
             if effect.begin_substep(substep):
                 self._bind(effect)
         if self.composition.timed:
-            self.scene.stage = substep * len(self._steps.stage_times)
+            self.scene.stage = substep * len(self.steps.stage_times)
 
     def stop_fracture(self) -> None:
         """Prevent breaking until the next substep, since springs break in the first stage only."""
@@ -303,7 +304,7 @@ class Dynamics:
 
     def _search(self, step: Any, begins: bool) -> None:
         """Launch effects' searches for a stage, not on the side stream, where launches cannot be conditional."""
-        steps, after = self._steps, 0.0
+        steps, after = self.steps, 0.0
         if self._in_frame and not begins and not self._measuring and self._stage < len(steps.stage_times):
             after = (steps.stage_times[self._stage] - 1.0) * steps.dt
         frame_begins = not self._in_frame or (begins and self._at_frame_start)
@@ -318,7 +319,7 @@ class Dynamics:
                 effect.before_forces(step.x, step.v, step.compensation, begins)
         if self._in_frame and not self._measuring:
             for effect in self._summing:
-                effect.add_up(self._steps.dt * self._steps.weights[self._stage])
+                effect.add_up(self.steps.dt * self.steps.weights[self._stage])
 
     @property
     def drives(self) -> bool:
