@@ -295,6 +295,8 @@ def test_unknown_names_and_shapes_are_told():
         run.gradient(loss, 0)
     with pytest.raises(ValueError, match="there must be an Actuator"):
         run.gradient(loss, 2, by=("strain",))
+    with pytest.raises(ValueError, match="no connection has a damper"):
+        simulation(block().replace(damping=0.0), device="cpu").gradient(loss, 2, by=("damping",))
     falling = simulation(block(), gravity=lambda t: 9.8, device="cpu")
     with pytest.raises(ValueError, match="by has 'mass', and gravity is a function of time here"):
         falling.gradient(loss, 2, by=("mass",))
