@@ -90,9 +90,7 @@ class Worlds:
 
     def _observations(self, ensemble: Ensemble) -> list[Any]:
         """Return an observation for each channel; raise ValueError if an ensemble does not support one."""
-        observed = {one.name: one.what for one in self.channels if not isinstance(one.what, np.ndarray)}
-        seen = {one.name: one for one in observations(ensemble, observed)}
-        return [seen.get(one.name) or _Positions(ensemble, one.what) for one in self.channels]
+        return observations(ensemble, {one.name: _observed(one) for one in self.channels})
 
     def _together(self, values: NDArray[np.float64], frames: int) -> list[NDArray[np.float64]]:
         """Return each channel in each frame by an ensemble, shape [frame_count, worlds, ...]."""
@@ -125,20 +123,11 @@ class Worlds:
         return found
 
 
-class _Positions:
-    """An observation of positions without velocities, which would cost a launch and a copy."""
-
-    def __init__(self, ensemble: Ensemble, numbers: NDArray[np.int64]) -> None:
-        self._ensemble, self._numbers = ensemble, numbers
-        self.values: list[NDArray[np.float64]] = []
-
-    def look(self) -> None:
-        """Append the current positions, shape [worlds, particles, d]."""
-        model, state = self._ensemble.model, self._ensemble.state
-        found = model.by_world(state.x.numpy())[:, self._numbers].astype(float)
-        if model.compensated:
-            found -= model.by_world(state.compensation.x.numpy())[:, self._numbers]
-        self.values.append(found)
+def _observed(channel: Channel) -> Any:
+    """Return what of an ensemble a channel observes, see `Ensemble.run`."""
+    if isinstance(channel.what, np.ndarray):
+        return lambda position, velocity: position[:, channel.what].astype(float)
+    return channel.what
 
 
 def _value(simulation: Simulation, channel: Channel) -> NDArray[np.float64]:
