@@ -25,6 +25,7 @@ from .fields import (
     PARTICLE_FIELDS as PARTICLE_FIELDS,
     TEARING_FIELDS as TEARING_FIELDS,
     break_stretch as break_stretch,
+    lengths as lengths,
     scaled_parts as scaled_parts,
 )
 from .frame import Frame as Frame, Series as Series

@@ -13,7 +13,7 @@ from PIL import Image
 from rich.progress import Progress
 
 from .. import checks
-from ..bodies import stress, von_mises
+from ..bodies import lengths, stress, von_mises
 from ..files import FrameArray, Trajectory, UsdFrame, UsdMesh, finite_values, write_usd
 from ..pictures import ColourScale, Drawing, Renderer, Stage, framed, still, timelapse, write_film
 from ..studies import particle_energies, system_in
@@ -189,9 +189,7 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
     pairs, rest_length = system.connections[some], system.rest_length[some]
     sizes = []
     for k in list(shown)[:: max(1, len(shown) // 100)]:
-        position = trajectory.positions[k].astype(np.float64)
-        length = np.linalg.norm(np.diff(position[pairs], axis=1)[:, 0], axis=1)
-        strain = np.abs(length / rest_length - 1)
+        strain = np.abs(lengths(trajectory.positions[k].astype(np.float64), pairs) / rest_length - 1)
         # Broken springs are not drawn.
         sizes.append(strain[system.broken_at[some] > trajectory.times[k]] if system.tears else strain)
     return round_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import AXES, Edges, Frame, System, broken_before
+from ..bodies import AXES, Edges, Frame, System, broken_before, lengths
 from .names import (
     BROKEN_AT,
     CONTACT,
@@ -43,8 +43,6 @@ FORESEEN = 1024
 """Frames whose offsets are written at once, if the number of frames is unknown."""
 _MOST_FORESEEN = 1 << 16
 """The limit of this number if it is known: offsets take space even if the run ends early."""
-_BLOCK = 1 << 15
-"""Connections per block of computed strains: their coordinates fit into the cache."""
 
 
 class Record(NamedTuple):
@@ -308,19 +306,9 @@ class Layout:
 
     def _strain(self, position: NDArray) -> NDArray:
         """Return the strain of every connection, relative to its rest length at the start."""
-        rest = self._system.rest_length
-        result = np.empty(len(rest), dtype=self._dtype)
-        axes = np.ascontiguousarray(position.T, dtype=self._dtype)
-        for start in range(0, len(rest), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            i, j = self._system.connections[part].T.astype(np.intp)
-            squared = np.zeros(len(i), dtype=self._dtype)
-            with np.errstate(over="ignore"):  # in a run that is about to diverge
-                for x in axes:
-                    apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # indices are valid; "clip" is faster
-                    squared += apart * apart
-            result[part] = np.sqrt(squared) / rest[part].astype(self._dtype) - 1
-        return result
+        with np.errstate(over="ignore"):  # in a run that is about to diverge
+            length = lengths(position, self._system.connections)
+        return (length / self._system.rest_length - 1).astype(self._dtype)
 
 
 def _cells(system: System) -> dict[str, NDArray]:

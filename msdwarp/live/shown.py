@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import Frame, in_space
+from ..bodies import Frame, in_space, lengths
 from ..pictures import ColourScale, Drawing
 from ..world import Scene
 from .sources import Source
@@ -73,8 +73,7 @@ class Shown:
             return np.linalg.norm(frame.velocity.astype(np.float64), axis=1)
         system = self.scene.system
         ends, count = system.connections.reshape(-1), system.particle_count
-        i, j = system.connections.T
-        strain = np.linalg.norm(frame.position[i] - frame.position[j], axis=1) / system.rest_length - 1.0
+        strain = lengths(frame.position, system.connections) / system.rest_length - 1.0
         total = np.bincount(ends, np.repeat(np.abs(strain), 2), count)
         return total / np.maximum(np.bincount(ends, minlength=count), 1)
 
