@@ -11,9 +11,9 @@ from ... import checks
 from ...kernels.basis import vector
 from ...kernels.colliders import KINDS, ColliderTerm, Needed, collider_contact
 from ...world import Capsule, Collider, Cone, Motion, Plane, poses
-from ..device.frame_tables import InFrames, Tables
-from ..model.effect import Effect
+from ..device.frame_tables import Tables
 from ..model.model import Model
+from ..model.stage_tables import FrameTables
 from .penetration_depth import describe, start_depths, touching, ways_out
 
 LARGEST = 1e30
@@ -24,7 +24,7 @@ DEPENETRATION_TIME = 0.5
 COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 
 
-class Colliders(Effect):
+class Colliders(FrameTables):
     """Keeps the particles of a model out of obstacles, fixed or moving.
 
     The rigid ones of `colliders`, at least one, act on a particle in the given order, by the `rule` "coulomb" or
@@ -123,24 +123,12 @@ class Colliders(Effect):
         shape = (substeps + 1, len(self._colliders))
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
         layout = {name: (shape, kind) for name, kind in kinds.items()}
-        self._frames = InFrames(layout, self._scalar, self._device, self._fill)
-        self._frames.tables["turn"][:] = np.eye(self._dim)  # never changed for obstacles that do not turn
-        for name, array in self._frames.arrays.items():
-            setattr(self.data, name, array)
+        tables = self.make_tables(layout, self._scalar, self._device)
+        tables["turn"][:] = np.eye(self._dim)  # never changed for obstacles that do not turn
         self.data.inverse_mass = self._inverse_mass
         self._dt, self._times = dt, dt * np.arange(-1, max(substeps, 2) + 1)
 
-    def begin_frame(self, time: float) -> None:
-        """Move obstacles to the frame that begins at `time` [s]."""
-        if self.moves:
-            self._frames.begin_frame(time)
-
-    def prepare(self, time: float) -> None:
-        """Prepare the poses of the frame that begins at `time` [s], while another frame is running."""
-        if self.moves:
-            self._frames.prepare(time)
-
-    def _fill(self, time: float, tables: Tables) -> None:
+    def fill(self, time: float, tables: Tables) -> None:
         """Write the poses of the frame that begins at `time` [s], and mean velocities in the substeps before."""
         for k, motion, centre in self._moving:
             turn, shift = self._poses(k, motion, centre, time)
@@ -149,7 +137,7 @@ class Colliders(Effect):
 
     def _poses(self, k: int, motion: Motion, centre: NDArray, time: float) -> tuple[NDArray, NDArray]:
         """Return rotations and shifts from one substep before `time` to the frame's end."""
-        times, rows = time + self._times, len(self._frames.tables["turn"]) + 1
+        times, rows = time + self._times, self.data.turn.shape[0] + 1
         first = times[0] < 0
         now = times[1:] if first else times[:rows]
         turn, shift = poses(f"colliders[{self._numbers[k]}]", motion, centre, now, self._furthest)
@@ -159,12 +147,12 @@ class Colliders(Effect):
 
     def hold_still(self, time: float) -> None:
         """Fix obstacles at their places at `time` [s] until a frame begins, for measurements between frames."""
-        if self.moves:
+        if self._frames is not None:
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
         """Write the poses at `time` [s] to all rows, and the mean velocity in the substep before."""
-        self._fill(time, tables)
+        self.fill(time, tables)
         for table in tables.values():
             table[1:] = table[:1]
 

@@ -19,11 +19,12 @@ class FrameTables(Effect):
     varies = True
     """Whether tables are filled for each frame; else they keep the values written by `hold`."""
 
-    def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> None:
-        """Make tables of these shapes and Warp types, and store them in `data` by name."""
+    def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> Tables:
+        """Make tables of these shapes and Warp types, store them in `data` by name, and return the host's."""
         self._frames = InFrames(tables, scalar, device, self.fill)
         for name, array in self._frames.arrays.items():
             self.place_table(name, array)
+        return self._frames.tables
 
     def place_table(self, name: str, table: Any) -> None:
         """Store a table in `data`, where kernels read it."""
