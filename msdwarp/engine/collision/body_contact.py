@@ -32,7 +32,7 @@ from ...world import Contact
 from ..device.launcher import Launcher
 from ..model.model import Model
 from ..springs.linearised import largest_rates, write_diagonal_blocks, zero_blocks
-from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
+from .contact_history import SEPARATION_TIME, WithHistory
 from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import UNLIMITED, ContactSurfaces
 from .division_planes import DivisionPlanes
@@ -57,8 +57,8 @@ class BodyContact(WithHistory):
     and listed facets without contact have no effect.
 
     The arrays have four owners: `surfaces` (constants), `rules` (by kinds of bodies), `neighbors` (rebuilt lists)
-    and `history` (in checkpoints). If `contact_forces`, the forces of bodies on each other's particles are summed
-    in `impulse`.
+    and the effect itself (its history, in checkpoints). If `contact_forces`, the forces of bodies on each other's
+    particles are summed in `impulse`.
     """
 
     def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
@@ -75,7 +75,7 @@ class BodyContact(WithHistory):
         self.rules.upload(data.rules, model, each)
         surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
         self._points = model.worlds * len(on_host.share)
-        self.history = ContactHistory(model, data.history, self._points, "touch")
+        self.set_up_history(model, data.history, self._points, "touch")
         thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
         given, thickest = max(0.0, thickness.max()), 0.0
         for one, depth in zip(surfaces.by_row, surfaces.depth, strict=True):
@@ -121,7 +121,7 @@ class BodyContact(WithHistory):
         self._overlapping: str | None = None
         self._release_initial_overlap()
         if self.planes is not None:
-            self.planes.start(self.history.overlapping_at_start)
+            self.planes.start(self.overlapping_at_start)
 
     @property
     def limits_dampers(self) -> bool:
@@ -188,7 +188,7 @@ class BodyContact(WithHistory):
             )
         allowed = np.zeros(self._points)
         allowed[points] = deep
-        self.history.allow(allowed)
+        self.allow(allowed)
         self.done = data.history.done = wp.zeros(self._points, dtype=wp.float64, device=model.device)
         self._overlapping = (
             f"the body of particle {one} starts {deep[p]:.3g} m inside "
@@ -250,7 +250,7 @@ class BodyContact(WithHistory):
 
         `times` are fields of the kernels' `Substep`; `sums` take stored energy [J] and dissipated power [W].
         """
-        model, surfaces, overlapping = self._model, self.surfaces, self.history.overlapping_at_start
+        model, surfaces, overlapping = self._model, self.surfaces, self.overlapping_at_start
         triangles = surfaces.triangles or measuring
         lanes = self.lanes(triangles)
         composed = (model.scalar, overlapping, lanes, model.in_worlds)
@@ -288,11 +288,6 @@ class BodyContact(WithHistory):
         if self._found is self._flags:
             self._flags.zero_()
         return self.neighbors.judge(flags, ~self.frozen)
-
-    def forget(self) -> None:
-        """Clear the contact history, before all worlds restart."""
-        self.history.forget()
-        self.frozen[:] = False
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
         """Return the checkpoint of each world, with the indices of its own bodies and facets."""

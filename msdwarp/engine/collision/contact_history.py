@@ -1,4 +1,4 @@
-"""ContactHistory: which bodies touch, and their tangential displacements, also in checkpoints."""
+"""WithHistory: which bodies touch, and their tangential displacements, also in checkpoints."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -24,55 +24,54 @@ STORED = {
 """Names of the arrays in checkpoints: those of version 0.1."""
 
 
-class ContactHistory:
-    """Bodies that points or facets touch, tangential displacements, and the initial overlap still allowed.
+class WithHistory(Effect):
+    """An effect whose only changing data are its contact history.
 
-    The arrays are fields of the struct `data`, for `count` points or facets; `more` has the types of further
-    arrays by name. In checkpoints names begin with `prefix`.
+    These are the bodies that points or facets touch, tangential displacements, and the initial overlap still allowed.
     """
 
-    def __init__(
+    overlapping_at_start = False
+    """Whether anything overlapped at the start, which needs other kernels."""
+
+    def set_up_history(
         self, model: Model, data: Any, count: int, prefix: str, more: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        self._model, self._prefix = model, prefix
-        self.data = data
+        """Make the arrays, fields of the struct `data`, for `count` points or facets.
+
+        `more` has the types of further arrays by name. In checkpoints names begin with `prefix`.
+        """
+        self._model, self._history, self._prefix = model, data, prefix
         types = {"tangential_displacement": model.vector, "contact_body": int, **more}
         for name, dtype in types.items():
             setattr(data, name, wp.zeros((HISTORY, count), dtype=dtype, device=model.device))
+        data.contact_body.fill_(-1)
         data.initial_overlap = wp.zeros(count, dtype=model.scalar, device=model.device)
-        self.overlapping_at_start = False
-        """Whether anything overlapped at the start, which needs other kernels."""
         self._names = tuple(types)
-        self.forget()
 
     def allow(self, overlap: NDArray[np.float64]) -> None:
         """Allow each point or facet this overlap [m] at the start; it then shrinks."""
         self.overlapping_at_start = True
-        self.data.initial_overlap.assign(overlap.astype(self._model.dtype))
-        self.data.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
+        self._history.initial_overlap.assign(overlap.astype(self._model.dtype))
+        self._history.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
 
-    def forget(self) -> None:
-        """Clear contacts and displacements, but not the initial overlap that is still allowed."""
-        for name in self._names:
-            getattr(self.data, name).fill_(-1 if name == "contact_body" else 0)
-
-    def go_on_from(self, other: "ContactHistory") -> None:
+    def go_on_from(self, other: Effect) -> None:
         """Copy the history of another model of the same bodies."""
-        if other.data.contact_body.shape == self.data.contact_body.shape:
+        assert isinstance(other, WithHistory)
+        if other._history.contact_body.shape == self._history.contact_body.shape:
             for name in self._names:
-                wp.copy(getattr(self.data, name), getattr(other.data, name))
+                wp.copy(getattr(self._history, name), getattr(other._history, name))
 
     @property
     def changing(self) -> list[wp.array]:
-        """The arrays that substeps change."""
-        return [getattr(self.data, name) for name in (*self._names, "initial_overlap")]
+        """The arrays of the history: all that substeps change."""
+        return [getattr(self._history, name) for name in (*self._names, "initial_overlap")]
 
     def checkpoint(self) -> dict[str, NDArray]:
         """Return the arrays of the contact history, by their names in checkpoints."""
         names = (*self._names, *("initial_overlap",) * self.overlapping_at_start)
-        arrays = {f"{self._prefix}.{STORED[name]}": getattr(self.data, name).numpy().copy() for name in names}
+        arrays = {f"{self._prefix}.{STORED[name]}": getattr(self._history, name).numpy().copy() for name in names}
         if self.overlapping_at_start:
-            arrays[f"{self._prefix}.outwards"] = np.array([self.data.overlap_release_speed])
+            arrays[f"{self._prefix}.outwards"] = np.array([self._history.overlap_release_speed])
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
@@ -80,30 +79,6 @@ class ContactHistory:
         self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
         self._model.generation += 1  # new kernels are composed
         for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
-            getattr(self.data, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
+            getattr(self._history, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
         if self.overlapping_at_start:
-            self.data.overlap_release_speed = float(arrays[f"{self._prefix}.outwards"][0])
-
-
-class WithHistory(Effect):
-    """An effect whose only changing data are its contact history."""
-
-    history: ContactHistory
-
-    def go_on_from(self, other: Effect) -> None:
-        """Copy the history of another model of the same bodies."""
-        assert isinstance(other, WithHistory)
-        self.history.go_on_from(other.history)
-
-    @property
-    def changing(self) -> list[wp.array]:
-        """The arrays of the history: all that substeps change."""
-        return self.history.changing
-
-    def checkpoint(self) -> dict[str, NDArray]:
-        """Return the arrays of the contact history, by their names in checkpoints."""
-        return self.history.checkpoint()
-
-    def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore the arrays that `checkpoint` returned."""
-        self.history.restore(arrays)
+            self._history.overlap_release_speed = float(arrays[f"{self._prefix}.outwards"][0])

@@ -22,7 +22,7 @@ from ...world import Box, Collider, Contact, Load, Plane
 from ..model.model import Model
 from .body_contact import OVERLAP, BodyContact
 from .colliders import LARGEST, Colliders
-from .contact_history import SEPARATION_TIME, ContactHistory, WithHistory
+from .contact_history import SEPARATION_TIME, WithHistory
 from .contact_rules import UNITS, spread_to_particles
 from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
@@ -97,7 +97,7 @@ class SurfaceContact(WithHistory):
         stiffness = (whole / points)[body]
         data.stiffness, data.whole = array(stiffness, scalar), array(whole[body], scalar)
         data.slack = array(SLACK * surfaces.spacing[body], scalar)
-        self.history = ContactHistory(model, data, count, "straddle", {"way": model.vector, "level": scalar})
+        self.set_up_history(model, data, count, "straddle", {"way": model.vector, "level": scalar})
         data.solid = array(met, int)
         data.solids, data.friction = contact.data.solids, contact.data.surface.friction
         boxes = np.array([_box_around(one) for one in colliders])
@@ -119,9 +119,9 @@ class SurfaceContact(WithHistory):
 
         depth = _start_depths(surfaces, model.system.position, corner, [colliders[k] for k in met])
         if (depth > OVERLAP * surfaces.spacing[body]).any():
-            self.history.allow(depth)
+            self.allow(depth)
         self._deepest = (int(np.argmax(depth)), float(depth.max(initial=0.0)))
-        if self.history.overlapping_at_start or contact.moves:
+        if self.overlapping_at_start or contact.moves:
             data.power = wp.zeros(count, dtype=wp.float64, device=device)
             self.done = wp.zeros(count, dtype=wp.float64, device=device)
         self._stage = 0
@@ -160,7 +160,7 @@ class SurfaceContact(WithHistory):
         """Launch the kernel over all facets: on a GPU a thread per facet, on the CPU a single thread."""
         device = self._model.device
         kernel = evaluate_surface(
-            self._model.scalar, self._kinds, self._contact.moves, self.history.overlapping_at_start, measuring
+            self._model.scalar, self._kinds, self._contact.moves, self.overlapping_at_start, measuring
         )
         threads = len(self._data.corner) if device.is_cuda else 1
         wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
@@ -178,7 +178,7 @@ class SurfaceContact(WithHistory):
 
     def overlapping(self) -> str | None:
         """Return a warning about the facet that an obstacle penetrates deepest at the start, or None."""
-        if not self.history.overlapping_at_start:
+        if not self.overlapping_at_start:
             return None
         facet, deep = self._deepest
         vertex = int(self._data.corner.numpy()[facet][0])

@@ -51,7 +51,7 @@ class ContactLaunch:
         numbers.ahead = AHEAD * h
         if planes is not None:
             pairs, numbers.apart = planes.pairs, planes.apart
-        kinds = triangles, effect.history.overlapping_at_start, effect.limits_now, planes is not None
+        kinds = triangles, effect.overlapping_at_start, effect.limits_now, planes is not None
         parts, threads = ContactParts(*kinds, effect.lanes(triangles)), CLUSTER * MOST_THREADS
         kernel = persistent_contact(dynamics.composition, self._method, parts, CLUSTER)
         inputs = [dynamics.scene, self._steps, substeps, model.connection_count, threads, first + 1]
