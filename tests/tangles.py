@@ -78,7 +78,7 @@ def evaluate(system: System, device: str, precision: str, force_algorithm: str =
         system.replace(mass=1.0), gravity=0.0, device=device, precision=precision, force_algorithm=force_algorithm
     )
     dynamics, state = Dynamics(assembly), State.from_system(system, assembly.model)
-    rest, force = state.empty_vectors(2)
+    rest, force = state.model.vectors_together(2)
     fields = {"compensation": state.compensation, "x": state.x, "v": state.v, "v_half": rest, "v_out": force}
     dynamics.run(Stage(kick, {"h": 1.0, **fields}))
     return force.numpy()

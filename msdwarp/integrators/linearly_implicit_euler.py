@@ -85,7 +85,7 @@ class LinearlyImplicitEuler(Integrator):
         dim, scalar = vector._length_, vector._wp_scalar_type_
         kinds: list[Any] = [wp.types.matrix((dim, dim), kind) for kind in (wp.float64, wp.float64, scalar)]
         springs, dampers, inverses = (wp.zeros(len(x), dtype=kind, device=x.device) for kind in kinds)
-        r, dv, p, q, z = state.empty_vectors(5)
+        r, dv, p, q, z = state.model.vectors_together(5)
         return Work(r, dv, p, q, z, springs, dampers, inverses, numbers)
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage | Solve]:

@@ -50,7 +50,7 @@ class RK4(Integrator):
 
     def workspace(self, state: State) -> Work:
         """Return arrays for the positions and velocities of two stages, and for the sum of accelerations."""
-        return Work(*state.empty_vectors(5))
+        return Work(*state.model.vectors_together(5))
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage]:
         """Return the four stages of a substep of h seconds."""

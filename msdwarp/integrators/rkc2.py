@@ -147,7 +147,7 @@ class RKC2(Integrator):
 
     def workspace(self, state: State) -> Work:
         """Return arrays for the acceleration of the first stage, and for two stages."""
-        a0, *stages = state.empty_vectors(9)
+        a0, *stages = state.model.vectors_together(9)
         return Work(a0, StageArrays(*stages[:4]), StageArrays(*stages[4:]))
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage]:

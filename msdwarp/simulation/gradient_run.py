@@ -74,7 +74,7 @@ class Differentiated:
         threads: int = 1,
     ) -> None:
         self._model, self._fps, self._start = assembly.model, choices[0].fps, start
-        self._given_v = state.empty_vectors(1)[0]
+        self._given_v = state.model.vectors()
         wp.copy(self._given_v, state.v)
         dynamics = Dynamics(assembly, threads=threads)
         self._stepping = Stepping(

@@ -58,7 +58,7 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
         system, changes = system_in(trajectory, k, schedule), len(changes_made(trajectory, k, schedule))
         if assembly is None or changes > made:
             assembly, made = assemble(system, gravity=gravity, device="cpu", precision="float64"), changes
-        elif assembly.model.lengths_change:
+        elif assembly.model.system.yields:
             assembly.model.rest_length.assign(assembly.model.ordered(system.rest_length))
         if assembly.fracture is not None:
             assembly.fracture.restore({"broken_at": system.broken_at})

@@ -27,7 +27,8 @@ STORED = {
 class WithHistory(Effect):
     """An effect whose only changing data are its contact history.
 
-    These are the bodies that points or facets touch, tangential displacements, and the initial overlap still allowed.
+    These are the bodies that points or facets touch, tangential displacements, and the overlap that is still
+    allowed since the start.
     """
 
     overlapping_at_start = False

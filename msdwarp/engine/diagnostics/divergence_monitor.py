@@ -111,7 +111,7 @@ class Backup:
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self._state = state
         here, live = state.state_in, self.live()
-        together = state.empty_vectors(2 + len(here.method_state))
+        together = state.model.vectors_together(2 + len(here.method_state))
         self.kept = together + tuple(state.model.vectors() for _ in live[len(together) :])
         changing = [array for effect in assembly.all for array in effect.changing]
         self.changing = [(live, wp.clone(live)) for live in (*changing, *others)]

@@ -91,7 +91,7 @@ class Sums:
         count = max(model.particle_count, model.connection_count if everything else 0)
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
-        plain = model.lengths_change or not everything
+        plain = model.system.yields or not everything
         between = None if plain else model.system.between_neighbours
         self._what = Laws(), False, False  # a pass over particles alone needs one kernel for all laws
         if everything:

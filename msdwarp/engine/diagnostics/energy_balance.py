@@ -52,7 +52,7 @@ class EnergySums:
         self._dynamics, self._state, self._lag = dynamics, state, lag
         self._model, self._sums = dynamics.model, Sums(dynamics.assembly)
         self._mass, self._work = mass(self._model), dynamics.assembly.external_work
-        (self._v,) = state.empty_vectors(1) if lag else (state.v,)
+        self._v = state.model.vectors() if lag else state.v
         self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:

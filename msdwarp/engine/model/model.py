@@ -110,7 +110,7 @@ class Model:
         """Index in the system of each connection on the device; None if both orders are equal."""
         self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
         rest_length = system.rest_length
-        if self.lengths_change:  # a number for each connection
+        if self.system.yields:  # a number for each connection
             rest_length = np.array(rest_length)
         self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
         self.stiffness = self._upload_unbroken(system.stiffness, "stiffness")
@@ -165,11 +165,6 @@ class Model:
         if name == "gravity":
             return np.array(list(self.gravity), dtype=np.float64)[None]
         return np.asarray(self.mass if name == "mass" else getattr(self.system, name))[None]
-
-    @property
-    def lengths_change(self) -> bool:
-        """Whether rest lengths change in a run; then the algorithms must not copy rest lengths."""
-        return self.system.yields
 
     def _check_masses(self) -> None:
         """Raise ValueError for a mass whose inverse is out of this precision's range: 0 would pin the particle."""

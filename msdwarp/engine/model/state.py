@@ -42,7 +42,7 @@ class State:
         for x, x_out in ((compensation[0], compensation[1]), (compensation[1], compensation[0])):
             struct = Compensation()
             struct.x, struct.x_out, struct.v = x, x_out, compensation[2]
-            arrays = self.empty_vectors(2 + method_state)
+            arrays = model.vectors_together(2 + method_state)
             instants.append(Instant(arrays[0], arrays[1], arrays[2:], struct))
         self.state_in, self.state_out = instants
 
@@ -99,10 +99,6 @@ class State:
         """Return the arrays of a stage that advances a whole substep, by the names in its `Step`."""
         now, then = self.state_in, self.state_out
         return {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
-
-    def empty_vectors(self, count: int) -> tuple[wp.array, ...]:
-        """Return `count` arrays of zeros, with a vector per particle, as working memory of an integrator."""
-        return self.model.vectors_together(count)
 
     def flip(self) -> None:
         """Make `state_out` the current instant."""

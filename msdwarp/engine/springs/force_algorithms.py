@@ -80,7 +80,7 @@ class Gather:
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
         storage, fields = stored_constants(model)
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
-        storage = "packed" if packed else "listed" if model.lengths_change else storage
+        storage = "packed" if packed else "listed" if model.system.yields else storage
         kinds = (model.dim, model.scalar, model.laws, model.compensated, storage)
         if lanes > 1:
             self.force_algorithm = gather_of_lanes(*kinds, lanes)
@@ -91,7 +91,7 @@ class Gather:
         if packed:
             kind, other = fields.pop("kind"), self.data.other
             wp.launch(tables.pack_kinds, len(connection), [connection, kind], [other], device=model.device)
-        if model.lengths_change:  # rest lengths change, and both ends must read the same ones
+        if model.system.yields:  # rest lengths change, and both ends must read the same ones
             fields["connection"] = connection
         for name, value in fields.items():
             by_connection = storage == "own" or name == "kind" or (storage, name) == ("lengths", "rest_length")
@@ -113,10 +113,10 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     See `msdwarp.kernels.springs.constants`.
     """
     three, device = wp.types.vector(3, model.scalar), model.device
-    kinds = None if model.lengths_change else find_kinds(model.system)
+    kinds = None if model.system.yields else find_kinds(model.system)
     if kinds is None:
         system = model.system
-        if not model.lengths_change and is_uniform(system.stiffness) and is_uniform(system.damping):
+        if not model.system.yields and is_uniform(system.stiffness) and is_uniform(system.damping):
             alike = {name: float(getattr(system, name)[0]) for name in ("stiffness", "damping")}
             return "lengths", {"rest_length": model.rest_length, **alike}
         own = {name: getattr(model, name) for name in CONSTANTS}

@@ -17,7 +17,7 @@ class Velocities:
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float, staggered: bool) -> None:
         self._dynamics, self._state, self._lag, self._staggered = dynamics, state, lag, staggered
-        (self._v,) = state.empty_vectors(1) if staggered else (state.v,)
+        self._v = state.model.vectors() if staggered else state.v
 
     def start(self) -> None:
         """Shift velocities from the time of the positions to the method's own time."""
@@ -40,7 +40,7 @@ class Velocities:
         if self._staggered:
             wp.copy(self._state.v, self.read())
         elif self._lag:
-            (v,) = self._state.empty_vectors(1)
+            v = self._state.model.vectors()
             wp.copy(self._state.v, kicked(self._dynamics, self._state, self._lag - lag, v))
 
 
