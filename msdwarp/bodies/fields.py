@@ -45,7 +45,7 @@ LIMITS = {
     "velocity": (checks.FINITE,),
     "mass": (_MASS, checks.NOT_TINY, checks.FINITE_OR_INF),
 } | {name: limits for name, (_, limits) in _OF_CONNECTIONS.items()}
-_BLOCK = 1 << 16  # connections per block of computed lengths: their coordinates fit into the cache
+_BLOCK = 1 << 15  # connections per block of computed lengths: their coordinates fit into the cache
 
 
 def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -197,13 +197,17 @@ def pairs(value: ArrayLike, particle_count: int) -> NDArray[np.int32]:
     return connections
 
 
-def lengths(position: NDArray[np.float64], connections: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the distance of the two particles of each connection."""
-    result = np.empty(len(connections))
+def lengths(position: NDArray, connections: NDArray[np.int32]) -> NDArray:
+    """Return the distance of the two particles of each connection, in the precision of `position`."""
+    axes = np.ascontiguousarray(position.T)
+    result = np.empty(len(connections), dtype=axes.dtype)
     for start in range(0, len(connections), _BLOCK):
-        i, j = connections[start : start + _BLOCK].T
-        apart = position.take(i, axis=0) - position.take(j, axis=0)
-        result[start : start + _BLOCK] = np.linalg.norm(apart, axis=1)
+        i, j = connections[start : start + _BLOCK].T.astype(np.intp)
+        squared = np.zeros(len(i), dtype=axes.dtype)
+        for x in axes:
+            apart = x.take(i, mode="clip") - x.take(j, mode="clip")  # indices are valid; "clip" is faster
+            squared += apart * apart
+        result[start : start + _BLOCK] = np.sqrt(squared)
     return result
 
 

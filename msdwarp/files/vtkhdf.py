@@ -307,8 +307,10 @@ class Layout:
     def _strain(self, position: NDArray) -> NDArray:
         """Return the strain of every connection, relative to its rest length at the start."""
         with np.errstate(over="ignore"):  # in a run that is about to diverge
-            length = lengths(position, self._system.connections)
-        return (length / self._system.rest_length - 1).astype(self._dtype)
+            result = lengths(np.asarray(position, dtype=self._dtype), self._system.connections)
+        result /= self._system.rest_length
+        result -= 1
+        return result
 
 
 def _cells(system: System) -> dict[str, NDArray]:
