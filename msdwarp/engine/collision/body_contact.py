@@ -201,9 +201,9 @@ class BodyContact(WithHistory):
         """Return a warning about the bodies that overlap most at the start; None if none do."""
         return initial_containment(self._model.system, self.surfaces.on_host, self.rules) or self._overlapping
 
-    def use_partition(self, partition: Launcher | None) -> None:
-        """Divide searches and contact forces among the CPU threads of `partition`, if not None."""
-        self.neighbors.partition = partition
+    def use_launcher(self, launcher: Launcher) -> None:
+        """Let `launcher` divide searches and contact forces among CPU threads."""
+        self.neighbors.launcher = launcher
 
     def begin(self, substeps: int, dt: float) -> None:
         """Set the length of substeps [s], and the limit of dampers that follows from it."""

@@ -267,7 +267,7 @@ class DivisionPlanes(Effect):
                 launch(keep_apart(model.scalar, 1), PAIR_THREADS, phase, phase)
 
         # A single CPU thread handles all pairs.
-        neighbors.launch_parts(lambda part, _: launch_all() if part == 0 else None)
+        neighbors.launcher.launch_parts(lambda part, _: launch_all() if part == 0 else None)
         if not self._small:
             wp.capture_if(self.pairs.many, launch_each)
             self._signals.zero_()

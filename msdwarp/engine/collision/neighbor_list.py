@@ -5,7 +5,6 @@ The device decides when to search; `judge` chooses the width of the skin, the ma
 """
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -122,8 +121,7 @@ class NeighborList:
         self._skin_now = self._least_skin
         self.active = 0
         """Points that had facets near them in the last frame."""
-        self.partition: Launcher | None = None
-        """Divides the launches of a frame among CPU threads; None if there is one thread."""
+        self.launcher = Launcher()
         self.check_every = self._check_every = CHECK_EVERY if device.is_cuda else 1
         """Substeps from one decision whether to search to the next: now, and where nothing is fast."""
         self.dt, self.substep = 0.0, 0
@@ -193,14 +191,7 @@ class NeighborList:
         def launch(part: int, parts: int) -> None:
             wp.launch(kernel, threads, [*inputs, threads, part, parts], outputs, device=device, block_dim=block)
 
-        self.launch_parts(launch)
-
-    def launch_parts(self, launch: Callable[[int, int], None]) -> None:
-        """Call `launch(part, parts)` for each CPU thread that shares a recorded frame, or once `launch(0, 1)`."""
-        if self.partition is not None and self.partition.is_recording:
-            self.partition.launch_parts(launch)
-        else:
-            launch(0, 1)
+        self.launcher.launch_parts(launch)
 
     def place(self, x: wp.array, v: wp.array, compensation: Any, after: float = 0.0, checks: bool = False) -> None:
         """Launch the update of vertices for particles at x, corrected by `compensation` if given.
@@ -234,10 +225,8 @@ class NeighborList:
         """Launch a search that the device skips if lists are still valid."""
         if frame_begins and self.planes is not None and self.planes.tangles:
             self._find(after, True)
-        elif self.partition is not None and self.partition.is_recording:
-            self.partition.launch_if(self.data.due, partial(self._find, after))
         else:
-            wp.capture_if(self.data.due, partial(self._find, after))
+            self.launcher.launch_if(self.data.due, partial(self._find, after))
 
     def invalidate(self) -> None:
         """Make the next evaluation of forces list neighbours again, since positions have been changed."""

@@ -1,19 +1,17 @@
-"""Launcher: the interface by which effects divide a launch among CPU threads."""
+"""Launcher: makes launches that CPU threads may divide."""
 
 from collections.abc import Callable
-from typing import Protocol
 
 import warp as wp
 
 
-class Launcher(Protocol):
-    """Divides launches among CPU threads; implemented by `CpuPartition`."""
-
-    is_recording: bool
-    """Whether launches are recorded for all threads."""
+class Launcher:
+    """Makes launches for one thread; `CpuPartition` divides them among CPU threads while it records a frame."""
 
     def launch_if(self, condition: wp.array, launch: Callable[[], None]) -> None:
-        """Call `launch` to record launches that each thread runs only if `condition`, shape [1], is not 0."""
+        """Make launches by `launch` that are run only if `condition`, shape [1], is not 0."""
+        wp.capture_if(condition, launch)
 
     def launch_parts(self, launch_part: Callable[[int, int], None]) -> None:
         """Let each thread launch its part, by `launch_part(thread, thread_count)`."""
+        launch_part(0, 1)

@@ -131,14 +131,17 @@ class Effect:
     numbers_substeps: bool = False
     """Whether its launches depend on the number of the substep in a frame, beyond the first two and the last."""
 
+    launcher = Launcher()
+
     steps: Steps = Steps(1.0, 1)
     """The substeps of the coming frames; set when `begin` is called."""
 
     def go_on_from(self, other: "Effect") -> None:
         """Take over the state of `other`, which is this effect in the model before a change."""
 
-    def use_partition(self, partition: Launcher | None) -> None:
-        """Use a launcher that divides launches among CPU threads; None if there is one thread."""
+    def use_launcher(self, launcher: Launcher) -> None:
+        """Make launches that CPU threads may divide by this launcher."""
+        self.launcher = launcher
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of this many substeps of `dt` seconds."""

@@ -19,7 +19,6 @@ from ...kernels.springs import (
 )
 from ..device.csr import rows
 from ..device.device import scalar_array, upload_fields
-from ..device.launcher import Launcher
 from ..model.effect import Effect, Elements, summed
 from ..model.model import Model
 
@@ -85,11 +84,6 @@ class CellVolumes(Effect):
             self.data.force = wp.zeros(count, dtype=model.vector, device=model.device)
             self.by_world = ("force",)
         self.shared_points = SPRINGS * self._count
-        self._partition: Launcher | None = None
-
-    def use_partition(self, partition: Launcher | None) -> None:
-        """Divide the cells among the CPU threads of `partition`."""
-        self._partition = partition
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the kernel of pressures, or of forces on corners, for positions x and velocities v."""
@@ -104,10 +98,7 @@ class CellVolumes(Effect):
                 inputs = [self.data, begin, model.stride, self._size, compensation, x, v]
                 wp.launch(self._kernel, threads, inputs, [], device=model.device)
 
-        if self._partition is not None and self._partition.is_recording:
-            self._partition.launch_parts(launch)
-        else:
-            launch(0, 1)
+        self.launcher.launch_parts(launch)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half of a bound of the cells' stiffness and damping: the bound doubles blocks."""

@@ -21,6 +21,7 @@ from ...kernels.integrators import (
     wait_for_all,
 )
 from ...runtime import cores, record
+from ..device.launcher import Launcher
 from ..device.thread_pool import replay_together
 from ..model.model import Model
 from .assemble import Assembly
@@ -33,7 +34,7 @@ THREADS = "MSDWARP_THREADS"
 """Environment variable with the maximal number of threads for "auto"."""
 
 
-class CpuPartition:
+class CpuPartition(Launcher):
     """Divides a body's particles among threads, at least 2, and records the launches of each thread for a frame.
 
     The first thread launches the whole frame, but only its part of the stages; the others only their parts.
@@ -90,7 +91,9 @@ class CpuPartition:
 
         A barrier is before the parts, and another after them.
         """
-        assert self.is_recording
+        if not self.is_recording:
+            super().launch_parts(launch_part)
+            return
 
         def launch(k: int) -> None:
             self._launch_barrier(k)
@@ -104,7 +107,9 @@ class CpuPartition:
 
         A barrier must precede, and the first of these launches must be a barrier: after it `condition` may change.
         """
-        assert self.is_recording
+        if not self.is_recording:
+            super().launch_if(condition, launch)
+            return
         outer, self._launches = self._launches, [self._launch_barrier]
 
         def launch_first() -> None:

@@ -20,6 +20,7 @@ from ...kernels.integrators import (
     scene,
 )
 from ...kernels.springs import NO_SUBSTEP
+from ..device.launcher import Launcher
 from ..model.effect import Effect, Steps
 from ..model.state import State
 from ..springs.force_algorithms import forces_of
@@ -69,7 +70,7 @@ class Dynamics:
         self._left = wp.zeros(1, dtype=int, device=self.model.device)
         """How many repetitions of launches are left."""
         for effect in assembly.all:
-            effect.use_partition(self.partition)
+            effect.use_launcher(self.partition or Launcher())
         self._single_launch = not assembly.begins_substeps
         """Whether one launch can do all that a stage does to particles and springs."""
         slow = self.launches_before_forces or self.model.in_worlds  # if launches have a thread per particle

@@ -6,7 +6,6 @@ import numpy as np
 import warp as wp
 
 from ...kernels.integrators import fire
-from ..device.launcher import Launcher
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
@@ -25,7 +24,6 @@ class Fire(Effect):
         start = np.zeros(fire.COLUMNS)
         start[fire.MIXING] = fire.MIXING_AT_START
         self._decision.assign(start)
-        self._partition: Launcher | None = None
 
     @property
     def largest_force(self) -> float:
@@ -42,19 +40,12 @@ class Fire(Effect):
         """The arrays that substeps change: the method's decisions."""
         return [self._decision]
 
-    def use_partition(self, partition: Launcher | None) -> None:
-        """Let the first thread of `partition` run all launches."""
-        self._partition = partition
-
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch nothing; that this method exists makes each substep its own launch."""
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
-        """Launch the sums, the decision and the change of velocities."""
-        if self._partition is not None and self._partition.is_recording:
-            self._partition.launch_parts(lambda part, _: self._launch(before, after) if part == 0 else None)
-        else:
-            self._launch(before, after)
+        """Launch the sums, the decision and the change of velocities: the first thread does all."""
+        self.launcher.launch_parts(lambda part, _: self._launch(before, after) if part == 0 else None)
 
     def _launch(self, before: Instant, after: Instant) -> None:
         model, device, dt = self._model, self._model.device, self.steps.dt
