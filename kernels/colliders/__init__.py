@@ -1,4 +1,4 @@
-"""Contact of particles with obstacles: one rule for obstacles of all shapes, fixed or moving."""
+"""Contact of particles with obstacles, fixed or moving: one rule for all shapes."""
 
 from .collide import (
     NO_COLLIDERS as NO_COLLIDERS,

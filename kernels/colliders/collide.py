@@ -1,7 +1,7 @@
 """Contact with a scene's obstacles, fixed or moving: the contact rule is applied to each in turn.
 
 The rule is applied at the end of a substep. If a particle has moved so far that it may have passed through an
-obstacle, its whole path is swept instead. No particle can pass through a plane, since all below it is
+obstacle, its whole path is swept instead. A particle cannot pass through a plane, since all points below are
 inside: if all obstacles are planes, no sweep is compiled.
 """
 
@@ -21,14 +21,14 @@ NEEDED = Needed()
 
 @wp.struct
 class NoColliders:
-    """The struct of colliders for a scene without any: no data, and no code."""
+    """The struct of colliders for a scene without obstacles: no data and no code."""
 
 
 class ColliderTerm(NamedTuple):
     """The term that keeps particles out of obstacles; hashable, so that equal scenes share kernels."""
 
     Colliders: Any
-    """Struct type of the obstacles."""
+    """Type of the struct of obstacles."""
     collide: Any
     """wp.func (colliders, x, v, x_old, v_old) -> (x, v) after contact; None without obstacles."""
     moving: bool
@@ -36,13 +36,13 @@ class ColliderTerm(NamedTuple):
     contact_forces: bool = False
     """Whether the forces of obstacles on particles are summed."""
     overlapping_at_start: bool = False
-    """Whether any particle starts inside an obstacle and must be moved out."""
+    """Whether any particle starts inside an obstacle, to be moved out."""
     spares: bool = False
-    """Whether there are particles that obstacles ignore: only the surface of their body meets obstacles."""
+    """Whether obstacles ignore some particles, because the surface of their body meets obstacles instead."""
 
 
 NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
-"""The contact of a scene without obstacles."""
+"""The term of a scene without obstacles."""
 
 
 @functools.cache
@@ -55,18 +55,18 @@ def collider_contact(
     needed: Needed = NEEDED,
     moving: bool = False,
 ):
-    """Compose (Obstacles, collide): obstacles of these kinds, which act on a particle one after the other.
+    """Compose (Obstacles, collide): obstacles of these kinds, applied to a particle one after the other.
 
-    If `contact_forces`, the velocity changes that obstacles cause are summed for each particle. The rule is the
-    same for moving and fixed obstacles.
+    If `contact_forces`, velocity changes by obstacles are summed for each particle. The rule is the same for
+    moving and fixed obstacles.
 
     At the start of substep n of a frame, point y of obstacle p in its given pose is at turn[n, p] y + shift[n, p].
     Its velocity in the previous substep was turning[n, p] y + speed[n, p]. v_old is relative to this velocity, so
-    the obstacle's acceleration acts like gravity on a particle that rests on it.
+    the obstacle's acceleration acts as gravity would on a particle resting on it.
 
-    A moving obstacle does the work m Δv·u on a particle, where u is the mean of the surface's velocities in this
-    substep and the previous one. The work of other forces is computed likewise: half with the velocity before the
-    force, half with the velocity after.
+    A moving obstacle does the work m Δv·u on a particle; u is the mean of the surface's velocities in this substep
+    and the previous one. The work of other forces is computed likewise: half with the velocity before the force,
+    half with the velocity after.
     """
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
     Turn, Wide = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64)
@@ -77,8 +77,8 @@ def collider_contact(
 
     class Obstacles:
         count: int
-        solids: Solids  # their shapes
-        surface: Surface  # their coefficients
+        solids: Solids  # shapes of the obstacles
+        surface: Surface  # coefficients of the contact rule
         if moving:
             # Poses in a frame, each of shape [substeps + 1, count]:
             turn: wp.array2d(dtype=Turn)  # orthogonal
@@ -90,15 +90,15 @@ def collider_contact(
             done: wp.array(dtype=wp.float64)  # work on each particle [J], shape [particle_count]
             particle: int  # index of the current particle
         if swept:
-            inradius: scalar  # the smallest inradius of the obstacles [m]
+            inradius: scalar  # smallest inradius of all obstacles [m]
         if contact_forces:
-            impulse: wp.array(dtype=Wide)  # per mass [m/s], shape [particle_count]
+            impulse: wp.array(dtype=Wide)  # sum of impulses per mass [m/s], shape [particle_count]
         if overlapping_at_start and not moving:
             inverse_mass: wp.array(dtype=scalar)
         if spares:
-            spared: wp.array(dtype=int)  # whether obstacles ignore it, shape [particle_count]
+            spared: wp.array(dtype=int)  # whether obstacles ignore each particle, shape [particle_count]
 
-    if moving:  # the generated code of moving obstacles needs another name
+    if moving:  # generated code of moving obstacles needs another name
         Obstacles.__qualname__ = Obstacles.__qualname__.replace("Obstacles", "MovingObstacles")
     Obstacles = wp.struct(Obstacles)
 
@@ -109,7 +109,7 @@ def collider_contact(
             mass = wp.float64(1.0) / wp.float64(obstacles.inverse_mass[i])
             obstacles.done[i] = obstacles.done[i] + wp.float64(0.5) * mass * twice
 
-    # The functions of obstacles for `sweep` and `corner`. Generated code depends on where a function returns.
+    # Obstacles' functions for `sweep` and `corner`. Generated code depends on where a function returns.
     if moving:
 
         @wp.func
@@ -197,7 +197,7 @@ def collider_contact(
                 for k in range(wp.static(dim)):
                     normal[k] = found[k]
                 normal = turn * normal
-                # The particle's old place relative to the obstacle, and the obstacle's velocities there.
+                # The particle's old position relative to the obstacle, and the obstacle's velocities there.
                 y_old = wp.transpose(obstacles.turn[n, p]) * (x_old - obstacles.shift[n, p])
                 u = obstacles.turning[n + 1, p] * y_old + obstacles.speed[n + 1, p]
                 u_old = obstacles.turning[n, p] * y_old + obstacles.speed[n, p]
@@ -214,7 +214,7 @@ def collider_contact(
                 twice += wp.float64(wp.dot(v - seen, u + u_old))
                 v = v + u
         else:
-            count = int(1)  # a constant, so that the data of a single obstacle are read early
+            count = int(1)  # a constant, so that data of a single obstacle are read early
             if wp.static(several):
                 count = obstacles.count
             for p in range(count):
@@ -231,7 +231,7 @@ def collider_contact(
                         clear = wp.min(clear, found[wp.static(dim)])
                 x, v = put_back(obstacles.surface, p, found[wp.static(dim)], normal, x, v, x_old, v_old)
         if wp.static(swept and bounces):
-            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # rebounds, perhaps through another obstacle
+            if not passed and wp.dot(v - v_free, v) > scalar(0.0):  # a rebound, perhaps through another obstacle
                 for p in range(obstacles.count):
                     distance, normal = look(obstacles, p, x)
                     way = x - carried(obstacles, p, x_old)
@@ -243,7 +243,7 @@ def collider_contact(
                 x, v = sweep_way(obstacles, x_free, v_free, x_old, v_old)
         if wp.static(moving):
             add_work(obstacles, twice)
-        if wp.static(several):  # if moved by more than `clear`, the particle may be in another obstacle
+        if wp.static(several):  # a particle moved by more than `clear` may be in another obstacle
             if entered > 1 or (entered == 1 and wp.length(x - x_free) > clear):
                 x, v = settle(obstacles, x, v, x_free, x_old)
         return x, v

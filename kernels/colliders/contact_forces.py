@@ -1,4 +1,4 @@
-"""Contact forces on particles, of obstacles and other bodies together."""
+"""Contact forces on particles: of obstacles plus other bodies."""
 
 import functools
 
@@ -14,7 +14,7 @@ def sum_impulses(dim: int):
 
     @kernel
     def sum_up(
-        mass: wp.array(dtype=wp.float64),  # [kg], 0 if obstacles cannot move it, shape [particle_count]
+        mass: wp.array(dtype=wp.float64),  # [kg], 0 if obstacles cannot move the particle, shape [particle_count]
         by_obstacles: wp.array(dtype=Wide),  # per mass [m/s], shape [particle_count]
         by_bodies: wp.array(dtype=Wide),  # [N s], shape [particle_count]
         # Out:
@@ -28,7 +28,7 @@ def sum_impulses(dim: int):
 
 @functools.cache
 def mean_forces(dim: int, scalar: type):
-    """Compose the kernel, over particles, that turns impulses over a time into mean forces."""
+    """Compose the kernel, over particles, that divides impulses by a duration to get mean forces."""
     V, Wide = vector(dim, scalar), vector(dim, wp.float64)
 
     @kernel

@@ -1,4 +1,4 @@
-"""Contact of particles with obstacles: one rule for obstacles of all shapes, fixed or moving."""
+"""The rule of contact between particles and obstacles: one for all shapes, fixed or moving."""
 
 import functools
 from typing import NamedTuple
@@ -9,31 +9,31 @@ from ..basis import vector
 
 
 class Needed(NamedTuple):
-    """The optional parts of the rule that a scene's obstacles need; others are not compiled."""
+    """Optional parts of the rule that a scene's obstacles need; others are not compiled."""
 
     bounces: bool = True
-    """Whether anything bounces under the rule "coulomb"."""
+    """Whether a particle can bounce under the rule "coulomb"."""
     several: bool = False
-    """Whether there are several obstacles, and so corners between them."""
+    """Whether there are several obstacles, so that they may form corners."""
     overlapping_at_start: bool = False
     """Whether any particle starts inside an obstacle."""
     spares: bool = False
-    """Whether there are particles that obstacles ignore."""
+    """Whether obstacles ignore some particles."""
 
 
 @functools.cache
 def contact_response(dim: int, scalar: type, rule: str):
-    """Compose the function that returns (velocity after, share) for a particle hitting a surface with normal n.
+    """Compose the function that returns (velocity after, remaining) for a particle hitting a surface of normal n.
 
-    The share |v_t'| / |v_t| of the tangential velocity remains. Rule "coulomb": with v_old the velocity before the
-    force of this substep,
+    The fraction |v_t'| / |v_t| of the tangential velocity remains. In the rule "coulomb", with v_old the velocity
+    before the force of this substep,
 
         v_n' = −e v_n_old where v_n_old < −rest_speed, else 0
         j    = v_n' − v_n                       normal impulse per mass, support of the load included
         v_t' = v_t (1 − min((1 − f)|v_t|, μ j) / |v_t|)
 
-    so neither bounce nor friction depends on the step. Rule "report" (the report's Algorithm 1) sets v_n' = −e v_n
-    and v_t' = f v_t in every substep in contact: both depend on the step.
+    so neither bounce nor friction depends on the step. Rule "report" (the report's Algorithm 1) has v_n' = −e v_n
+    and v_t' = f v_t in every substep of contact: both depend on the step.
     e: restitution, μ: friction, f: tangential factor.
     """
     V = vector(dim, scalar)
@@ -77,18 +77,18 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     """Compose the contact rule for a particle inside an obstacle of any shape.
 
     An approaching particle is put back on the surface. Under the rule "coulomb", friction also shortens this
-    substep's path along the surface, so that a sticking particle does not creep. A particle that already moves out
-    is left alone. Velocities and paths are relative to the surface. Returns (x, v).
+    substep's displacement along the surface, so that a sticking particle does not creep. A particle that already
+    moves out is not changed. Velocities and displacements are relative to the surface. Returns (x, v).
 
-    If `flies`, a bouncing particle is not moved to the surface but starts from its place at the substep's start.
-    Moving it against its neighbours' forces would create energy, which adds up over bounces if the restitution is
-    near 1. With velocities half a substep behind positions (leapfrog, symplectic Euler) the
-    particle continues from there at its new speed. Leapfrog conserves the energy ½ m v_(n−½)·v_(n+½) + U(x_n).
-    With the normal speed v_old before the substep, and v after its force, a hit reduces this energy by
+    If `flies`, a bouncing particle is not moved to the surface, but starts from where the substep started.
+    Moving it against the forces of its neighbours would create energy, which accumulates over bounces if the
+    restitution is near 1. With velocities half a substep behind positions (leapfrog, symplectic Euler) a particle
+    continues from there at its new speed. Leapfrog conserves the energy ½ m v_(n−½)·v_(n+½) + U(x_n). With the
+    normal speed v_old before the substep, and v after its force, a hit reduces this energy by
 
         ½ m (1 − e)|v_old| (e|v_old| + |v|)
 
-    for every force, which is 0 at e = 1 and never negative. Any change of x other than h v' would add a term with
+    for every force; this is 0 at e = 1 and never negative. Any change of x other than h v' would add a term with
     the next force. With velocities at the time of positions the particle stays and loses (1 − e²) ½ m v_old².
 
     Under the rule "coulomb", particles that start inside an obstacle (`overlapping_at_start`) are moved out at a
@@ -135,7 +135,7 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
 
 @functools.cache
 def surface(scalar: type, needed: Needed):
-    """Compose the struct of the coefficients of all obstacles."""
+    """Compose the struct of the contact coefficients of all obstacles."""
 
     @wp.struct
     class Surface:
@@ -145,9 +145,9 @@ def surface(scalar: type, needed: Needed):
         tangential_factor: wp.array(dtype=scalar)  # f
         rest_speed: wp.array(dtype=scalar)  # slower particles do not bounce [m/s]
         if needed.bounces:
-            onward: scalar  # fraction of a substep for which a particle moves after a bounce
+            onward: scalar  # fraction of a substep for which a particle moves on after a bounce
         if needed.overlapping_at_start:
-            slack: scalar  # a particle up to this deep at a substep's start is on the surface [m]
-            overlap_release_speed: scalar  # distance that a deeper particle is moved out per substep [m]
+            slack: scalar  # maximal depth of a particle at a substep's start that counts as on the surface [m]
+            overlap_release_speed: scalar  # displacement by which a deeper particle is moved out per substep [m]
 
     return Surface

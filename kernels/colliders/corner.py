@@ -1,25 +1,25 @@
-"""Corners: a particle pushed from one obstacle into another slides out along the first."""
+"""Corners: a particle that one obstacle pushes into another slides out along the first."""
 
 import warp as wp
 
 from ..basis import vector
 
 ROUNDS = 4
-"""Maximal number of passes over all obstacles. Two flat faces need one, three that meet in a point a few."""
+"""Maximal number of passes over all obstacles. Two flat faces need one pass, three that meet in a point a few."""
 PARALLEL = 1e-3
-"""If the squared sine between two normals is less, the particle is squeezed, and sliding cannot free it."""
+"""If the squared sine between two normals is smaller, the particle is squeezed, and sliding cannot free it."""
 NOTHING = 1e-3
-"""A depth below this fraction of the distance that contact moved the particle is left to the next substep."""
+"""Fraction of the contact displacement; a smaller depth is left to the next substep."""
 
 
 def corner(dim: int, scalar: type, Obstacles, look, carried, speed, overlapping_at_start: bool):
     """Compose `settle(obstacles, x, v, x_free, x_old)` -> (x, v), for a particle that contact moved from x_free.
 
-    In a narrow corner, pushing the particle out of each obstacle in turn by the shortest way takes many rounds. So
-    it is pushed out of an obstacle along the face of the previous one. Between two flat faces one push suffices at
-    any angle. The velocity loses its component into each face likewise. `look(obstacles, p, x)`:
+    In a narrow corner, pushing the particle out of each obstacle in turn by the shortest displacement takes many
+    rounds. So it is pushed out of an obstacle along the face of the previous one. Between two flat faces one push
+    suffices at any angle. The velocity component into each face is removed likewise. `look(obstacles, p, x)`:
     (distance, normal) of point x from obstacle p; `speed(obstacles, p, x_old)`: the obstacle's velocity at the
-    point [m/s]; `carried`: see `sweep`. `contact_rule` moves out particles that started inside.
+    point [m/s]; `carried`: see `sweep`. Particles that start inside are moved out by `contact_rule` instead.
     """
     V = vector(dim, scalar)
     zero = wp.constant(scalar(0.0))

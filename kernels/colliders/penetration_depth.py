@@ -1,4 +1,4 @@
-"""Distances of points from a solid, for the checks before a run."""
+"""Distances of points from a solid, for checks before a run."""
 
 import functools
 
@@ -12,7 +12,7 @@ from .signed_distance import KINDS, signed_distance, solids
 def distances(dim: int, kinds: tuple[str, ...] = KINDS):
     """Compose the kernel that writes the signed distances of points from a solid, in float64.
 
-    By default it handles all kinds of solids, so that it is compiled only once.
+    By default it includes all kinds of solids, so that it is compiled only once.
     """
     V, Solids, Distance = vector(dim, wp.float64), solids(dim, wp.float64), wp.float64
     distance_from = signed_distance(dim, wp.float64, kinds)

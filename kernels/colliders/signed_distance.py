@@ -1,6 +1,6 @@
-"""Signed distances of points from solids, below 0 inside, and the directions out of the solids.
+"""Signed distances of points from solids, negative inside, and outward directions.
 
-The response of particles is in `collide.py` and `contact_rule.py`.
+`collide.py` and `contact_rule.py` have the response of particles.
 """
 
 import functools
@@ -10,17 +10,17 @@ import warp as wp
 from ..basis import vector
 
 KINDS = ("Plane", "Sphere", "Box", "Capsule", "Cone")
-"""The solids, by the names of their classes in `msdwarp.world.colliders`."""
+"""The kinds of solids: names of classes in `msdwarp.world.colliders`."""
 PLANE, SPHERE, BOX, CAPSULE, CONE = range(len(KINDS))
-"""Their indices in KINDS, as in `Solids.kind`."""
+"""Indices of the kinds in KINDS, as in `Solids.kind`."""
 
 
 @functools.cache
 def solids(dim: int, scalar: type):
-    """Compose the struct of the shapes of solids.
+    """Compose the struct that has the shapes of solids.
 
-    Plane: normal a, and its offset as `radius`. Sphere: centre a, `radius`. Box: centre a, half edges b along the
-    columns of `axes`. Capsule: from a to b, `radius`. Cone: apex a, middle of the base b, `radius` of the base.
+    Plane: normal a, offset `radius`. Sphere: centre a, `radius`. Box: centre a, half edge lengths b along the
+    columns of `axes`. Capsule: from a to b, `radius`. Cone: apex a, centre b and `radius` of the base.
     """
     V, Axes = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
 
@@ -28,7 +28,7 @@ def solids(dim: int, scalar: type):
     class Solids:
         # Each of shape [solid_count]:
         kind: wp.array(dtype=int)  # index in KINDS
-        a: wp.array(dtype=V)  # [m]; of a plane a unit vector
+        a: wp.array(dtype=V)  # [m]; for a plane the unit normal
         b: wp.array(dtype=V)  # [m]
         radius: wp.array(dtype=scalar)  # [m]
         axes: wp.array(dtype=Axes)  # orthonormal
@@ -40,7 +40,7 @@ def solids(dim: int, scalar: type):
 def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
     """Compose `distance(solids, p, x)` for solids of these kinds: (n, signed distance of x from solid p [m]).
 
-    The result vector holds the outward unit normal n = grad of the distance, then the distance. Distances are
+    The result vector has the outward unit normal n = grad of the distance, then the distance. Distances are
     exact inside and outside. Derivations: Quilez, Distance functions, iquilezles.org/articles/distfunctions.
     """
     V, Solids = vector(dim, scalar), solids(dim, scalar)
@@ -86,7 +86,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
     def box(s: Solids, p: int, x: V) -> Result:
         axes = s.axes[p]
         q = wp.transpose(axes) * (x - s.a[p])
-        # Inside, the nearest face counts; outside, the nearest point lies on a face, an edge or a corner.
+        # Inside, the nearest face decides; outside, the nearest point is on a face, an edge or a corner.
         depth = scalar(-1.0e30)
         normal = V()
         beyond = V()
@@ -113,7 +113,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
         off = wp.length(outward)
         if off > zero:
             outward = outward / off
-        else:  # on the axis take any direction perpendicular to it
+        else:  # on the axis any perpendicular direction will do
             least = int(0)
             for k in range(wp.static(dim)):
                 if wp.abs(axis[k]) < wp.abs(axis[least]):
@@ -131,7 +131,7 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
             return result(axis, end)
         t = wp.clamp((off * r + along * height) / (slope * slope), zero, one)
         to_side = (off - t * r) * outward + (along - t * height) * axis
-        if t > zero and t < one:  # the same vector, with less rounding error in its direction
+        if t > zero and t < one:  # the same vector, with less rounding error in direction
             to_side = side / slope * (height * outward - r * axis)
         to_end = (off - wp.min(off, r)) * outward + end * axis
         if wp.length_sq(to_end) < wp.length_sq(to_side):

@@ -1,10 +1,10 @@
-"""Soft obstacles: they push particles out by a force with a continuous slope, which can be differentiated.
+"""Soft obstacles, which push particles out by a force with a continuous derivative, and so are differentiable.
 
-At depth d an obstacle of stiffness k and ramp δ presses with f(d) = k d²/(2δ) up to d = δ, and with k (d − δ/2)
-beyond: the slope grows from 0 to k. The normal force is N = f max(0, 1 − c v·n) with the dissipation c (Hunt and
-Crossley, Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42 (1975) 440-445), and
-friction −μ N u/√(|u|² + s²) with the velocity u along the surface. The speed s is the larger of the
-obstacle's `rest_speed` and 2 μ N Δt/m: so friction removes at most half of u in a substep Δt.
+At depth d an obstacle of stiffness k and ramp δ presses with f(d) = k d²/(2δ) for d ≤ δ, and k (d − δ/2) beyond:
+the slope grows from 0 to k. The normal force is N = f max(0, 1 − c v·n) with the dissipation c (Hunt and Crossley,
+Coefficient of restitution interpreted as damping in vibroimpact, J. Appl. Mech. 42 (1975) 440-445). Friction is
+−μ N u/√(|u|² + s²) with the velocity u along the surface. The speed s is the larger of the obstacle's `rest_speed`
+and 2 μ N Δt/m: so friction removes at most half of u in a substep Δt.
 """
 
 import functools
@@ -23,9 +23,9 @@ class SoftTerm(NamedTuple):
     """The device side of soft obstacles."""
 
     piece: ForceTerm
-    """The force term, for the kernels of a scene."""
+    """The force term, for a scene's kernels."""
     add_blocks: Any
-    """Kernel, over particles, that adds to the blocks for the stability bound (`Effect.add_blocks`)."""
+    """Kernel, over particles, that adds to the blocks of the stability bound (`Effect.add_blocks`)."""
     measure: Any
     """Kernel, over worlds and particles, that writes the stored energy [J] and the dissipated power [W]."""
 
@@ -84,7 +84,7 @@ def soft_force(dim: int, scalar: type, kinds: tuple[str, ...]):
 
 @functools.cache
 def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, ...]) -> SoftTerm:
-    """Compose the soft obstacles of a scene, which are of these kinds."""
+    """Compose a scene's soft obstacles, given their kinds."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Data, load = soft_data(dim, scalar), records(dim, scalar).load
     push, numbers = soft_force(dim, scalar, kinds)
@@ -108,10 +108,10 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
 
     @kernel
     def add_soft_blocks(
-        stiffness: wp.float64,  # largest of all obstacles [N/m]
-        damped: wp.float64,  # 1 if any dissipates, else 0
+        stiffness: wp.float64,  # largest stiffness of all obstacles [N/m]
+        damped: wp.float64,  # 1 if any obstacle dissipates, else 0
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
-        # Out, one block a particle, shape [particle_count]:
+        # Out, one block per particle, shape [particle_count]:
         stiffness_block: wp.array(dtype=Block),  # [N/m]
         damping_block: wp.array(dtype=Block),  # [N s/m]
     ):
@@ -127,7 +127,7 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
     def measure_soft(
         data: Data,
         inverse_mass: wp.array2d(dtype=scalar),  # [1/kg], shape [rows, particle_count]
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
         # Out, shape [worlds, particle_count]:
@@ -172,7 +172,7 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool, 
     def projected(data: Data, p: int, own: Numbers, x: V, v: V, w: scalar, phi: V) -> scalar:
         return wp.dot(push(data, p, own, x, v, w), phi)
 
-    # In Warp 1.19 a function that a kernel calls before its `wp.grad` has no adjoint: nothing else calls `push`.
+    # In Warp 1.19 a function that a kernel calls before its `wp.grad` has no adjoint: only `wp.grad` uses `push`.
     @kernel
     def add_soft_adjoint(
         data: Data,
@@ -180,7 +180,7 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool, 
         # State, at which the force was evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
-        phi: wp.array(dtype=V),  # derivative with respect to the force on each particle
+        phi: wp.array(dtype=V),  # ∂L/∂F of each particle
         # In and out, derivatives by:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
@@ -188,7 +188,7 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool, 
         by_numbers: wp.array2d(dtype=scalar),
         begin: int,  # particles of this launch
         end: int,
-        threads: int,  # of the launch
+        threads: int,  # threads of the launch
     ):
         i = begin + wp.tid()
         while i < end:

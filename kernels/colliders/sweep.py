@@ -1,7 +1,7 @@
-"""Continuous collision detection: the solids that a particle hits within a substep, even thin ones it has passed.
+"""Continuous collision detection: the solids that a particle hits in a substep, even thin ones that it has passed.
 
-All solids are convex. Along a straight path their signed distance is then a convex function. The tangent plane at
-the point of a solid that is nearest to any outside point is a supporting plane: the whole solid is behind it.
+All solids are convex, so along a straight path their signed distance is a convex function. At the point of a solid
+nearest to an outside point, the tangent plane is a supporting plane: the whole solid is behind it.
 """
 
 import functools
@@ -13,25 +13,25 @@ from ..basis import vector
 SLACK = 0.01
 """Depth at which a start still counts as on the surface; also how much of a corner a path may cut.
 
-A share of `inradius`: far more than rounding errors of positions, even in float32, and too small to be seen.
+As a fraction of `inradius`: far above rounding errors of positions, even in float32, and too small to be visible.
 """
 STEPS = 32
 """Maximal number of Newton steps to a surface; five are typical.
 
-For a convex function each step at least quarters the product of its value and slope. After all steps the distance
+For a convex function each step at least quarters the product of value and slope. After all steps the distance
 or the speed of approach is less than 2^−32 of its first value.
 """
 NEAR = {wp.float32: 1e-4, wp.float64: 1e-10}
-"""Distance that counts as on the surface, as a fraction of `inradius`: above rounding errors, and negligible."""
+"""Distance that counts as on the surface, as a fraction of `inradius`: negligible, but above rounding errors."""
 
 
 @functools.cache
 def passing(dim: int, scalar: type):
-    """Compose `passes`: whether the distance at a path's end does not show which solids the path hit.
+    """Compose `passes`, the test that the distance at a path's end does not show which solids the path hit.
 
-    The normal n there is that of a supporting plane. A particle that started in front of this plane either missed
-    the solid or entered through that side. One that started behind it, way · n > distance, may have gone through
-    the solid, or past its middle. A path longer than the thinnest solid may also have crossed another solid.
+    The normal n there belongs to a supporting plane. A particle that started in front of this plane either missed
+    the solid or entered through that side. A particle that started behind it, way · n > distance, may have gone
+    through the solid, or past its middle. A path longer than the thinnest solid may also have crossed another one.
     """
     V = vector(dim, scalar)
     zero, slack = wp.constant(scalar(0.0)), wp.constant(scalar(SLACK))
@@ -48,13 +48,13 @@ def passing(dim: int, scalar: type):
 def entry(dim: int, scalar: type, Obstacles, look, carried):
     """Compose `enter(obstacles, p, x_old, x)` -> (t, distance, normal) where a path enters an obstacle.
 
-    The path enters after its fraction t. `distance` is that of x from the tangent plane there, and `normal` the
-    plane's; distance >= 0 means that the path misses the obstacle or starts inside.
+    The path enters after the fraction t. `normal` is the tangent plane's normal there, and `distance` the distance
+    of x from this plane; distance >= 0 means that the path misses the obstacle or starts inside.
 
-    It solves distance = 0 by Newton's method, each step ending on a supporting plane. As distances are convex, it
-    never overshoots, and is never slower than sphere tracing (Hart, The Visual Computer 12, 1996), which advances
-    by the distance itself. A flat face takes one step. The path misses if its end is in front of such a plane. A
-    path that still approaches after all steps grazes, and stays in front of the last plane, which is safe.
+    Newton's method solves distance = 0; each step ends on a supporting plane. As distances are convex, it never
+    overshoots, and is never slower than sphere tracing (Hart, The Visual Computer 12, 1996), which advances by the
+    distance itself. A flat face takes one step. A path misses if its end is in front of a supporting plane. A path
+    that still approaches after all steps grazes, and ends in front of the last plane, which is safe.
     """
     V = vector(dim, scalar)
     zero, one = wp.constant(scalar(0.0)), wp.constant(scalar(1.0))
@@ -83,10 +83,10 @@ def entry(dim: int, scalar: type, Obstacles, look, carried):
 def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
     """Compose `sweep_way(obstacles, x, v, x_old, v_old)` -> (x, v) after contact with all obstacles on the path.
 
-    Contacts are resolved in the order of entry, not of the list. After each the path ends on the tangent plane
-    there, and its rest is checked again. The functions of the obstacles:
+    Contacts are resolved in the order of entry, not of the list. After each contact the path ends on the tangent
+    plane, and the rest of the path is checked again. The functions of the obstacles:
     `look(obstacles, p, x)`: (distance, normal) of point x from obstacle p at the substep's end;
-    `carried(obstacles, p, x_old)`: x_old moved along with the obstacle, so that the obstacle seems fixed;
+    `carried(obstacles, p, x_old)`: x_old moved with the obstacle, so that the obstacle appears fixed;
     `answer(obstacles, p, distance, normal, x, v, start, x_old, v_old)`: (x, v) after contact; friction shortens
     the path after `start`.
     """
@@ -98,7 +98,7 @@ def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
 
     @wp.func
     def first_on_way(obstacles: Obstacles, met: int, x_old: V, x: V):
-        """Return (p, t, distance, normal) of the first obstacle on the path, except `met`; p = -1: none."""
+        """Return (p, t, distance, normal) of the first obstacle on the path, except `met`; p = -1 for none."""
         first = int(-1)
         t_first = scalar(2.0)
         distance_first = scalar(0.0)
@@ -127,9 +127,9 @@ def sweep(dim: int, scalar: type, Obstacles, look, carried, answer):
             else:
                 free = x
                 x, v = answer(obstacles, met, distance, normal, x, v, entered, x_old, v_old)
-                # The rule ignores particles that move out; this one turned back too late, past the plane.
+                # The rule ignores particles that move out; this one has turned back beyond the plane.
                 x -= wp.min(distance + wp.dot(x - free, normal), scalar(0.0)) * normal
-        # A particle that started inside an obstacle is moved out from its final place, in the list's order.
+        # A particle that started inside obstacles is moved out from its final position, in the list's order.
         for p in range(obstacles.count):
             start = carried(obstacles, p, x_old)
             depth, normal = look(obstacles, p, start)

@@ -1,4 +1,4 @@
-"""Integration methods: the composition of their kernels, and their stages."""
+"""Integration methods: the composition of kernels, and the stages of methods."""
 
 from .composition import (
     Composition as Composition,

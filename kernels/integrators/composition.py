@@ -20,56 +20,56 @@ class Composition(NamedTuple):
     """The parts from which the kernels of a scene are composed; hashable, so that equal scenes share kernels."""
 
     dim: int
-    """Number of coordinates."""
+    """Number of coordinates of a particle."""
     scalar: type
     """Warp's type of real numbers."""
     force_algorithm: ForceAlgorithm
     """The algorithm that sums the forces of connections."""
     compensated: bool = False
-    """Whether sums are compensated for rounding."""
+    """Whether rounding errors of sums are compensated."""
     pinned: bool = False
     """Whether any particle is pinned."""
     collider_term: ColliderTerm = NO_COLLIDERS
     """Contact with obstacles."""
     pieces: tuple[ForceTerm, ...] = ()
-    """The other effects that the scene has."""
+    """The terms of the scene's other effects."""
     second_pass: bool = False
-    """Whether a second launch advances masked particles: for lattices in columns, if few particles are masked."""
+    """Whether a second launch advances masked particles: for lattices in columns, if few particles have masks."""
     differs: Differences | None = None
-    """`Differences` between the worlds of an ensemble; None outside of ensembles."""
+    """Differences between the worlds of an ensemble; None for a single world."""
 
     @property
     def selective(self) -> list[ForceTerm]:
-        """The effects whose forces act on some particles only; the k-th one uses bit k of a particle's mask."""
+        """The effects whose forces act on some particles only; effect k uses bit k of a particle's mask."""
         return [piece for piece in self.pieces if piece.selective]
 
     @property
     def timed(self) -> bool:
-        """Whether the force of any effect depends on time."""
+        """Whether the force of an effect depends on time."""
         return any(piece.timed for piece in self.pieces)
 
 
 class Stage(NamedTuple):
-    """One stage of an integration method, as a function of one particle."""
+    """One stage of an integration method, as a function for one particle."""
 
     Step: Any
-    """Struct type that a stage reads and writes. Forces are evaluated at its `x`, `v` and `compensation`."""
+    """Type of the struct that a stage reads and writes. Forces are evaluated at its `x`, `v`, `compensation`."""
     advance: Any
-    """wp.func (scene, step, force, i): advance particle i under this force."""
+    """wp.func (scene, step, force, i) that advances particle i under this force."""
     forced: bool = True
-    """Whether `advance` needs the force; otherwise `force` is 0."""
+    """Whether `advance` needs the force; if not, `force` is 0."""
 
 
 @functools.cache
 def scene(composition: Composition):
-    """Compose the struct of everything that acts on particles. It is the same in every stage of every method.
+    """Compose the struct of everything that acts on particles, the same in all stages of all methods.
 
     forces: the data of the force algorithm. inverse_mass [1/kg], shape [particle_count], 0 where pinned. gravity
     [m/s²]. colliders: the obstacles. Then the data of each other effect, named as in its force term. Then, if
-    needed: effect_mask, the selective effects that act on each particle, as bits, shape [particle_count];
-    masked_particles, the indices of particles with any; spring_force, the forces of connections on them [N], made
-    by `Model.vectors`; stage, the stage of a frame, counted from 0; time, the times of all stages and of the
-    frame's end [s]; worlds, the differences between worlds.
+    needed: effect_mask, bits of the selective effects on each particle, shape [particle_count]; masked_particles,
+    the indices of particles with a bit set; spring_force, the forces of connections on these [N], from
+    `Model.vectors`; stage, the stage of a frame, counted from 0; time, the times of all stages and of the frame's
+    end [s]; worlds, the differences between worlds.
     """
     fields = {
         "forces": composition.force_algorithm.Forces,
@@ -94,25 +94,25 @@ def scene(composition: Composition):
 
 
 class Tools(NamedTuple):
-    """The types and functions with which methods are written."""
+    """The types and functions with which methods are composed."""
 
     V: Any
-    """Vector of the scene's coordinates."""
+    """Vector type with the scene's number of coordinates."""
     SceneData: Any
-    """Struct type of everything that acts on particles."""
+    """Type of the struct of everything that acts on particles."""
     Compensation: Any
-    """Struct type of the compensation of sums."""
+    """Type of the struct that compensates sums."""
     load: Any
-    """wp.func (x, i) -> x[i]."""
+    """wp.func (x, i) that returns x[i]."""
     store: Any
-    """wp.func (x, i, value): x[i] = value."""
+    """wp.func (x, i, value) that sets x[i] to value."""
     add: Any
-    """wp.func (total, change, compensation, lost_out, i) -> total + change (see `compensated_sum`)."""
+    """wp.func (total, change, compensation, lost_out, i) that returns total + change (see `compensated_sum`)."""
 
 
 @functools.cache
 def tools(composition: Composition) -> Tools:
-    """Return the types and functions with which the methods of a scene are written."""
+    """Return the types and functions with which a scene's methods are composed."""
     dim, scalar = composition.dim, composition.scalar
     load, store, _ = records(dim, scalar)
     Compensation, add = compensated_sum(dim, scalar, composition.compensated)
@@ -121,7 +121,7 @@ def tools(composition: Composition) -> Tools:
 
 @functools.cache
 def beginning(composition: Composition) -> Any:
-    """Compose the effects' actions on connection c at a substep's start, (scene, compensation, x, c), or None."""
+    """Compose the effects' actions on connection c at a substep's start, (scene, compensation, x, c); or None."""
     _, SceneData, Compensation, *_ = tools(composition)
     Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
 
@@ -185,7 +185,7 @@ def loads(composition: Composition) -> Any:
 
 @functools.cache
 def parts(composition: Composition) -> tuple[Any, Any]:
-    """Return (count, evaluate) of the effect with `ForceTerm.parts`; (None, None) if there is none."""
+    """Return (count, evaluate) of the effect that has `ForceTerm.parts`; (None, None) if none has."""
     found = [piece.parts for piece in composition.pieces if piece.parts is not None]
     assert len(found) < 2, "only one effect may have parts"
     return found[0](scene(composition)) if found else (None, None)
@@ -193,9 +193,9 @@ def parts(composition: Composition) -> tuple[Any, Any]:
 
 @functools.cache
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
-    """Return a method's `advance`, and `loads`, for kernels in which all lanes of a particle call them.
+    """Return a method's `advance`, and `loads`, for kernels in which all lanes of a particle call both.
 
-    The returned functions act in the first lane only. With a single thread per particle they are the originals.
+    The returned functions act only in the first lane. With one thread per particle they are the originals.
     """
     V, SceneData, Compensation, *_ = tools(composition)
     (Step, advance, _), load = method(composition), loads(composition)
@@ -222,11 +222,11 @@ def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
 
 @functools.cache
 def driving(composition: Composition) -> Driving:
-    """Compose the functions that set driven particles to the poses of their drives."""
+    """Compose the functions that set the state of driven particles from the poses of drives."""
     SceneData = scene(composition)
     return next((piece.drive(SceneData) for piece in composition.pieces if piece.drive is not None), Driving())
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:
-    """Join functions into one, two at a time by `both`, which calls one after the other; None if none."""
+    """Join functions into one by calling `both` on two at a time; return None if there are none."""
     return functools.reduce(both, functions) if functions else None

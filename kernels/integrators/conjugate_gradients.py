@@ -1,4 +1,4 @@
-"""Conjugate gradients on the device."""
+"""The conjugate gradient method on a device."""
 
 import functools
 
@@ -7,15 +7,15 @@ import warp as wp
 from ..basis import kernel, vector
 
 RZ, NEXT_RZ, PQ = 0, 1, 2
-"""Indices of the scalars of conjugate gradients: r·z of this iteration and the next, and p·q with q = A p."""
+"""Indices of scalars of the method: r·z in this iteration and in the next; p·q with q = A p."""
 
 
 @functools.cache
 def conjugate_gradients(dim: int, scalar: type):
-    """Compose the kernels of preconditioned conjugate gradients for A x = b with x = 0, r = b at the start.
+    """Compose the kernels of preconditioned conjugate gradients for A x = b; initially x = 0 and r = b.
 
-    Each thread sums over several particles, so that few atomic additions compete for a scalar. The
-    scalars stay on the device, so that a graph can hold any number of iterations. Reference: Golub & Van Loan,
+    Each thread sums over several particles, so that few atomic additions compete for a scalar. Scalars stay on the
+    device, so that a graph can contain any number of iterations. Reference: Golub & Van Loan,
     Matrix Computations, 4th ed. (2013), 11.5.
     """
     V = vector(dim, scalar)

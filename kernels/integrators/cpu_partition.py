@@ -1,4 +1,4 @@
-"""Many steps in one launch per CPU thread; the threads share the particles and synchronize at barriers."""
+"""Many steps in one launch per CPU thread; threads divide the particles and synchronize at barriers."""
 
 import functools
 from typing import Any
@@ -10,8 +10,8 @@ from ..springs import NO_SUBSTEP
 from .composition import Composition, beginning, loads, tools
 
 ABORT = 16
-"""Index in `PartOfParticles.meeting` of the flag that a thread is missing. It is outside the cache line that all
-threads poll."""
+"""Index in `PartOfParticles.meeting` of the flag that a thread is missing; outside the cache line that all threads
+poll."""
 MEET = f"""
 #if !defined(__CUDA_ARCH__)
     int* arrived = meeting.data;
@@ -33,9 +33,9 @@ MEET = f"""
 
 @wp.func_native(MEET)
 def barrier(meeting: wp.array(dtype=int), threads: int, yield_cpu: wp.uint64):
-    """Wait until all CPU threads have reached a barrier; their writes are then visible.
+    """Wait until all CPU threads have reached a barrier; afterwards their writes are visible.
 
-    The k-th barrier opens when the count of arrivals, which is never reset, reaches k times the number of threads.
+    Barrier k opens when the count of arrivals, which is never reset, reaches k times the number of threads.
     """
     ...
 
@@ -45,20 +45,20 @@ class PartOfParticles:
     """The part of the particles that one of several threads advances."""
 
     threads: int  # number of threads
-    first: int  # first particle of the part
-    last: int  # end of the part, exclusive
-    first_begun: int  # connections whose start-of-substep effects this thread runs
+    first: int  # first particle
+    last: int  # end of the particles, exclusive
+    first_begun: int  # connections whose actions at a substep's start this thread runs
     last_begun: int
-    # For algorithms that scatter: ranges of connections with an end in the part
+    # For scatter: ranges of connections with at least one end in this part
     runs: wp.array(dtype=wp.vec2i)
-    others: wp.array(dtype=int)  # particles of other parts at the other ends
-    meeting: wp.array(dtype=int)  # number of arrivals at barriers; at ABORT whether a thread is missing
-    yield_cpu: wp.uint64  # address of the system function that yields the core to other programs
+    others: wp.array(dtype=int)  # particles of other parts at the other ends of these connections
+    meeting: wp.array(dtype=int)  # number of arrivals at barriers; at ABORT, whether a thread is missing
+    yield_cpu: wp.uint64  # address of the system function that yields the core
 
 
 @kernel
 def wait_for_all(share: PartOfParticles):
-    """Wait until the threads of all parts have reached the next barrier."""
+    """Wait until the threads of all parts have reached the next barrier; see `barrier`."""
     barrier(share.meeting, share.threads, share.yield_cpu)
 
 
@@ -72,9 +72,9 @@ def count_down(left: wp.array(dtype=int)):
 def in_partition(composition: Composition, method: Any):
     """Compose the kernel that runs many stages, as `persistent` does, for one part of the particles.
 
-    It is launched once per part, all at the same time. A particle's forces are summed in the same order as by a
-    single thread. If forces are scattered, each thread has its own array for the connections of its particles.
-    Connections between two parts are evaluated in both.
+    The kernel is launched once per part, all at the same time. A particle's forces are summed in the same order as
+    by a single thread. For scattered forces each thread has an array of its own for the connections of its
+    particles. Connections between two parts are evaluated in both.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     begin, load, masked_particles = beginning(composition), loads(composition), bool(composition.selective)
@@ -90,7 +90,7 @@ def in_partition(composition: Composition, method: Any):
             first_stage = int(scene.stage)
         if wp.static(tears):
             begun = int(scene.forces.breaking.substep)
-        barrier(share.meeting, share.threads, share.yield_cpu)  # earlier launches are done
+        barrier(share.meeting, share.threads, share.yield_cpu)  # earlier launches have ended
         for k in range(count):
             step = steps[k % steps.shape[0]]
             if wp.static(timed):

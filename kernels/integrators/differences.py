@@ -1,4 +1,4 @@
-"""Differences between the worlds of an ensemble, and their struct for kernels."""
+"""Differences between the worlds of an ensemble, and the struct that has them in kernels."""
 
 import functools
 from typing import Any, NamedTuple
@@ -8,31 +8,31 @@ import warp as wp
 from ..basis import vector
 
 SHARED, UNIFORM, EACH = "shared", "uniform", "each"
-"""How a constant of connections differs between worlds: not at all; one number each; several numbers each."""
+"""How a constant of connections differs between worlds: not at all; one value per world; several per world."""
 
 
 class Differences(NamedTuple):
-    """What differs between worlds; nothing else is compiled. Hashable, so that equal ensembles share kernels."""
+    """What differs between worlds; only this is compiled. Hashable, so that equal ensembles share kernels."""
 
     gravity: bool = False
     mass: bool = False
     friction: bool = False
-    """Whether the friction of obstacles differs."""
+    """Whether friction of obstacles differs."""
     storage: str = ""
-    """The algorithm's storage of constants: "one", "table", "own", "lattice", "lattices"; see `enter_world`."""
+    """Where the algorithm stores constants: "one", "table", "own", "lattice", "lattices"; see `enter_world`."""
     rest_length: str = SHARED
     stiffness: str = SHARED
     damping: str = SHARED
     arrays: tuple[str, ...] = ()
-    """Arrays of the scene, as "field.name", that have a part for each world."""
+    """Arrays of the scene, named "field.name", that have a part for each world."""
 
 
 @functools.cache
 def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_contact: bool) -> Any:
-    """Compose the struct of all differences. World w has row w mod (number of rows).
+    """Compose the struct of all differences. World w uses row w mod (number of rows).
 
-    stride: bytes between the vectors of successive worlds. frozen: status of each world, which is advanced only
-    while it is 0, shape [world_count]. unit: unit of contact forces [N], shape [world_count].
+    stride: bytes between the vectors of successive worlds. frozen: status of each world; only worlds with status 0
+    are advanced; shape [world_count]. unit: unit of contact forces [N], shape [world_count].
     """
     V, Three = vector(dim, scalar), vector(3, scalar)
     fields: dict[str, Any] = {"stride": wp.int64, "frozen": wp.array(dtype=wp.int32)}

@@ -1,8 +1,8 @@
-"""Give a thread the data of its own world of an ensemble.
+"""Give each thread the data of its world of an ensemble.
 
-Arrays concatenate the particles of all worlds. A thread shifts the arrays of its stage to its own world, and
-replaces parameters of the scene by those of its world. Then it calls the functions of a single scene. So each
-world moves as in a single run, to the last bit.
+Arrays concatenate the particles of all worlds. A thread shifts the arrays of its stage to its world, and replaces
+the scene's parameters by the world's parameters. Then it calls functions of a single scene. So each world moves
+as in a single run, to the last bit.
 """
 
 import functools
@@ -27,7 +27,7 @@ PART = """
 
 @functools.cache
 def parts(Struct: Any, fields: tuple[str, ...]) -> Any:
-    """Compose wp.func (s, w, count): reduce arrays of a struct to the w-th of `count` equal parts."""
+    """Compose wp.func (s, w, count) that reduces arrays of a struct to part w of `count` equal parts."""
     code = "".join(PART.format(one, one.replace(".", "_"), Place.DEVICE.value) for one in fields)
 
     @wp.func_native(code)
@@ -38,7 +38,7 @@ def parts(Struct: Any, fields: tuple[str, ...]) -> Any:
 
 @functools.cache
 def enter_world(composition: Composition) -> Any:
-    """Compose wp.func (scene, w) -> the scene with the data of world w."""
+    """Compose wp.func (scene, w) that returns the scene with the data of world w."""
     SceneData, differs = scene(composition), composition.differs
     place_constants = _constants(composition, SceneData) if differs.storage else None
     scattered = "f" in composition.force_algorithm.Forces.vars
@@ -73,11 +73,11 @@ def enter_world(composition: Composition) -> Any:
 
 
 def _constants(composition: Composition, SceneData: Any) -> Any:
-    """Compose wp.func (scene, w) that stores the connection constants of world w where the algorithm reads them.
+    """Compose wp.func (scene, w) that writes the connection constants of world w where the algorithm reads them.
 
-    Storage "one" and "table" are as in `springs.constants`, with one table per world; "own" has arrays for each
-    world. With "lattice" the constants by direction are in the algorithm's struct; a constant that is equal in
-    all directions is a single number, kept in a register. With "lattices" there is a table by kind and direction.
+    Storage "one" and "table" are as in `springs.constants`, with one table per world; "own" has an array of each
+    constant per world. With "lattice" constants by direction are in the algorithm's struct; if a constant is equal
+    in all directions, it is one number in a register. With "lattices" there is a table by kind and direction.
     """
     *_, storage, lengths, stiffnesses, dampings, _ = composition.differs
     if storage == "one":
@@ -132,5 +132,5 @@ def _constants(composition: Composition, SceneData: Any) -> Any:
 
 @functools.cache
 def to_world(Step: Any, compensated: bool) -> Any:
-    """Compose wp.func (step, bytes) that shifts all arrays of a method's step to a world."""
+    """Compose wp.func (step, bytes) that shifts all arrays of a method's step to another world."""
     return shifts(Step, arrays_of(Step, compensated))

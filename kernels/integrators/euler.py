@@ -1,4 +1,4 @@
-"""Euler's methods and leapfrog, for one particle."""
+"""Euler methods and leapfrog, for one particle."""
 
 import functools
 
@@ -14,7 +14,7 @@ def symplectic_euler(composition: Composition) -> Stage:
 
 
 def explicit_euler(composition: Composition) -> Stage:
-    """Compose x += h v and v += h a(x, v), both from the old state, then contact."""
+    """Compose x += h v and v += h a(x, v), both with the old state, then contact."""
     return _euler(composition, explicit=True)
 
 
@@ -52,7 +52,7 @@ def _euler(composition: Composition, explicit: bool) -> Stage:
 
 @functools.cache
 def extrapolated_leapfrog(composition: Composition) -> Stage:
-    """Compose a leapfrog substep whose dampers use `v`, the velocities extrapolated to the time of the positions.
+    """Compose a leapfrog substep whose dampers use `v`, velocities extrapolated to the time of the positions.
 
     `v` for the next substep is v_new + theta (v_new − v_old), or v_new after a contact.
     """
@@ -98,7 +98,7 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
 
 @functools.cache
 def kick(composition: Composition) -> Stage:
-    """Compose v_out = v_half + h a(x, v): advance velocities only, at fixed positions."""
+    """Compose v_out = v_half + h a(x, v), which advances only velocities, at fixed positions."""
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, _ = tools(composition)
     acceleration = particle_acceleration(composition)

@@ -1,13 +1,13 @@
-"""FIRE (fast inertial relaxation engine): moves a body to a minimum of its energy.
+"""FIRE (fast inertial relaxation engine): moves a body to a minimum of energy.
 
-After each substep, with its acceleration a and norms weighted by mass, velocities become
+After each substep, with its acceleration a, and norms weighted by mass, velocities become
 
     v ← (1 − α) v + α |v| a/|a|  if a·v > 0, and 0 otherwise,
 
-and positions follow, as if the substep had ended with these velocities.
+and positions are corrected as if these had been the substep's velocities.
 
-α is 0.1 at first and after each stop. It falls by 1 % in each substep after a·v > 0 has lasted for five. The
-substep h is constant, about the largest stable one. The factor α |v|/|a| of a makes springs stiffer in effect. It
+α is 0.1 initially and after each stop. It decreases by 1 % per substep after a·v > 0 in five successive substeps.
+The substep h is constant, about the largest stable one. The factor α |v|/|a| of a effectively stiffens springs. It
 is limited to h: then the method is stable if h² λ < 2 for the fastest mode.
 Reference: Bitzek, Koskinen, Gähler, Moseler and Gumbsch, Structural relaxation made simple, Phys. Rev. Lett. 97
 (2006) 170201.
@@ -22,20 +22,20 @@ from ..compensation import state_types
 from ..records import records
 
 SHARES = 256
-"""Threads that sum over a body on a GPU."""
+"""Number of threads that sum over a body on a GPU."""
 POWER, SPEED, ACCELERATION, RESIDUAL = 0, 1, 2, 3
-"""Rows of the sums: Σ m a·v, Σ m v², Σ m a², and the largest m |a|."""
+"""Rows of sums: Σ m a·v, Σ m v², Σ m a², and the largest m |a|."""
 ROWS = 4
 KEPT, TOWARDS, MIXING, LASTING, LARGEST_FORCE, STRONGEST = 0, 1, 2, 3, 4, 5
-"""Columns of `decision`: factors of v and of a, α, for how many substeps a·v > 0, the largest force on a particle
-[N], and its maximum so far."""
+"""Columns of `decision`: factors of v and of a, α, number of successive substeps with a·v > 0, largest force on a
+particle [N], and the maximum of this force so far."""
 COLUMNS = 6
 MIXING_AT_START, MIXING_FALLS, LASTS = 0.1, 0.99, 5.0
 
 
 @functools.cache
 def fire_sums(dim: int, scalar: type):
-    """Compose the kernel, over SHARES threads or one, that sums over particles."""
+    """Compose the kernel, over SHARES threads or one, that computes the sums over particles."""
     _, Vectors, _ = state_types(dim, scalar, False)
     load = records(dim, scalar).load
 
@@ -43,7 +43,7 @@ def fire_sums(dim: int, scalar: type):
     def sum_power(
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned, shape [particle_count]
         before: Vectors,  # velocities at a substep's start [m/s]
-        after: Vectors,  # velocities at its end
+        after: Vectors,  # velocities at the substep's end
         dt: scalar,  # [s]
         # Out:
         sums: wp.array2d(dtype=wp.float64),  # shape [ROWS, threads]
@@ -75,12 +75,12 @@ def fire_sums(dim: int, scalar: type):
 
 @kernel
 def fire_decision(
-    sums: wp.array2d(dtype=wp.float64),  # shape [ROWS, threads], a block of so many threads
+    sums: wp.array2d(dtype=wp.float64),  # shape [ROWS, threads], for a block with this number of threads
     dt: wp.float64,  # [s]
     # In and out:
     decision: wp.array(dtype=wp.float64),  # shape [COLUMNS]
 ):
-    """Decide how velocities are mixed."""
+    """Decide how velocities and accelerations are mixed."""
     share = wp.tid()
     own = wp.float64(sums[wp.static(POWER), share])
     power = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
@@ -122,7 +122,7 @@ def fire_mixing(dim: int, scalar: type):
         decision: wp.array(dtype=wp.float64),  # shape [COLUMNS]
         # In and out:
         x: Vectors,  # positions at the substep's end [m]
-        after: Vectors,  # velocities at its end
+        after: Vectors,  # velocities at the substep's end
     ):
         i = wp.tid()
         if inverse_mass[i] > scalar(0.0):

@@ -1,4 +1,4 @@
-"""Stages and matrix products of a linearly implicit method."""
+"""Stages and matrix products of the linearly implicit method."""
 
 import functools
 
@@ -9,12 +9,12 @@ from .composition import Composition, Stage, driving, tools
 from .stages import finish, particle_acceleration
 
 LAUNCHES = 2
-"""Stages of a substep: `impulse`, and `implicit_finish`."""
+"""Number of stages of a substep: `impulse` and `implicit_finish`."""
 
 
 @functools.cache
 def mass_product(dim: int, scalar: type):
-    """Compose z = M p; a pinned particle has the mass 1 kg."""
+    """Compose z = M p, with mass 1 kg for a pinned particle."""
     V = vector(dim, scalar)
 
     @kernel
@@ -30,9 +30,9 @@ def mass_product(dim: int, scalar: type):
 
 @functools.cache
 def block_inverses(dim: int, scalar: type):
-    """Compose the kernel that inverts the diagonal blocks m + h² A_i + h B_i, for the preconditioner.
+    """Compose the kernel that inverts the diagonal blocks m + h² A_i + h B_i as the preconditioner.
 
-    The inverse is 0 for a pinned or driven particle: conjugate gradients then leave its residual unchanged.
+    For a pinned or driven particle the inverse is set to 0: conjugate gradients then leave its residual unchanged.
     """
     Block, Wide = wp.types.matrix((dim, dim), scalar), wp.types.matrix((dim, dim), wp.float64)
     Masses, Blocks, Inverses = wp.array(dtype=scalar), wp.array(dtype=Wide), wp.array(dtype=Block)
@@ -61,7 +61,7 @@ def block_inverses(dim: int, scalar: type):
 def impulse(composition: Composition) -> Stage:
     """Compose out = h (f + m g), the impulse of the current forces; 0 for a pinned particle.
 
-    For a driven particle it is h f, and `given` is its change of velocity to Δx / h; otherwise `given` is 0.
+    For a driven particle it is h f, and `given` is Δx / h minus its velocity; otherwise `given` is 0.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, _ = tools(composition)
@@ -95,7 +95,7 @@ def impulse(composition: Composition) -> Stage:
 
 @functools.cache
 def implicit_finish(composition: Composition) -> Stage:
-    """Compose v += dv (0 for a pinned particle), then x += h v, then contact.
+    """Compose v += dv (0 for a pinned particle), x += h v, and contact.
 
     For driven particles `impulse` is the impulse of all forces in the substep, which their drives balance.
     """

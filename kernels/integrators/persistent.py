@@ -1,4 +1,4 @@
-"""Many steps in one launch, for bodies so small that launches would dominate the time."""
+"""Many steps in one launch, for bodies so small that launches would take most of the time."""
 
 import functools
 from typing import Any
@@ -13,21 +13,21 @@ from .composition import Composition, beginning, by_first_lane, parts, tools
 from .enter_world import enter_world, to_world
 
 MOST_THREADS = 512
-"""Threads per block; the launch bounds limit registers accordingly."""
+"""Maximal number of threads per block; launch bounds limit registers accordingly."""
 
 
 @functools.cache
 def persistent(composition: Composition, method: Any, blocks: int, block: int = 0, together: int = 0):
-    """Compose the kernel that takes many steps in one launch; its threads share the particles, with barriers.
+    """Compose the kernel that takes many steps in one launch; its threads divide the particles and use barriers.
 
-    Step k is steps[k mod len(steps)]; `steps` has the steps of two substeps. For small bodies the launches of
-    single steps would dominate the time. Several blocks form a cluster, from compute capability 9.0 on.
+    Step k is steps[k mod len(steps)]; `steps` has the steps of two substeps. For small bodies, launching single
+    steps would take most of the time. From compute capability 9.0 on, several blocks form a cluster.
 
-    In an ensemble one block of threads, or on the CPU one thread, advances each world. Frozen worlds are skipped,
-    since worlds do not wait for each other.
+    In an ensemble one block of threads, or on the CPU one thread, advances each world. Frozen worlds are skipped;
+    worlds do not wait for each other.
 
-    `blocks` is the number of blocks for a single scene. A world has `block` threads, and a multiprocessor holds
-    `together` threads of worlds, which limits registers.
+    `blocks` is the number of blocks for a single scene. A world has `block` threads, and a multiprocessor runs
+    `together` threads at once, which limits registers.
     """
     _, SceneData, *_ = tools(composition)
     begin, masked_particles = beginning(composition), bool(composition.selective)

@@ -1,6 +1,6 @@
-"""Many substeps in one launch for small bodies in contact: the kernels of contact are parts of one kernel.
+"""Many substeps in one launch for small bodies in contact: all contact kernels become parts of one kernel.
 
-`engine/stepping/contact_launch.py` decides when it is used.
+`engine/stepping/contact_launch.py` decides when to use it.
 """
 
 import functools
@@ -34,26 +34,26 @@ from .composition import Composition, beginning, by_first_lane, tools
 from .persistent import MOST_THREADS
 
 SEARCH_LANES = 8
-"""Threads that share a point in a search; a cluster has too few threads for a larger number."""
+"""Threads per point in a search; a cluster has too few threads for more."""
 
 
 class ContactParts(NamedTuple):
-    """The choices from which a kernel with contact is composed."""
+    """The choices with which a kernel with contact is composed."""
 
     triangles: bool
-    """Whether any body has triangles: otherwise there are only segments and spheres."""
+    """Whether any body has triangles; otherwise there are only segments and spheres."""
     overlapping_at_start: bool
     limited: bool
     """Whether dampers of contacts are limited."""
     inner: bool
     """Whether closed bodies have inner surfaces."""
     lanes: int
-    """Threads that share a point where forces are evaluated."""
+    """Threads per point in the evaluation of forces."""
 
 
 @functools.cache
 def ContactNumbers(scalar: type):
-    """Compose the struct of the arguments of the parts, with the names that they have there."""
+    """Compose the struct of all arguments of the parts, with the same names as in the parts."""
 
     @wp.struct
     class ContactNumbers:
@@ -71,7 +71,7 @@ def ContactNumbers(scalar: type):
 
 @functools.cache
 def search_in_launch(scalar: type, inner: bool):
-    """Compose (data, tree, pairs, numbers, buffer, flags, threads): make the lists for the current vertices."""
+    """Compose (data, tree, pairs, numbers, buffer, flags, threads): build the lists for the current vertices."""
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
@@ -114,9 +114,9 @@ def search_in_launch(scalar: type, inner: bool):
 
 @functools.cache
 def persistent_contact(composition: Composition, method: Any, parts: ContactParts, blocks: int):
-    """Compose the kernel that takes many substeps of one stage, with the forces of contact, in one launch.
+    """Compose the kernel that takes many substeps of one stage, with contact forces, in one launch.
 
-    It is for a single world on a GPU, whose threads form a cluster of `blocks` blocks. `steps` has two substeps.
+    It is for a single world on a GPU, in a cluster of `blocks` blocks. `steps` has two substeps.
     """
     dim, scalar, V = composition.dim, composition.scalar, vector(composition.dim, composition.scalar)
     _, SceneData, *_ = tools(composition)
@@ -187,7 +187,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         count: int,
         connection_count: int,
         threads: int,
-        substep: int,  # the first one, from 1 in each frame
+        substep: int,  # number of the first substep, counted from 1 in each frame
         data: Data,
         tree: FacetTree,
         pairs: Pairs,

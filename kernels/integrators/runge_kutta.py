@@ -13,8 +13,8 @@ def rk4(composition: Composition) -> Stage:
     """Compose a stage of Runge-Kutta 4 (report eq. 6).
 
     A stage (x, v) adds its acceleration times `weight` to v_sum; the next stage is (x0, v0) + reach·(v, a). The
-    first stage starts the sum. The last adds it to v0, advances x0 by the weighted velocities v0, v_a, v_b and v
-    of the four stages, and applies contact.
+    first stage starts the sum. The last stage adds the sum to v0, advances x0 by the weighted velocities v0, v_a,
+    v_b and v of the four stages, and applies contact.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)
@@ -71,10 +71,10 @@ def rk4(composition: Composition) -> Stage:
 
 @functools.cache
 def chebyshev(composition: Composition) -> Stage:
-    """Compose a stage of Runge-Kutta-Chebyshev; the last adds its change to (x0, v0) and applies contact.
+    """Compose a stage of Runge-Kutta-Chebyshev; the last stage also advances (x0, v0) and applies contact.
 
-    Stages store D_j = Y_j − Y0, which is small and so loses less to rounding: D_j = mu D_{j−1} + nu D_{j−2} +
-    reach F_{j−1} + reach0 F0. The first stage is reach F0, and stores F0.
+    Stages store D_j = Y_j − Y0, whose small values lose less to rounding. D_j = mu D_{j−1} + nu D_{j−2} + reach
+    F_{j−1} + reach0 F0. The first stage computes D_1 = reach F0, and stores F0.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)
@@ -97,7 +97,7 @@ def chebyshev(composition: Composition) -> Stage:
         v: wp.array(dtype=V)
         dx: wp.array(dtype=V)
         dv: wp.array(dtype=V)
-        # In: changes of stage j − 2; out: of stage j:
+        # Changes: of stage j − 2 on input, of stage j on output.
         dx_out: wp.array(dtype=V)
         dv_out: wp.array(dtype=V)
         x_out: wp.array(dtype=V)

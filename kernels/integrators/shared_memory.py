@@ -13,7 +13,7 @@ from .composition import Composition, loads, tools
 from .enter_world import enter_world
 
 MOST_BYTES = 44 * 1024
-"""Every GPU gives a block 48 KB of shared memory by default, of which Warp uses 4 bytes per thread."""
+"""Every GPU gives a block 48 KB of shared memory by default; Warp uses 4 bytes per thread of it."""
 FILL = """
 #if defined(__CUDA_ARCH__)
     __shared__ __align__(16) int room[{words}];
@@ -47,16 +47,16 @@ EMPTY = """
 def on_chip_worlds(
     composition: Composition, method: Any, threads: int, together: int, room: int, in_columns: bool
 ):
-    """Compose the kernel that takes many steps of small worlds in one launch, each state in shared memory.
+    """Compose the kernel that takes many steps of small worlds in one launch, with their states in shared memory.
 
     A block has a thread for each particle of its world, or for each column of particles (see `column_forces`). All
-    forces are computed before any thread moves its particle, so a stage may update arrays in place. `steps` has
-    the steps of one substep; their arrays are byte offsets in shared memory. An array has `words` numbers of four
-    bytes, with `margin` readable zeros before and after it; arrays are `each` words apart. Array s of world 0 is
-    copied from `home[s]` and back.
+    forces are computed before any thread moves a particle, so a stage may update arrays in place. `steps` has the
+    steps of one substep; their arrays are byte offsets in shared memory. An array has `words` words of four bytes,
+    with `margin` readable zero words before and after; arrays are `each` words apart. Array s of world 0 is copied
+    from `home[s]`, and back.
 
-    The algorithm must not scatter. A block has `threads` threads and `room` bytes of shared memory, and a
-    multiprocessor holds `together` threads, which limits registers. Columns are for lattices of layers.
+    The algorithm must not be scatter. A block has `threads` threads and `room` bytes of shared memory, and a
+    multiprocessor runs `together` threads, which limits registers. Columns are for lattices with layers.
     """
     _, SceneData, *_ = tools(composition)
     Step, advance, _ = method(composition)

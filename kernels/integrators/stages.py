@@ -1,7 +1,7 @@
-"""Kernels that run a stage of a method, and the parts that methods share: accelerations and contact.
+"""Kernels that run a stage of a method, and common parts of methods: accelerations and contact.
 
-A method is a struct that a stage reads and writes, and a function that advances particle i. No method computes
-forces. Arrays that other particles read (positions, velocities, compensation) are never written in place.
+A method is a struct that its stage reads and writes, and a function that advances particle i. Forces are computed
+outside methods. Arrays that other particles read (positions, velocities, compensation) are never written in place.
 """
 
 import functools
@@ -17,7 +17,7 @@ from .enter_world import enter_world, to_world
 
 @functools.cache
 def begin_each_connection(composition: Composition):
-    """Compose the kernel, over connections (and worlds), that runs the effects' actions at a substep's start."""
+    """Compose the kernel, over connections (and worlds), that runs effects' actions at a substep's start."""
     V, SceneData, Compensation, *_ = tools(composition)
     begin = beginning(composition)
     if composition.differs is None:
@@ -68,7 +68,7 @@ def each_connection(composition: Composition, method: Any = None):
 def each_particle(composition: Composition, method: Any):
     """Compose the kernel, over particles (and worlds), of one stage of a method.
 
-    With a second pass, it leaves masked particles to `each_masked`, and stores their forces of connections.
+    With a second pass it leaves masked particles to `each_masked`, and stores connection forces on them.
     """
     V, SceneData, _, _, store, _ = tools(composition)
     force_algorithm, masked_particles = composition.force_algorithm, bool(composition.selective)
@@ -102,7 +102,7 @@ def each_particle(composition: Composition, method: Any):
         return kernel(advance_particles, **options)
     enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-    # A separate kernel: the launch has as many dimensions as any branch of a kernel uses. With two dimensions each
+    # A separate kernel: a launch has as many dimensions as any branch of its kernel uses. With two dimensions each
     # thread divides to find its indices: 3 % of a substep of a single world of 16³ particles.
     def advance_particles_of_worlds(scene: SceneData, step: Step):
         w, i = wp.tid()
@@ -125,9 +125,9 @@ def each_particle(composition: Composition, method: Any):
 
 @functools.cache
 def each_column(composition: Composition, method: Any):
-    """Compose the kernel of a stage for a lattice, over columns of particles that share their reads of neighbours.
+    """Compose the kernel of a stage for a lattice, over columns of particles, which read each neighbour once.
 
-    With a second pass, it leaves masked particles to `each_masked`, as in `each_particle`: the code of selective
+    With a second pass it leaves masked particles to `each_masked`, as in `each_particle`: the code of selective
     effects would make all columns slower.
     """
     _, SceneData, _, _, store, _ = tools(composition)
@@ -151,7 +151,7 @@ def each_column(composition: Composition, method: Any):
                     if wp.static(load is not None):
                         mask = wp.uint8(0)
                         if wp.static(masked_particles):
-                            mask = scene.effect_mask[i + d * stride]  # loading it earlier is slower
+                            mask = scene.effect_mask[i + d * stride]  # an earlier load is slower
                         forces[d] += load(scene, step.compensation, step.x, step.v, i + d * stride, mask)
                     advance(scene, step, forces[d], i + d * stride)
 
@@ -179,7 +179,7 @@ def each_masked(composition: Composition, method: Any):
 
 @functools.cache
 def particle_acceleration(composition: Composition):
-    """Compose a_i = f_i / m_i + g; it is 0 for a pinned particle (inverse mass 0), prescribed for a driven one.
+    """Compose a_i = f_i / m_i + g; for a pinned particle (inverse mass 0) it is 0, for a driven one prescribed.
 
     A pinned particle does not move, so it never approaches a fixed collider. Without moving colliders this is the
     only test for pinned particles, and it is compiled only if there are any.
@@ -205,7 +205,7 @@ def finish(composition: Composition):
     """Compose the end of a substep: add the changes dx and dv, then apply contact.
 
     Contact sets positions directly, so it clears their compensation. If contact forces are summed, the change of
-    velocity is added to the impulse.
+    velocity is added to `impulse` (per mass).
     """
     V, _, Compensation, _, store, add = tools(composition)
     Colliders, collide, moving, contact_forces, overlapping_at_start, spares = composition.collider_term
@@ -220,7 +220,7 @@ def finish(composition: Composition):
         x_new = add(x_old, dx, compensation.x, compensation.x_out, i)
         if wp.static(pinned_apart):
             if colliders.inverse_mass[i] == scalar(0.0):
-                return x_new, v_new  # pinned: neither moving obstacles nor depenetration move it
+                return x_new, v_new  # pinned: not moved by moving obstacles or depenetration
         if wp.static(spares):
             if colliders.spared[i] != 0:
                 return x_new, v_new
@@ -244,7 +244,7 @@ def finish(composition: Composition):
 
 @functools.cache
 def force_on_each(composition: Composition) -> Stage:
-    """Compose the stage that writes the force of connections and loads on each particle, and moves none."""
+    """Compose the stage that writes the force of connections and loads on each particle, without moving any."""
     V, SceneData, Compensation, _, store, _ = tools(composition)
 
     @wp.struct

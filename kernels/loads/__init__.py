@@ -1,4 +1,4 @@
-"""Loads: forces on particles besides those of springs, each a term in the kernels of a scene."""
+"""Loads: forces on particles besides spring forces, each a term in a scene's kernels."""
 
 from .actuators import actuated_springs as actuated_springs, add_tension as add_tension
 from .attachments import attachments as attachments

@@ -1,4 +1,4 @@
-"""Actuators: rest lengths that are a function of time, and the extra tension that they cause."""
+"""Actuators: rest lengths that are functions of time; the change acts as an extra tension."""
 
 import functools
 from typing import Any
@@ -16,8 +16,8 @@ from ..springs.force_algorithm import difference
 def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the force term of actuators: the sum of k l0 s (x_i − x_j) / |x_i − x_j| over a particle's entries.
 
-    A spring of rest length l0 (1 + s) has the tension k (l − l0 (1 + s)): that for l0, minus k l0 s. Both ends
-    compute the force from the same numbers, so the two forces are equal and opposite.
+    A spring of rest length l0 (1 + s) has the tension k (l − l0 (1 + s)): the tension for l0, minus k l0 s. Both
+    ends compute the force from the same numbers, so their forces are equal and opposite.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
@@ -26,8 +26,8 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     class Actuated:
         strain: wp.array2d(dtype=scalar)  # s in each stage of a frame and at its end; a column per delay
         first: wp.array(dtype=int)  # row starts of the entries, shape [particle_count + 1]
-        other: wp.array(dtype=int)  # the spring's other end, shape [entry_count]
-        column: wp.array(dtype=int)  # column of its s, shape [entry_count]
+        other: wp.array(dtype=int)  # particle at the other end, shape [entry_count]
+        column: wp.array(dtype=int)  # column of `strain`, shape [entry_count]
         strength: wp.array(dtype=scalar)  # k l0 [N], shape [entry_count]
 
     def force(SceneData: Any):
@@ -52,8 +52,8 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 def add_tension(dim: int, scalar: type):
     """Compose the kernel that adds the transverse stiffness due to actuators to the diagonal blocks of K.
 
-    Over springs: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
-    `msdwarp.kernels.springs.linearised`. Along the axis the stiffness stays k.
+    Sum over springs: k (max(0, 1 − l0 (1 + s)/l) − max(0, 1 − l0/l)) (1 − d dᵀ) for the axis d; see
+    `msdwarp.kernels.springs.linearised`. The axial stiffness remains k.
     """
     V = vector(dim, scalar)
     Block = wp.types.matrix((dim, dim), wp.float64)

@@ -15,11 +15,11 @@ class Attachments(NamedTuple):
     """The device side of attachments."""
 
     piece: ForceTerm
-    """The force term, for the kernels of a scene."""
+    """The force term, for a scene's kernels."""
     add_blocks: Any
-    """Kernel, over members, that adds to the blocks for the stability bound (`Effect.add_blocks`)."""
+    """Kernel, over members, that adds to the blocks of the stability bound (`Effect.add_blocks`)."""
     measure: Any
-    """Kernel, over members, that writes the stored energy [J] and the dissipated power [W] of each."""
+    """Kernel, over members, that writes each one's stored energy [J] and dissipated power [W]."""
     projected: Any
     """φ·F of an attachment, for `adjoint.elements`."""
     numbers: Any
@@ -30,13 +30,13 @@ class Attachments(NamedTuple):
 def attachments(
     dim: int, scalar: type, compensated: bool, *, moving: bool, damped: bool, stretched: bool
 ) -> Attachments:
-    """Compose the attachments of a scene; the flags tell whether any moves, is damped, or has a rest length.
+    """Compose the attachments of a scene; each flag is set if an attachment moves, is damped, has a rest length.
 
-    An attachment of rest length 0 acts equally in all directions, F = −k (x − p) − b (v − u) for the point p with
-    velocity u. An attachment with a rest length acts only along its axis, like springs between particles, and
-    exerts no force without an axis.
+    An attachment of rest length 0, F = −k (x − p) − b (v − u) for the point p with velocity u, acts equally in all
+    directions. With a rest length it acts only along its axis, as a spring between particles, and exerts no force
+    if there is no axis.
 
-    The carrier of a point does work at the rate F·u, which is summed over a substep like the work of drives.
+    The carrier of a point does work at the rate F·u, which is summed over substeps like the work of drives.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Turn = wp.types.matrix((dim, dim), scalar)
@@ -46,22 +46,22 @@ def attachments(
     @wp.struct
     class Attached:
         first: wp.array(dtype=int)  # row starts of the attachments, shape [particle_count + 1]
-        member: wp.array(dtype=int)  # the particles that have any, shape [member_count]
+        member: wp.array(dtype=int)  # particles with attachments, shape [member_count]
         # Of each attachment, shape [attachment_count]:
-        point: wp.array(dtype=V)  # anchor point [m]; in the given pose of its carrier, if any
+        point: wp.array(dtype=V)  # anchor point [m]; in the given pose of its carrier if it has one
         carrier: wp.array(dtype=int)  # index of the carrier that moves the point; −1 if fixed
         rest_length: wp.array(dtype=scalar)  # l0 [m]
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b [N s/m]
         # Of each carrier in each stage of a frame, and at its end, shape [stage_count + 1, carrier_count]:
-        turn: wp.array2d(dtype=Turn)  # R: a point y lies at R y + o
+        turn: wp.array2d(dtype=Turn)  # R: point y of a carrier is at R y + o
         shift: wp.array2d(dtype=V)  # o [m]
         turning: wp.array2d(dtype=Turn)  # dR/dt [1/s]
         speed: wp.array2d(dtype=V)  # do/dt [m/s]
         if moving:
-            ahead: int  # row offset from the velocity before a stage to that after it
-            # Work of each [J], shape [2, attachment_count], to be summed: of all forces so far, and of the next
-            # force with the current velocity, estimated from the last force
+            ahead: int  # row offset from the velocity before a stage to the velocity after it
+            # Work of each one [J], shape [2, attachment_count], to be summed: of all forces so far, and of the
+            # next force with the current velocity, estimated from the last force
             done: wp.array2d(dtype=wp.float64)
 
     @wp.func
@@ -161,7 +161,7 @@ def attachments(
     @kernel
     def add_attachment_blocks(
         attached: Attached,
-        # Out, one block a particle, shape [particle_count]:
+        # Out, one block per particle, shape [particle_count]:
         stiffness: wp.array(dtype=Block),  # [N/m]
         damping: wp.array(dtype=Block),  # [N s/m]
     ):
@@ -178,11 +178,11 @@ def attachments(
     @kernel
     def measure_attached(
         attached: Attached,
-        row: int,  # of the tables of carriers
+        row: int,  # row in the tables of carriers
         # State in:
         x: wp.array(dtype=V),  # [m], of all worlds
         v: wp.array(dtype=V),  # [m/s], of all worlds
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # Out, of each member, shape [worlds, member_count]:
         energy: wp.array2d(dtype=wp.float64),  # [J]
         power: wp.array2d(dtype=wp.float64),  # [W]

@@ -1,4 +1,4 @@
-"""Driven particles: their positions and velocities are prescribed by the poses of their drives."""
+"""Driven particles: the poses of drives prescribe their positions and velocities."""
 
 import functools
 from typing import Any
@@ -16,11 +16,11 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of drives.
 
     A particle that started at y is at turn y + shift, computed in float64 and rounded once. A stage writes a
-    driven particle's state for the time of the next stage, which reads it.
+    driven particle's state at the time of the next stage.
 
-    A drive does work at the rate −f·v on a particle with force f and velocity v. Over a substep it is summed like
-    the work of loads (see `work`): half with the velocity before, half with the velocity after. An implicit method
-    solves for the force that acts during a substep, whose work is −f·Δx.
+    A drive does work at the rate −f·v on a particle with force f and velocity v. Work is summed over substeps as
+    for loads (see `work`): half with the velocity before, half with the velocity after. An implicit method solves
+    for the force during a substep, whose work is −f·Δx.
     """
     V, Wide, Turn = vector(dim, scalar), vector(dim, wp.float64), wp.types.matrix((dim, dim), wp.float64)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -28,10 +28,10 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     @wp.struct
     class Drives:
-        entry: wp.array(dtype=int)  # index of a particle among the driven ones, -1 if free
+        entry: wp.array(dtype=int)  # index of a particle among driven particles, -1 if free
         drive: wp.array(dtype=int)  # drive of each driven particle
-        start: wp.array(dtype=Wide)  # position of each at the start [m]
-        # Poses in each stage of a frame and at its end, and rates at the times of the method's velocities:
+        start: wp.array(dtype=Wide)  # initial position of each driven particle [m]
+        # Poses in each stage of a frame and at its end, and their rates at the times of the method's velocities:
         turn: wp.array2d(dtype=Turn)
         shift: wp.array2d(dtype=Wide)  # [m]
         turning: wp.array2d(dtype=Turn)  # [1/s]
@@ -39,7 +39,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
         # Second derivatives at the frame's end, one per drive:
         bending: wp.array(dtype=Turn)  # [1/s²]
         push: wp.array(dtype=Wide)  # [m/s²]
-        ahead: int  # row offset from the velocity before a stage to that after it
+        ahead: int  # row offset from the velocity before a stage to the velocity after it
         # Work on each driven particle [J], shape [2, driven count], to be summed: of all forces so far, and of the
         # next force with the current velocity, estimated from the last force
         done: wp.array2d(dtype=wp.float64)

@@ -1,4 +1,4 @@
-"""Forces on particles: constant, tabulated for the stages of a frame, or functions of position and time."""
+"""Forces on particles: constant, tabulated by stages of a frame, or functions of position and time."""
 
 import functools
 from typing import Any
@@ -16,7 +16,7 @@ from .work import Nothing
 def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of constant forces.
 
-    Particles with the same forces share their sum. Different sums are few, and fit into caches.
+    Particles with the same forces use one sum. There are few different sums, which fit into caches.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
@@ -42,7 +42,7 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     @wp.struct
     class Varying:
-        value: wp.array2d(dtype=V)  # by stage of a frame, and at its end [N], shape [any, combination_count]
+        value: wp.array2d(dtype=V)  # for each stage of a frame and its end [N], shape [any, combination_count]
         combination: wp.array(dtype=int)  # index of the sum for each particle, shape [particle_count]
 
     def force(SceneData: Any):
@@ -84,7 +84,7 @@ def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
     @wp.struct
     class Falling:
-        gravity: wp.array2d(dtype=V)  # by stage of a frame, and at its end [m/s²], shape [any, 1]
+        gravity: wp.array2d(dtype=V)  # for each stage of a frame and its end [m/s²], shape [any, 1]
 
     def force(SceneData: Any):
         @wp.func
@@ -101,7 +101,7 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
     """Return the term of a force that is a function of position, velocity and time.
 
     `function` is a wp.func (x, v, t, i) -> force [N] on particle i at position x with velocity v at time t.
-    `number` distinguishes several functions of a scene.
+    `number` distinguishes the functions of a scene.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
@@ -121,7 +121,7 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
 
 @functools.cache
 def function_projection(dim: int, scalar: type, function: Any):
-    """Compose φ·F of a particle on which a function acts, for `adjoint.elements`."""
+    """Compose φ·F of a particle under a function's force, see `adjoint.elements`."""
     Rows: Any = wp.types.matrix((1, dim), scalar)
 
     @wp.func

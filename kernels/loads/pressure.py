@@ -1,4 +1,4 @@
-"""Pressure on the triangles of a surface: given, or of an enclosed gas."""
+"""Pressure on the triangles of a surface: given pressures and enclosed gases."""
 
 import functools
 from typing import Any
@@ -41,7 +41,7 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 
 @functools.cache
 def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of given pressures, with a row for each stage of a frame, and for its end."""
+    """Return the term of given pressures; the table has a row for each stage of a frame, and for its end."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -59,7 +59,7 @@ def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = Fals
 
 @functools.cache
 def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of enclosed gases, with a single row that `gas_law` computes in each stage."""
+    """Return the term of enclosed gases; the table has one row, which `gas_law` computes in each stage."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -77,10 +77,10 @@ def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False)
 
 @functools.cache
 def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose the kernel for the pressure of each gas, p = p0 (V0 / V)^γ; a block for each gas and world.
+    """Compose the kernel for the pressure p = p0 (V0 / V)^γ of each gas, with a block per gas and world.
 
-    The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, in float64, relative to one of the corners. Each
-    thread sums a part, and the parts are added in a fixed order.
+    The volume is a sixth of Σ x_i·(x_j × x_k) over the triangles, in float64, relative to a corner. Each thread
+    computes a partial sum, and partial sums are added in a fixed order.
     """
     V = vector(dim, scalar)
     load = records(dim, scalar).load
@@ -100,13 +100,13 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
     @kernel
     def find_pressure(
         # Model:
-        corner: wp.array(dtype=wp.vec3i),  # the vertices of each triangle, shape [any]
-        ends: wp.array(dtype=int),  # where the triangles around each gas begin, shape [gas_count + 1]
+        corner: wp.array(dtype=wp.vec3i),  # vertices of each triangle, shape [any]
+        ends: wp.array(dtype=int),  # first triangle of each gas, and the end, shape [gas_count + 1]
         numbers: wp.array(dtype=wp.vec4d),  # of each gas: p0 and the ambient pressure [Pa], V0 [m³], and γ
         # State in:
         x: wp.array(dtype=V),  # positions [m] of particles, or of vertices if mixed
         x_lost: wp.array(dtype=V),  # compensation of particles' positions [m]
-        stride: int,  # from one world to the next, in elements of x
+        stride: int,  # elements of x from one world to the next
         # Out:
         over: wp.array2d(dtype=scalar),  # excess over the ambient pressure [Pa], shape [worlds, gas_count]
     ):
@@ -125,7 +125,7 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
             t += wp.block_dim()
         total = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0) / wp.float64(6.0)
         if thread == 0:
-            # An inverted surface has no volume: keep the pressure finite; the run is reported as diverged.
+            # An inverted surface has no volume: the pressure is kept finite, and the run reported as diverged.
             of_gas = numbers[gas]
             part = wp.max(total / of_gas[2], wp.float64(1e-6))
             over[w, gas] = scalar(of_gas[0] * wp.pow(part, -of_gas[3]) - of_gas[1])
@@ -155,7 +155,7 @@ def given_projection(dim: int, scalar: type, Pressed: Any):
 
 @functools.cache
 def gas_adjoint(dim: int, scalar: type):
-    """Compose (Gases, projected, kernel) of the adjoint of gases: φ·F of a triangle, and the sums that it needs.
+    """Compose (Gases, projected, kernel) for the adjoint of gases: φ·F of a triangle, and sums for it.
 
     With S = Σ a·φ over a gas' triangles and their mean φ, φ·F = p S: its derivative is p ∂S/∂x + p' S ∂V/∂x.
     The kernel sums S and V for each gas, by a block. It adds to the derivatives by the gas' numbers, if they are
@@ -168,8 +168,8 @@ def gas_adjoint(dim: int, scalar: type):
     class Gases:
         of: wp.array(dtype=int)  # gas of each triangle
         over: wp.array(dtype=scalar)  # excess pressure p of each gas [Pa]
-        slope: wp.array(dtype=scalar)  # p' S
-        origin: wp.array(dtype=V)  # a point of each gas, from which volumes are measured [m]
+        slope: wp.array(dtype=scalar)  # p' S, with p' = dp/dV
+        origin: wp.array(dtype=V)  # a reference point of each gas for its volume [m]
 
     @wp.func
     def projected(data: Gases, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
@@ -193,7 +193,7 @@ def gas_adjoint(dim: int, scalar: type):
     def find_slopes(
         particle: wp.array2d(dtype=int),  # as for `adjoint.elements`
         weight: wp.array2d(dtype=scalar),
-        ends: wp.array(dtype=int),  # where the triangles around each gas begin, shape [gas_count + 1]
+        ends: wp.array(dtype=int),  # first triangle of each gas, and the end, shape [gas_count + 1]
         numbers: wp.array(dtype=wp.vec4d),  # as in `gas_law`
         x: wp.array(dtype=V),
         phi: wp.array(dtype=V),

@@ -13,24 +13,24 @@ from ..records import records
 
 @functools.cache
 def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose (Faces, corners): triangles with the particles at their corners, and the geometry of one.
+    """Compose (Faces, corners): triangles with the particles at their corners, and a triangle's geometry.
 
-    If `mixed`, vertices are weighted means of particles; `mix_vertices` computes their x and v. A particle then
-    gets a triangle's force in proportion to its weights in the corners.
+    If `mixed`, vertices are weighted means of particles; `mix_vertices` computes their x and v. A triangle's force
+    on a particle is then in proportion to the particle's weights in the corners.
 
-    corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means of its corners,
-    and half the cross product of two edges, outward by the right-hand rule. Area vectors exist in 3D only.
+    corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means over corners, and
+    half the cross product of two edges, outward by the right-hand rule. Area vectors exist only in 3D.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
 
     @wp.struct
     class Faces:
-        corner: wp.array(dtype=wp.vec3i)  # the vertices of each triangle, shape [triangle_count]
+        corner: wp.array(dtype=wp.vec3i)  # vertices of each triangle, shape [triangle_count]
         first: wp.array(dtype=int)  # row starts of `number`, shape [particle_count + 1]
-        number: wp.array(dtype=int)  # triangles around each particle, shape [3 triangle_count], or [any] if mixed
+        number: wp.array(dtype=int)  # triangles of each particle, shape [3 triangle_count], or [any] if mixed
         if mixed:
-            share: wp.array(dtype=scalar)  # weight of the particle in the triangle, shape [any]
+            share: wp.array(dtype=scalar)  # weight of the particle in each triangle, shape [any]
 
     @wp.func
     def place(compensation: Compensation, x: Vectors, i: int) -> V:
@@ -64,7 +64,7 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
 
 @functools.cache
 def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
-    """Return the term that holds the state of mixed vertices, which are weighted means of particles."""
+    """Return the term with the state of mixed vertices, which are weighted means of particles."""
     V = vector(dim, scalar)
 
     @wp.struct
@@ -77,7 +77,7 @@ def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
 
 @functools.cache
 def mix_vertices(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over all worlds' vertices, that computes Σ weight · x and Σ weight · v."""
+    """Compose the kernel, over vertices of all worlds, that computes Σ weight · x and Σ weight · v."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Skin: Any = mixed_vertices(dim, scalar).Data
     load = records(dim, scalar).load
@@ -85,9 +85,9 @@ def mix_vertices(dim: int, scalar: type, compensated: bool):
     @kernel
     def mix(
         # Model:
-        particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
-        weight: wp.array2d(dtype=scalar),  # their weights
-        stride: int,  # from one world to the next, in particles
+        particle: wp.array2d(dtype=int),  # k particles of each vertex, shape [vertex_count, k]
+        weight: wp.array2d(dtype=scalar),  # weights of these particles, shape [vertex_count, k]
+        stride: int,  # particles from one world to the next
         # State in:
         compensation: Compensation,
         x: Vectors,  # [m], shape [particle_count]

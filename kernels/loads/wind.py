@@ -14,7 +14,7 @@ from .surface_triangles import face
 
 @functools.cache
 def _blows(dim: int, scalar: type, function: Any):
-    """Compose (Winds, air): data of winds, and the air's velocity at x for wind w in a stage of a frame."""
+    """Compose (Winds, air): data of winds, and the air velocity at x of wind w in a stage of a frame."""
     V = vector(dim, scalar)
 
     @wp.struct
@@ -34,7 +34,7 @@ def _blows(dim: int, scalar: type, function: Any):
 
 @functools.cache
 def _force_on_face(dim: int, scalar: type):
-    """Compose push(drag, lift, u, a): the force on a triangle of `wind_on_faces`."""
+    """Compose push(drag, lift, u, a): the force on a triangle, see `wind_on_faces`."""
     V = vector(dim, scalar)
 
     @wp.func
@@ -54,21 +54,21 @@ def _force_on_face(dim: int, scalar: type):
 def wind_on_faces(
     dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, any_closed: bool = False
 ) -> ForceTerm:
-    """Return the term of wind on a surface: the force of the air on the triangles around a particle.
+    """Return the term of wind on a surface: the forces of air on the triangles around a particle.
 
     With u the velocity of a triangle relative to the air, a its area vector and n = a/|a|,
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
-    and each corner takes a third. Drag acts against u as on a plate of the area projected along u, and lift acts
-    across u towards the lee side. Both sides of the surface count. A closed surface has air only outside, so wind
-    acts only on triangles that move against the air, u·a > 0: together they have the area projected along u.
-    Without a relative velocity the force is exactly 0.
-    Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for a flow that other triangles do not
-    disturb; the quadratic drag is that of a plate.
+    and each corner takes a third. Drag is against u, as on a plate of the area projected along u; lift is across,
+    towards the lee side. Both sides of the surface count. A closed surface has air only outside, so only triangles
+    moving against the air have a force, u·a > 0: together they have the area projected along u. Without relative
+    velocity the force is exactly 0.
+    Reference: Wejchert & Haumann, Computer Graphics 25 (4) (1991) 19-22, for flow undisturbed by other triangles;
+    the quadratic drag is as on a plate.
 
-    `function` is a wp.func (x, t) -> velocity of the air [m/s]; None if velocities are given by numbers. `mixed`:
-    vertices are weighted means of particles (see `face`). `any_closed`: a triangle is part of a closed surface.
+    `function` is a wp.func (x, t) -> air velocity [m/s]; None if velocities are tabulated. `mixed`: vertices
+    are weighted means of particles (see `face`). `any_closed`: some triangle is part of a closed surface.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
@@ -81,7 +81,7 @@ def wind_on_faces(
         faces: Faces
         wind: wp.array(dtype=int)  # index of the wind on each triangle, shape [triangle_count]
         if any_closed:
-            closed: wp.array(dtype=bool)  # whether its surface is closed, shape [triangle_count]
+            closed: wp.array(dtype=bool)  # whether the triangle's surface is closed, shape [triangle_count]
 
     def force(SceneData: Any):
         @wp.func

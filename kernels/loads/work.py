@@ -1,4 +1,4 @@
-"""The work of loads: f·v summed over substeps and particles, as the forces are evaluated."""
+"""The work of loads: f·v summed over substeps and particles, while forces are evaluated."""
 
 import functools
 from typing import Any
@@ -12,16 +12,16 @@ from ..records import records
 
 @wp.struct
 class Nothing:
-    """The empty struct of an effect that adds no data to kernels."""
+    """The empty struct of an effect that has no data in kernels."""
 
 
 NOTHING = ForceTerm("nothing", Nothing)
-"""The force term of such an effect."""
+"""The force term of an effect without data in kernels."""
 
 
 @functools.cache
 def work(dim: int, scalar: type) -> ForceTerm:
-    """Return the term of external work, which holds the arrays of its sums.
+    """Return the term of external work, with the arrays of sums.
 
     The work of a force over a substep is Σ weight f·v over its stages. For a method with one force per substep it
     is h f_n·(v_n + v_(n+1))/2 with the velocities before and after: the kinetic energy that f_n adds. Half of it
@@ -31,19 +31,19 @@ def work(dim: int, scalar: type) -> ForceTerm:
     @wp.struct
     class Worked:
         done: wp.array(dtype=wp.float64)  # on each particle [J], shape [particle_count]
-        last: wp.array(dtype=vector(dim, scalar))  # the force on each in the last substep [N]
-        # By stage of a frame [s]; 0 at the frame's end, and in stages that do not count:
-        weight: wp.array(dtype=wp.float64)  # weight of the stage
-        weight_of_last: wp.array(dtype=wp.float64)  # weight of the last substep's force times the stage's velocity
+        last: wp.array(dtype=vector(dim, scalar))  # force on each particle in the last substep [N]
+        # By stage of a frame [s]; 0 at the frame's end, and in stages without weight:
+        weight: wp.array(dtype=wp.float64)  # weight of the stage's force
+        weight_of_last: wp.array(dtype=wp.float64)  # weight of the last substep's force with this stage's velocity
 
     return ForceTerm("worked", Worked, timed=True)
 
 
 @functools.cache
 def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: Any, effect_mask: int):
-    """Compose a force (scene, compensation, x, v, i, mask) that equals `force` and also sums its work.
+    """Compose a force (scene, compensation, x, v, i, mask) that equals `force`, and sums its work.
 
-    It sums the work on particles whose mask has a bit of `effect_mask`.
+    Work is summed for particles whose mask has a bit of `effect_mask`.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Vectors = wp.array(dtype=V)
@@ -68,9 +68,9 @@ def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: A
 
 @functools.cache
 def sum_work(dim: int, scalar: type):
-    """Compose the kernel that sums the work on all particles; each thread sums over some particles of a world.
+    """Compose the kernel that sums the work on all particles; each thread sums some particles of a world.
 
-    The sum includes f·x of steady forces; the host subtracts f·x at the start.
+    The sum includes f·x of steady forces; the host subtracts its initial value.
     """
     V = vector(dim, scalar)
     load = records(dim, scalar).load
@@ -78,13 +78,13 @@ def sum_work(dim: int, scalar: type):
     @kernel
     def sum_work_done(
         count: int,  # particles of a world
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         worlds: int,
-        done: wp.array(dtype=wp.float64),  # so far [J], shape [worlds * count], or [0]
+        done: wp.array(dtype=wp.float64),  # work so far [J], shape [worlds * count], or [0]
         last: wp.array(dtype=V),  # force in the last substep [N], of the same shape
         v: wp.array(dtype=V),  # velocities [m/s], of all worlds
-        remaining: wp.float64,  # weight of `last` that is still to be summed [s]
-        combination: wp.array(dtype=int),  # index into `steady` by particle, 0: none; or shape [0]
+        remaining: wp.float64,  # weight with which the work of `last` is still to be added [s]
+        combination: wp.array(dtype=int),  # index in `steady` by particle, 0 for none; or shape [0]
         steady: wp.array(dtype=V),  # steady forces [N], shape [any]
         x: wp.array(dtype=V),  # positions [m], of all worlds
         # Out:
@@ -113,12 +113,12 @@ def sum_work(dim: int, scalar: type):
 
 @kernel
 def add_work(
-    done: wp.array(dtype=wp.float64),  # [J], numbers of all worlds, concatenated
+    done: wp.array(dtype=wp.float64),  # work of effects [J], concatenated by world
     worlds: int,
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
-    """Add the work that effects sum themselves, `done`, to the threads' partial sums in each world."""
+    """Add the work summed by effects themselves, `done`, to the threads' partial sums in each world."""
     share = wp.tid()
     threads = shares.shape[0] / worlds
     count = done.shape[0] / worlds

@@ -1,4 +1,4 @@
-"""Freeze worlds that diverge, by the rule of `engine/diagnostics/divergence_monitor.py`; restore their state."""
+"""Freeze diverged worlds, by the rule of `engine/diagnostics/divergence_monitor.py`; restore their state."""
 
 import warp as wp
 
@@ -7,27 +7,27 @@ from . import columns
 from .columns import NONE
 
 RUNNING, NOT_FINITE, ENERGY = 0, 1, 2
-"""Status of a world."""
+"""Values of a world's status."""
 
 
 @kernel
 def judge(
     found: wp.array2d(dtype=wp.float64),  # by `sum_up`, shape [worlds, LOOKED or more]
     before: wp.array(dtype=wp.float64),  # work to add to the sums [J], shape [worlds]
-    most: wp.array(dtype=wp.float64),  # kinetic and gravitational energy that a world may have [J], shape [worlds]
+    most: wp.array(dtype=wp.float64),  # allowed kinetic plus gravitational energy of a world [J], shape [worlds]
     # In and out:
     frozen: wp.array(dtype=wp.int32),  # status of each world, shape [worlds]
     good_frames: wp.array(dtype=int),  # shape [worlds]
     particle: wp.array(dtype=int),  # first particle that is not finite, or NONE, shape [worlds]
     most_work: wp.array(dtype=wp.float64),  # largest work so far [J], shape [worlds]
 ):
-    """Freeze the worlds that have diverged in the last frame; count the frames of the others."""
+    """Freeze worlds that have diverged in the last frame; count the good frames of other worlds."""
     w = wp.tid()
     if frozen[w] != wp.static(RUNNING):
         return
     work = before[w] + found[w, wp.static(columns.WORK)]
     energy = found[w, wp.static(columns.KINETIC)] + found[w, wp.static(columns.POTENTIAL)] - work
-    # Work is known only to first order in the step, and errors remain after forces have taken it back.
+    # Work has errors of first order in the step, which remain after forces have taken it back.
     most_work[w] = wp.max(most_work[w], wp.abs(work))
     particle[w] = int(-found[w, wp.static(columns.FIRST)])
     if particle[w] < wp.static(NONE):
@@ -42,11 +42,11 @@ def judge(
 def put_back(
     frozen: wp.array(dtype=wp.int32),  # shape [worlds]
     threads: int,  # per world
-    kept: wp.array2d(dtype=wp.uint32),  # the words of each world, shape [worlds, word_count]
+    kept: wp.array2d(dtype=wp.uint32),  # words at the frame's start, shape [worlds, word_count]
     # Out:
     live: wp.array2d(dtype=wp.uint32),
 ):
-    """Restore the state at the frame's start in worlds that have been frozen."""
+    """Restore the state at the frame's start in frozen worlds."""
     w, i = wp.tid()
     if frozen[w] == wp.static(RUNNING):
         return

@@ -1,6 +1,6 @@
-"""Measures of a state, in float64 for every precision of the simulation: sums, and the strains of connections.
+"""Measures of a state, in float64 for every precision of a simulation: sums, and strains of connections.
 
-The order of sums is fixed, so equal states have equal measures, to the last bit.
+The order of sums is fixed, so equal states have equal measures to the last bit.
 """
 
 import functools
@@ -13,7 +13,7 @@ from ..springs import LINEAR, Laws, damper_force, spring_energy
 from .columns import COLUMNS, LOOKED, MAXIMA, NONE
 
 SUMMING_BLOCKS = (32, 256)
-"""Threads per block for sums on a GPU: in small worlds, and in others."""
+"""Threads per block for sums on a GPU: in small worlds, and in larger worlds."""
 ADD_UP = """
 #if defined(__CUDA_ARCH__)
     constexpr int COLUMNS = {columns}, MAXIMA = {maxima};
@@ -60,16 +60,16 @@ ADD_UP = """
         found.data[static_cast<size_t>(world) * found.shape[1] + c] = own[c];
 #endif
 """
-"""One warp sums each column; the last block of a world to finish sums the results of all its blocks.
+"""One warp sums each column; the last block of a world to finish sums the results of all blocks of this world.
 
-The order of these additions is fixed, whichever block is last. Results of other blocks are read as volatile,
-bypassing the cache. On the CPU a world has one thread.
+The order of these additions is fixed, whichever block is last. Other blocks' results are read as volatile, past
+the cache. On the CPU a world has one thread.
 """
 
 
 @functools.cache
 def add_up(column_count: int, block: int):
-    """Compose the last step of a kernel, which sums the results of each world's threads.
+    """Compose the last step of a kernel, which combines the results of each world's threads.
 
     The kernel is launched with blocks of `block` threads; each world has blocks.shape[2] blocks.
     """
@@ -89,7 +89,7 @@ def add_up(column_count: int, block: int):
 
 @functools.cache
 def difference(dim: int, scalar: type, compensated: bool):
-    """Compose `separation(x, x_lost, i, j)`, x[i] − x[j]; with `compensated` true positions are x − x_lost."""
+    """Compose separation(x, x_lost, i, j) = x[i] − x[j]; if `compensated`, positions are x − x_lost."""
     V = vector(dim, scalar)
 
     @wp.func
@@ -116,11 +116,11 @@ def sum_up(
     chosen: bool,
     block: int,
 ):
-    """Compose the kernel that fills all `columns` for a state.
+    """Compose the kernel that computes all `columns` for a state.
 
-    Unless `everything`, it only visits particles, and fills the LOOKED columns that show divergence. If
-    `compensated`, lengths use the positions x − x_lost. If `tears`, connections without stiffness and damping are
-    broken, and their strain does not count. If `chosen`, only the strain of chosen connections counts.
+    Unless `everything`, it only visits particles, and computes LOOKED columns. If `compensated`, lengths use the
+    positions x − x_lost. If `tears`, connections without stiffness and damping are broken, and excluded from the
+    largest strain. If `chosen`, only chosen connections are included in the largest strain.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
     resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
@@ -138,15 +138,15 @@ def sum_up(
         damping: wp.array2d(dtype=scalar),  # b in the units of the law, shape [rows, connection_count]
         # The same in all worlds:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        counts: wp.array(dtype=wp.uint8),  # whether its strain counts, shape [connection_count]
+        counts: wp.array(dtype=wp.uint8),  # whether its strain is included, shape [connection_count]
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         x_lost: wp.array(dtype=V),  # compensation of positions [m]
         u: wp.array(dtype=V),  # velocities of the method [m/s]
         v: wp.array(dtype=V),  # velocities at the time of the positions [m/s]
         work: wp.array(dtype=wp.float64),  # terms to sum [J], equally many for each world
-        stride: int,  # from one world to the next, in particles
-        # Between:
+        stride: int,  # particles from one world to the next
+        # Intermediate:
         threads: int,  # per world
         blocks: wp.array3d(dtype=wp.float64),  # partial results, shape [worlds, columns, block_count]
         done: wp.array(dtype=int),  # number of finished blocks; 0 before and after; shape [worlds]
@@ -155,7 +155,7 @@ def sum_up(
     ):
         w = int(0)
         thread = wp.tid()
-        if wp.static(in_worlds):  # for a single world the division would cost 1 % of a frame
+        if wp.static(in_worlds):  # in a single world the division would take 1 % of a frame
             w = wp.tid() / threads
             thread = wp.tid() % threads
         start = w * stride
@@ -182,7 +182,7 @@ def sum_up(
                     speed = wp.float64(u_i[k])
                     square += speed * speed
                     fall += wp.float64(g[k]) * wp.float64(x_i[k])
-                mass = wp.float64(1.0) / inverse  # memory traffic hides one float64 division, not two
+                mass = wp.float64(1.0) / inverse  # memory traffic hides one float64 division, but not two
                 kinetic += wp.float64(0.5) * square * mass
                 potential -= fall * mass
                 if wp.static(everything):
@@ -277,9 +277,9 @@ def fold(
     shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
     largest: int,  # column that is a maximum instead of a sum; -1: none
     first: int,  # column of `rows` for the first column of `shares`
-    rows: wp.array3d(dtype=wp.float64),  # each a part of the sum, in a fixed order
+    rows: wp.array3d(dtype=wp.float64),  # partial sums in rows, in a fixed order
 ):
-    """Add the partial sums of a world's threads into a few rows, with a thread per entry."""
+    """Add partial sums of a world's threads into a few rows; one thread per entry."""
     w, row, column = wp.tid()
     total = wp.float64(0.0)
     share = row
@@ -299,7 +299,7 @@ def put_in_order(
     # Out:
     result: wp.array(dtype=wp.float32),  # shape [connection_count]
 ):
-    """Write values of connections in another order."""
+    """Write values of connections in the system's order."""
     c = wp.tid()
     result[place[c]] = values[c]
 
@@ -308,7 +308,7 @@ def put_in_order(
 def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     """Compose the kernel, over connections, that writes length / rest length − 1.
 
-    If `sorted_anew`, the device has its own order of connections: the strain of connection c goes to place[c].
+    If `sorted_anew`, the device's order of connections differs: the strain of connection c is written at place[c].
     """
     V = vector(dim, scalar)
     separation = difference(dim, scalar, compensated)

@@ -1,4 +1,4 @@
-"""Sums over groups for probes, in float64. Each thread makes a partial sum; the order of additions is fixed."""
+"""Sums over groups for probes, in float64. Each thread computes a partial sum; the order of additions is fixed."""
 
 import functools
 from typing import Any
@@ -11,7 +11,7 @@ from ..springs.cell_volumes import volume_law
 from .measure import difference
 
 SUM, LARGEST, COUNT = 0, 1, 2
-"""Columns of `sum_strain`: the sum of strains, the largest absolute value, and the number of connections."""
+"""Columns of `sum_strain`: sum of strains, largest absolute strain, number of connections."""
 STRAIN_COLUMNS = 3
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))}
 """Components of a symmetric tensor, by dimension: xx, yy, zz, xy, xz, yz."""
@@ -19,15 +19,15 @@ COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 
 @functools.cache
 def sum_of_group(dim: int, Vector: Any, compensated: bool):
-    """Compose the kernel, over worlds and threads, that sums values of a group's particles by their weights."""
+    """Compose the kernel, over worlds and threads, that sums values of a group's particles with weights."""
 
     @kernel
     def sum_over_group(
         weight: wp.array2d(dtype=wp.float64),  # weight of each member, shape [rows, member_count]
-        member: wp.array(dtype=int),  # the particles of the group, shape [member_count]
-        value: wp.array(dtype=Vector),  # of the particles of all worlds
-        compensation: wp.array(dtype=Vector),  # compensation of these
-        stride: int,  # from one world to the next, in particles
+        member: wp.array(dtype=int),  # particles of the group, shape [member_count]
+        value: wp.array(dtype=Vector),  # value of each particle of all worlds
+        compensation: wp.array(dtype=Vector),  # compensation of these values
+        stride: int,  # particles from one world to the next
         # Out:
         shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, dim]
     ):
@@ -50,23 +50,23 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool):
 
 @functools.cache
 def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, width: int):
-    """Compose the kernel, over worlds and threads, that sums a function of a group's particles.
+    """Compose the kernel, over worlds and threads, that sums a function over a group's particles.
 
-    The function is a wp.func (x, v, i) of a particle's position, velocity and index. Its arguments are float64,
-    corrected for rounding in compensated precision. It returns a vector of `width` numbers, or one number for 0.
+    The function is a wp.func (x, v, i) of a particle's position, velocity and index, float64 and corrected for
+    rounding in compensated precision. It returns a vector of `width` numbers, or one number if `width` is 0.
     """
     V, Wide = vector(dim, scalar), vector(dim, wp.float64)
     columns = max(width, 1)
 
     @kernel
     def mean_of_each(
-        member: wp.array(dtype=int),  # the particles of the group, shape [member_count]
+        member: wp.array(dtype=int),  # particles of the group, shape [member_count]
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         v: wp.array(dtype=V),  # velocities [m/s]
-        x_lost: wp.array(dtype=V),  # compensation of these
+        x_lost: wp.array(dtype=V),  # compensation of x; below, of v
         v_lost: wp.array(dtype=V),
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # Out:
         shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
     ):
@@ -111,7 +111,7 @@ def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         x_lost: wp.array(dtype=V),  # compensation of positions [m]
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # Out:
         shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, STRAIN_COLUMNS]
     ):
@@ -154,12 +154,12 @@ def sum_virial(dim: int, scalar: type, compensated: bool):
         stiffness: wp.array2d(dtype=scalar),  # [N/m], shape [rows, connection_count]
         # The same in all worlds:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        weight: wp.array(dtype=wp.float64),  # share of each chosen connection
+        weight: wp.array(dtype=wp.float64),  # fraction of each chosen connection that is counted
         chosen: wp.array(dtype=int),  # indices of connections
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         x_lost: wp.array(dtype=V),  # compensation of positions [m]
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # Out:
         shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, len(COMPONENTS)]
     ):
@@ -186,9 +186,9 @@ def sum_virial(dim: int, scalar: type, compensated: bool):
 
 @functools.cache
 def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool):
-    """Compose the kernel, over worlds and threads, that sums w' V P [J] of chosen cells, and volumes V.
+    """Compose the kernel, over worlds and threads, that sums w' V P [J] and volumes V over chosen cells.
 
-    P is the projection on the plane of a flat cell, and the identity for a solid one.
+    P is the projection on the plane of a flat cell, and the identity for a solid cell.
     """
     V, components, corner_count = vector(dim, scalar), COMPONENTS[dim], 8 if solid else 4
     separation, law = difference(dim, scalar, compensated), volume_law(wp.float64)
@@ -202,7 +202,7 @@ def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         x_lost: wp.array(dtype=V),  # compensation of positions [m]
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # Out:
         shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, len(COMPONENTS) + 1]
     ):

@@ -1,4 +1,4 @@
-"""Bounds on the oscillation and decay rates of particles: see msdwarp.integrators.stability."""
+"""Bounds on oscillation and relaxation rates of particles; see `msdwarp.integrators.stability`."""
 
 import functools
 
@@ -9,7 +9,7 @@ from ..basis import kernel
 
 @functools.cache
 def largest_eigenvalue(dim: int):
-    """Compose the largest eigenvalue of a symmetric matrix of float64; in three dimensions by Smith (1961)."""
+    """Compose the largest eigenvalue of a symmetric float64 matrix; in three dimensions by Smith (1961)."""
     Block = wp.types.matrix((dim, dim), wp.float64)
 
     @wp.func
@@ -40,7 +40,7 @@ def largest_eigenvalue(dim: int):
 
 @functools.cache
 def largest_rate(dim: int, scalar: type):
-    """Compose the kernel, over worlds and particles, that raises bounds to 2|A_i|/m_i and 2|B_i|/m_i."""
+    """Compose the kernel, over worlds and particles, that raises bounds to 2 |A_i|/m_i and 2 |B_i|/m_i."""
     Block, largest = wp.types.matrix((dim, dim), wp.float64), largest_eigenvalue(dim)
 
     @kernel
@@ -51,7 +51,7 @@ def largest_rate(dim: int, scalar: type):
         stiffness_block: wp.array2d(dtype=Block),  # A_i [N/m], shape [worlds, particle_count]
         damping_block: wp.array2d(dtype=Block),  # B_i [N s/m], shape [worlds, particle_count]
         # Out:
-        bounds: wp.array2d(dtype=wp.float64),  # 0 before; [1/s²] and [1/s], shape [worlds, 2]
+        bounds: wp.array2d(dtype=wp.float64),  # initially 0; [1/s²] and [1/s], shape [worlds, 2]
     ):
         w, i = wp.tid()
         twice = wp.float64(2.0) * wp.float64(inverse_mass[w % inverse_mass.shape[0], i])

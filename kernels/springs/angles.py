@@ -1,7 +1,7 @@
 """Angles of rods that resist bending (see `msdwarp.bodies.angles`): forces, energies and bounds.
 
-With e from a to b, f from b to c, C = cos θ and T = tan(θ/2), the energy 2 K T² = 2 K (1 − C)/(1 + C) has the
-forces 4 K/(1 + C)² ∂C/∂x. The damper has −D θ' ∂θ/∂x. Both conserve momentum and angular momentum.
+With e from a to b, f from b to c, C = cos θ and T = tan(θ/2), the energy 2 K T² = 2 K (1 − C)/(1 + C) gives the
+forces 4 K/(1 + C)² ∂C/∂x. The damper adds −D θ' ∂θ/∂x. Both conserve momentum and angular momentum.
 """
 
 import functools
@@ -17,16 +17,16 @@ from .force_algorithm import difference
 from .law import TINY
 
 FOLDED = 1e-4
-"""Least 1 + cos θ in the force law, which is singular for a line that is folded back."""
+"""Least 1 + cos θ in the force law, which is singular for a line folded back on itself."""
 STRAIGHT = 1e-6
-"""Least sin θ for a damper: a straight line has no plane in which it bends."""
+"""Least sin θ for damping: a straight line has no plane of bending."""
 
 
 @functools.cache
 def bending_force(dim: int, scalar: type):
     """Compose bend(e, f, ve, vf, K, D) -> (force on a, force on c); the force on b is minus their sum.
 
-    ve and vf are the rates of e and f.
+    ve and vf are the time derivatives of e and f [m/s].
     """
     V = vector(dim, scalar)
     tiny = TINY[scalar]
@@ -57,7 +57,7 @@ def bending_force(dim: int, scalar: type):
 
 @functools.cache
 def angle_forces(dim: int, scalar: type, compensated: bool, damped: bool) -> ForceTerm:
-    """Return the term of angles: the sum of the forces on a particle by its angles."""
+    """Return the term of angles: the sum of angles' forces on a particle."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
     bend = bending_force(dim, scalar)
@@ -65,8 +65,8 @@ def angle_forces(dim: int, scalar: type, compensated: bool, damped: bool) -> For
     @wp.struct
     class AngleTable:
         first: wp.array(dtype=int)  # row starts of `entry`, shape [particle_count + 1]
-        entry: wp.array(dtype=int)  # 3 · angle + place (0, 1, 2) of the particle in it, shape [3 angle_count]
-        # Of each angle:
+        entry: wp.array(dtype=int)  # 3 · angle + the particle's position (0, 1, 2) in it, shape [3 angle_count]
+        # Of each angle, shape [angle_count]:
         particles: wp.array(dtype=wp.vec3i)
         stiffness: wp.array(dtype=scalar)  # K [N m]
         damping: wp.array(dtype=scalar)  # D [N m s]
@@ -126,7 +126,7 @@ def angle_energies(dim: int, scalar: type, AngleTable: Any):
     def find_angle_energies(
         # Model:
         angles: AngleTable,
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # State in:
         x: wp.array(dtype=V),  # [m], of all worlds
         v: wp.array(dtype=V),  # [m/s]
@@ -159,11 +159,11 @@ def angle_energies(dim: int, scalar: type, AngleTable: Any):
 
 @functools.cache
 def angle_blocks(dim: int, scalar: type, AngleTable: Any):
-    """Compose the kernel, over angles, that adds each to the blocks of its particles, for the stability bound.
+    """Compose the kernel, over angles, that adds an angle to the blocks of its particles, for the stability bound.
 
     θ changes by g·u, where |g| is 1/|e|, 1/|e| + 1/|f| and 1/|f| at a, b and c. The matrix g gᵀ is at most the
-    blocks |g_i| Σ|g|, which is exact for the fastest mode of a straight rod. Its factor is ∂²(2 K T²)/∂θ² =
-    K (1 + T²)(1 + 3 T²). Half of that is added, since the bound doubles blocks.
+    blocks |g_i| Σ|g|, exact for the fastest mode of a straight rod. It is multiplied by ∂²(2 K T²)/∂θ² =
+    K (1 + T²)(1 + 3 T²). Half of the product is added, since the bound doubles blocks.
     """
     V, Row = vector(dim, scalar), vector(dim, wp.float64)
     Block = wp.types.matrix((dim, dim), wp.float64)

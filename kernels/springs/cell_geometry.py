@@ -1,4 +1,4 @@
-"""The volume of a cell, and its derivatives with respect to the positions of the corners."""
+"""The volume of a cell, and its derivatives with respect to corner positions."""
 
 import functools
 
@@ -16,15 +16,15 @@ AROUND = (
     (5, 7, 2, 4, 3, 1),
     (6, 4, 3, 5, 0, 2),
 )
-"""Corners around each corner of a solid cell: a, b, c along its edges, right-handed; across ab, bc, ca."""
+"""Corners around each corner of a solid cell: a, b, c along its edges, right-handed; diagonal to ab, bc, ca."""
 
 
 @functools.cache
 def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
-    """Compose (Rows, geometry, turning): a matrix with a corner in each row, and functions of it.
+    """Compose (Rows, geometry, turning): a matrix with a corner per row, and functions of this matrix.
 
     geometry(points, is_flat) -> (volume, ∂V/∂x_c in row c). turning(points, is_flat) -> Σ_j |∂²V/∂x_c ∂x_j| for
-    each corner c. There are 8 rows if any cell is solid, else 4.
+    each corner c. There are 8 rows if any cell is solid, otherwise 4.
     """
     V, corners = vector(dim, scalar), 8 if solid else 4
     Rows, Numbers = wp.types.matrix((corners, dim), scalar), wp.types.vector(corners, scalar)
@@ -41,14 +41,14 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
         With x = m + a ξ + b η + c ζ + d ηζ + e ζξ + f ξη + g ξηζ over the cube from −1 to 1,
         V = ∫ det(∂x/∂(ξ, η, ζ)) = 8 (a·b×c + (c·e×d + b·d×f + a·f×e)/3); the other terms vanish.
         """
-        # Sums and differences along ξ, at four places of (η, ζ): −−, +−, −+, ++.
+        # Sums and differences along ξ, at four pairs (η, ζ): −−, +−, −+, ++.
         s0, d0 = points[1] + points[0], points[1] - points[0]
         s1, d1 = points[2] + points[3], points[2] - points[3]
         s2, d2 = points[5] + points[4], points[5] - points[4]
         s3, d3 = points[6] + points[7], points[6] - points[7]
         a, e, f = (d1 + d0) + (d3 + d2), (d3 + d2) - (d1 + d0), (d1 - d0) + (d3 - d2)
         b, c, d = (s1 - s0) + (s3 - s2), (s3 + s2) - (s1 + s0), (s3 - s2) - (s1 - s0)
-        # Each vector is 8 times that of the docstring, so V and its gradient have a factor of 1/64.
+        # Each vector is 8 times the docstring's, so V and its gradient have a factor of 1/64.
         third, scale = scalar(1.0) / scalar(3.0), scalar(1.0) / scalar(64.0)
         of_a = scale * (wp.cross(b, c) + third * wp.cross(f, e))
         of_b = scale * (wp.cross(c, a) + third * wp.cross(d, f))
@@ -111,10 +111,10 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
 
     @wp.func
     def flat_turning(p: V, q: V) -> scalar:
-        """Return `turning` at either end of the diagonal p of a flat cell, whose other diagonal is q."""
+        """Return `turning` at both ends of the diagonal p of a flat cell, with the other diagonal q."""
         result = scalar(1.0)
         if wp.static(dim == 3):
-            area = wp.length(wp.cross(p, q))  # twice that of the cell
+            area = wp.length(wp.cross(p, q))  # twice the cell's area
             if area > scalar(0.0):
                 result += (wp.abs(wp.dot(p, q)) + wp.dot(q, q)) / area
         return result

@@ -1,6 +1,6 @@
-"""Cells that resist a change of their volume: pressures, and their forces on the corners.
+"""Cells that resist a change of volume: pressures, and forces on the corners.
 
-A cell of volume V stores W = V₀ w(J), J = V/V₀, and its corner c feels the force −p ∂V/∂x_c with
+A cell of volume V stores W = V₀ w(J), J = V/V₀, and exerts on its corner c the force −p ∂V/∂x_c with
 
     p = w'(J) + c V̇/V₀
 
@@ -8,9 +8,9 @@ The faces of solid cells are bilinear; ∂V/∂x_c follows from the six corners 
 Belytschko, A uniform strain hexahedron and quadrilateral with orthogonal hourglass control, Int. J. Numer. Methods
 Eng. 17 (1981) 679-706. Flat cells have the area |d₁ × d₂|/2 of their diagonals.
 
-With d = J − 1, a modulus κ ≥ 0 has w' = κ d. With a negative modulus a body would collapse by this law. So there
-w' = 2 κ d/(1 + J²) for d ≥ 0 and κ d/(1 + d²) for d < 0: both are κ d near J = 1, and springs prevail far from it.
-For a negative modulus the damping is proportional to w'', and 0 where w'' has the other sign.
+With d = J − 1, a modulus κ ≥ 0 has w' = κ d. With a negative modulus this law would let a body collapse. So there
+w' = 2 κ d/(1 + J²) for d ≥ 0 and κ d/(1 + d²) for d < 0: both are κ d near J = 1; far from it springs dominate.
+For a negative modulus the damping is proportional to w'', and 0 where w'' is positive.
 """
 
 import functools
@@ -87,7 +87,7 @@ def cell_pressure(scalar: type, damped: bool):
 def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool):
     """Compose wp.func (cells, compensation, x, v, shift, c, force, first): the forces of cell c on its corners.
 
-    The particles of its world begin at `shift`. The force on corner k is written at first + k · cell_count [N].
+    The particles of the cell's world begin at `shift`. Corner k's force is written at first + k · cell_count [N].
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
@@ -137,9 +137,9 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
 def cell_volumes(
     dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool, everywhere: bool
 ) -> ForceTerm:
-    """Return the term of cells, whose parts are forces on corners; each particle sums the forces on it.
+    """Return the term of cells, whose parts are forces on corners; each particle sums its forces.
 
-    If cells are `everywhere`, particles are not tested for having any.
+    If cells are `everywhere`, particles are not tested for having cells.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
@@ -150,7 +150,7 @@ def cell_volumes(
         cells: CellTable
         first: wp.array(dtype=int)  # row starts of `entry`, shape [particle_count + 1]
         entry: wp.array(dtype=int)  # entries of `force` on each particle, shape [any]
-        force: wp.array(dtype=V)  # on corner k of cell c at k · cell_count + c [N], of all worlds
+        force: wp.array(dtype=V)  # on corner k of cell c at k · cell_count + c [N], for all worlds
 
     def force(SceneData: Any):
         @wp.func
@@ -188,7 +188,7 @@ def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bo
         # Model:
         cells: CellTable,
         begin: int,  # first cell of this launch
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # State in:
         compensation: Compensation,
         x: Vectors,  # [m], of all worlds
@@ -247,7 +247,7 @@ def cell_energies(dim: int, scalar: type, solid: bool, flat: bool):
     def find_cell_energies(
         # Model:
         cells: CellTable,
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # State in:
         x: wp.array(dtype=V),  # [m], of all worlds
         v: wp.array(dtype=V),  # [m/s]
@@ -280,12 +280,12 @@ def cell_energies(dim: int, scalar: type, solid: bool, flat: bool):
 
 @functools.cache
 def cell_blocks(dim: int, scalar: type, solid: bool, flat: bool):
-    """Compose the kernel, over cells, that adds each cell to the blocks of its corners, for the stability bound.
+    """Compose the kernel, over cells, that adds a cell to the blocks of its corners, for the stability bound.
 
-    A cell adds w''/V₀ g gᵀ to K, where g is the gradient of its volume, and w' ∂²V/∂x². With weights s_c that sum
-    to 1, (Σ g_c·u_c)² ≤ Σ (g_c·u_c)²/s_c: so g gᵀ is at most the blocks g_c g_cᵀ/s_c. Weights in proportion to
-    1/m_c make this exact for a single cell. The second part is bounded by Gershgorin's row sums. Half of both is
-    added, since the bound doubles blocks.
+    A cell adds w''/V₀ g gᵀ to K, with the gradient g of its volume, and w' ∂²V/∂x². With weights s_c that sum to
+    1, (Σ g_c·u_c)² ≤ Σ (g_c·u_c)²/s_c: so g gᵀ is at most the blocks g_c g_cᵀ/s_c. Weights proportional to 1/m_c
+    make this exact for a single cell. The second part is bounded by Gershgorin's row sums. Half of both is added,
+    since the bound doubles blocks.
     """
     V, Row = vector(dim, scalar), vector(dim, wp.float64)
     Block = wp.types.matrix((dim, dim), wp.float64)

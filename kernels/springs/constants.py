@@ -1,4 +1,4 @@
-"""Storage of the constants of springs: one set if all springs are equal, per spring only if necessary."""
+"""Storage of the constants of springs: one set if all springs are equal, one per spring only if necessary."""
 
 import functools
 
@@ -10,9 +10,9 @@ from ..records import records
 CONSTANTS = ("rest_length", "stiffness", "damping")
 """The constants of a spring."""
 MOST_KINDS = 256
-"""Maximal number of kinds of springs, numbered by one byte."""
+"""Maximal number of kinds of springs, so that a byte can number them."""
 KIND_SHIFT = 24
-"""Bits of the particle's index, below the kind of the spring, if a slot holds both."""
+"""Number of bits of the particle's index in a slot that also has the spring's kind, above these bits."""
 TAKE = """
 #if defined(__CUDA_ARCH__)
     return __ldcs(values.data + c);  // read once: it need not stay in the cache
@@ -24,9 +24,9 @@ TAKE = """
 
 @functools.cache
 def constants(scalar: type, storage: str):
-    """Compose (Constants, take): the struct, and `take(constants, c)` for the constants of spring or slot c.
+    """Compose (Constants, take): the struct, and take(constants, c), the constants of spring or slot c.
 
-    Storage is "one" (all springs are equal), "kinds" (a byte per spring, and a table of a few kinds), "packed" (a
+    Storage: "one" (all springs are equal), "kinds" (a byte per spring, and a table of a few kinds), "packed" (a
     table of kinds; c is a kind), "lengths" (a rest length per spring, all else equal), "own" (three numbers per
     spring) or "listed" (three numbers per spring; c is a slot with a spring's index). `take` returns a vector in
     the order of CONSTANTS.

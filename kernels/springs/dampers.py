@@ -1,4 +1,4 @@
-"""Damping laws: forces against the elongation or shortening of a spring (see `msdwarp.bodies.dampers`)."""
+"""Damping laws: forces against a spring's rate of lengthening (see `msdwarp.bodies.dampers`)."""
 
 import functools
 from typing import Any
@@ -12,10 +12,10 @@ LINEAR: Law = ("linear", 0.0)
 
 @functools.cache
 def damper_force(scalar: type, law: Any):
-    """Compose the damping force [N] along a spring, positive in tension, for the elongation rate l' [m/s].
+    """Compose the damping force [N] along a spring, positive in tension, from the rate of lengthening l' [m/s].
 
-    Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The last two have a speed s. A law that
-    is a `wp.func` also depends on strain, and is called elsewhere.
+    Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The speed s belongs to the law. A law
+    that is a `wp.func` also depends on strain, and is called elsewhere.
     """
     name, speed = law if isinstance(law, tuple) else LINEAR
 

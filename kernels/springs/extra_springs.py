@@ -1,4 +1,4 @@
-"""Extra springs (ties): springs that do not follow a lattice direction, in a small table beside the stencil."""
+"""Extra springs (ties): springs in no lattice direction, in a small table beside the stencil."""
 
 import functools
 from typing import Any
@@ -15,10 +15,10 @@ from .spring_laws import Laws
 
 @functools.cache
 def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTerm:
-    """Return the term of ties beside a stencil: the sum of the forces of a particle's ties.
+    """Return the term of ties beside a stencil: the sum of tie forces on a particle.
 
-    Ties obey the law of all springs. A tie is in the table twice, once for each end; both ends compute opposite
-    forces of equal size.
+    Ties obey the law of all springs. Each tie is in the table twice, once for each end, and both ends compute
+    opposite forces of equal size.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, damped = records(dim, scalar).load, laws.damper is not None
@@ -26,8 +26,8 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
 
     @wp.struct
     class ExtraSprings:
-        first: wp.array(dtype=int)  # row starts of the ends at each particle, shape [particle_count + 1]
-        # Of each end, shape [2 tie_count]:
+        first: wp.array(dtype=int)  # row starts of the entries, shape [particle_count + 1]
+        # Of each entry, shape [2 tie_count]:
         other: wp.array(dtype=int)  # particle at the other end
         rest_length: wp.array(dtype=scalar)  # l0 [m]
         stiffness: wp.array(dtype=scalar)  # k [N/m]

@@ -1,4 +1,4 @@
-"""Interface of force algorithms, and code that they share."""
+"""Interface of force algorithms, and their common code."""
 
 import functools
 from typing import Any, NamedTuple
@@ -10,16 +10,16 @@ from ..records import records
 
 
 class ForceAlgorithm(NamedTuple):
-    """The device side of an algorithm."""
+    """The device side of a force algorithm."""
 
     Forces: Any
-    """Struct type that the functions read."""
+    """Type of the struct that the functions read."""
     force_at: Any
     """wp.func (forces, compensation, x, v, i) -> force on particle i [N]."""
     evaluate: Any = None
-    """wp.func (forces, compensation, x, v, c): add the force of spring c before `force_at`; None if unneeded."""
+    """wp.func (forces, compensation, x, v, c) that adds spring c's force before `force_at`; None if not needed."""
     column_forces: Any = None
-    """wp.func (forces, compensation, x, v, i) -> forces on the particles i + d stride, as rows d of a matrix."""
+    """wp.func (forces, compensation, x, v, i) -> forces on particles i + d stride, as rows d of a matrix."""
     block: int = 256
     """Threads per block in launches over particles."""
     bounds: tuple[int, int] | None = None
@@ -29,14 +29,14 @@ class ForceAlgorithm(NamedTuple):
     tears: bool = False
     """Whether springs break, so that `Forces` has the data of `breaking`."""
     grid_stride: bool | None = None
-    """Whether threads may take several particles (`wp.kernel`): False needs fewer registers."""
+    """Whether a thread may take several particles (option of `wp.kernel`): False needs fewer registers."""
     lanes: int = 1
-    """Threads per particle: all of them call `force_at`, and all get the force."""
+    """Threads per particle: each of them calls `force_at`, and receives the force."""
 
 
 @functools.cache
 def difference(dim: int, scalar: type, compensated: bool):
-    """Compose x_i − x_j for the position x_i of particle i, not yet compensated, and particle j."""
+    """Compose x_i − x_j for the uncompensated position x_i of particle i, and particle j."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
 

@@ -8,29 +8,29 @@ import warp as wp
 from ..basis import kernel
 
 NO_SUBSTEP = -1
-"""Substep number in evaluations of forces that do not begin a substep: nothing breaks then."""
+"""Substep number in force evaluations that do not begin a substep: nothing breaks then."""
 
 
 class Breaking(NamedTuple):
-    """The device side of breaking."""
+    """The device side of fracture."""
 
     Data: Any
-    """Struct type of the thresholds of springs, and of the state of broken ones."""
+    """Type of the struct with the thresholds of springs, and the state of broken springs."""
     is_suspect: Any
-    """wp.func (b, rest, square) -> bool: whether a spring of this rest length may be too long now."""
+    """wp.func (b, rest, square) -> bool: whether a spring of this rest length may be overstretched."""
     breaks: Any
-    """wp.func (b, c, rest, square) -> bool: whether spring c breaks at this substep's start; if so, it is
+    """wp.func (b, c, rest, square) -> bool: whether spring c breaks at this substep's start; if so, this is
     recorded."""
 
 
 @functools.cache
 def breaking(scalar: type) -> Breaking:
-    """Compose the tests whether a spring of rest length l0 breaks, for `square` = |Δx|² of its ends.
+    """Compose the tests for breaking of a spring of rest length l0, given `square` = |Δx|² between its ends.
 
     It breaks if |Δx| > min(l0 (1 + ε), l0 + F/k) at a substep's start, with its break strain ε and its break force
-    F, the largest tension k (|Δx| − l0). The ends compute Δx and −Δx, and so the same |Δx|² to the last bit: if
-    each particle sums its own forces, both leave out the spring in the same substep. A limit common to all springs
-    is tested first; only springs beyond it read their own limits.
+    F, the largest tension k (|Δx| − l0). Its ends compute Δx and −Δx, and so the same |Δx|² to the last bit: if
+    each particle sums its own forces, both drop the spring in the same substep. A limit common to all springs is
+    tested first; only springs beyond this limit read limits of their own.
     """
 
     @wp.struct
@@ -38,9 +38,9 @@ def breaking(scalar: type) -> Breaking:
         substep: int  # substep of the frame; NO_SUBSTEP if none begins
         h: wp.float64  # length of a substep [s]
         start: wp.array(dtype=wp.float64)  # time of the frame's start [s], shape [1]
-        least: scalar  # (length / l0)² up to which no spring breaks
+        least: scalar  # (length / l0)² up to which no spring of the scene breaks
         number: wp.array(dtype=int)  # index of the spring in each slot of the algorithm
-        # Of each neighbour in a uniform lattice, in the order of sums. In arrays, since indexing kernel arguments
+        # Of each neighbour in a uniform lattice, in the order of sums. Arrays, since indexing kernel arguments
         # would copy all of them:
         offset: wp.array(dtype=int)  # index offset, shape [neighbour_count]
         own: wp.array2d(dtype=scalar)  # rest length, stiffness and damping, shape [neighbour_count, 3]
@@ -64,7 +64,7 @@ def breaking(scalar: type) -> Breaking:
         longest = wp.min(rest * (scalar(1.0) + b.strain[c]), rest + b.stretch[c])
         if square <= longest * longest:
             return False
-        # Both ends may write here, with equal values.
+        # Both ends may write here, the same value.
         b.broken_at[c] = wp.float32(b.start[0] + wp.float64(b.substep) * b.h)
         b.stiffness[c] = scalar(0.0)
         b.damping[c] = scalar(0.0)
@@ -81,7 +81,7 @@ def leave_out_broken(scalar: type):
     @kernel
     def leave_out(
         broken_at: wp.array(dtype=wp.float32),  # [s], inf if unbroken, shape [connection_count]
-        place: wp.array(dtype=int),  # index of each in `strain`, shape [connection_count]; or [0]: the same order
+        place: wp.array(dtype=int),  # index in `strain` of each spring, shape [connection_count]; [0] if equal
         # In and out:
         strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):

@@ -1,4 +1,4 @@
-"""The gathering force algorithm: each particle sums the forces of its springs, from a table of neighbours.
+"""The gather algorithm: each particle sums the forces of its springs, using a table of neighbours.
 
 The table is a sparse matrix with a row for each particle and an entry for each neighbour, in sliced ELLPACK format
 (Monakov, Lokhmotov & Avetisyan 2010, "Automatically tuning sparse matrix-vector multiplication for GPU
@@ -18,9 +18,9 @@ from .law import spring_damper
 from .spring_laws import Laws
 
 SLICE = 32
-"""Particles per slice of the table: as many as the threads of a GPU's warp."""
+"""Particles per slice of the table: the number of threads in a GPU's warp."""
 CHUNK = 4
-"""Slots that a thread reads together, so that their latencies overlap."""
+"""Slots that a thread reads at a time, so that their latencies overlap."""
 NEIGHBOURS = f"""
     wp::vec_t<{CHUNK}, wp::int32> others;
     for (int n = 0; n < {CHUNK}; ++n) {{
@@ -38,13 +38,13 @@ NEIGHBOURS = f"""
 def gather(
     dim: int, scalar: type, laws: Laws, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
-    """Compose the gathering algorithm: each particle sums the forces of its springs, from a table of neighbours.
+    """Compose the gather algorithm: each particle sums the forces of its springs, using a table of neighbours.
 
     This is the report's Algorithm 2. Every force is computed twice, no thread waits for another, and the order of
     sums is fixed. Slot s of particle i is at first[i / 32] + 32 s + i mod 32, so that adjacent particles read
-    adjacent numbers. Padding slots, which make the rows of a slice of 32 equally long, hold the particle's own
-    index and exert no force, as do the slots of a broken spring. With "packed" constants the highest byte of a
-    slot is the kind of the spring, and the others the neighbour's index.
+    adjacent entries. Padding slots, which make all rows of a slice equally long, contain the particle's own index
+    and exert no force, like slots of broken springs. With "packed" constants a slot's highest byte is the kind
+    of the spring, and the other bytes are the neighbour's index.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
@@ -80,7 +80,7 @@ def gather(
         following = neighbours(forces.other, slot)
         while slot < end:
             others = following
-            # The next neighbours are loaded before the current ones are used, to wait less for memory.
+            # The next neighbours are loaded before the current ones are used, to hide memory latency.
             following = neighbours(forces.other, slot + wp.static(CHUNK * SLICE))
             for n in range(wp.static(CHUNK)):
                 j = others[n]

@@ -1,7 +1,7 @@
-"""Gathering algorithms for small bodies on a GPU: several threads share a particle.
+"""Gather algorithms for small bodies on a GPU: several threads per particle.
 
-With one thread per particle most of the GPU would be idle while threads wait for their neighbours' data. So a
-particle has several threads, its lanes. Each of n lanes takes every n-th neighbour, and all get the sum.
+With one thread per particle most of the GPU would be idle while threads wait for their neighbours' data. So each
+particle has several threads, its lanes. Each of n lanes takes every n-th neighbour, and all receive the sum.
 """
 
 import functools
@@ -19,7 +19,7 @@ from .spring_laws import Laws
 from .stencil import stencil_layout, stencil_rows
 
 MOST_NEIGHBOURS = 32
-"""Maximal number of neighbours: one for each bit of a mask."""
+"""Maximal number of neighbours, so that a mask has a bit for each."""
 LANE = """
 #if defined(__CUDA_ARCH__)
     return threadIdx.x % {lanes};
@@ -36,7 +36,7 @@ SUM = """
 #endif
     return value;
 """
-"""A particle's lanes are adjacent in a warp. All add the same numbers in the same pairs, so their sums agree."""
+"""A particle's lanes are adjacent in a warp. All lanes add the same pairs of numbers, so their sums are equal."""
 
 
 @functools.cache
@@ -64,10 +64,10 @@ def sum_over_lanes(dim: int, scalar: type, lanes: int):
 def stencil_of_lanes(
     dim: int, scalar: type, laws: Laws, compensated: bool, steps: tuple, lanes: int
 ) -> ForceAlgorithm:
-    """Compose the stencil's algorithm for a uniform lattice, with `lanes` threads per particle.
+    """Compose the stencil algorithm for a uniform lattice, with `lanes` threads per particle.
 
-    Lane l takes the neighbours l, l + lanes, ... in the order of rows, which here is the order of the mask's bits.
-    On the CPU there may be only one lane.
+    Lane l takes neighbours l, l + lanes, ... in the order of rows, here also the order of mask bits. On the CPU
+    there may be only one lane.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Three = vector(3, scalar)
@@ -79,18 +79,18 @@ def stencil_of_lanes(
     damped, layout = laws.damper is not None, stencil_layout(lanes, rows, neighbours)
     rounds = -(-len(each) // lanes)
     Shifts, count = wp.types.vector(len(rows), int), len(each)
-    each += [(0, 0)] * (rounds * lanes - count)  # padding for missing neighbours, never read
+    each += [(0, 0)] * (rounds * lanes - count)  # padding, for neighbours that are never read
 
     @wp.struct
     class SharedLattice:
-        mask: wp.array(dtype=wp.uint32)  # bits of the existing neighbours, shape [particle_count]
+        mask: wp.array(dtype=wp.uint32)  # bits of existing neighbours, shape [particle_count]
         shift: Shifts  # index offset of each row of neighbours
         constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
 
     @wp.func
     def force_at(forces: SharedLattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         lane = lane_here()
-        if wp.static(layout) < 0:  # never true: see stencil_layout
+        if wp.static(layout) < 0:  # never true, see stencil_layout
             return V()
         mask = forces.mask[i]
         x_i = load(x, i)
@@ -100,7 +100,7 @@ def stencil_of_lanes(
             v_i = load(v, i)
         force = V()
         for n in range(wp.static(rounds)):
-            # Kernel arguments, since reading a table first would delay the loads of positions.
+            # Offsets are kernel arguments, since reading a table first would delay the loads of positions.
             offset = int(0)
             for m in range(wp.static(lanes)):
                 if wp.static(n * lanes + m < count):
@@ -112,7 +112,7 @@ def stencil_of_lanes(
             if wp.static(damped):
                 dv = v_i - load(v, i + offset)
             q = force_density(dx, dv, own[0], own[1], own[2])
-            # For a missing neighbour other data were read: discard them.
+            # Data read for a missing neighbour are discarded.
             if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):
                 q = scalar(0.0)
             force -= q * dx
@@ -125,7 +125,7 @@ def stencil_of_lanes(
 def gather_of_lanes(
     dim: int, scalar: type, laws: Laws, compensated: bool, storage: str, lanes: int
 ) -> ForceAlgorithm:
-    """Compose the gathering algorithm for small bodies, with `lanes` threads per particle: see `gather`.
+    """Compose the gather algorithm for small bodies, with `lanes` threads per particle; see `gather`.
 
     Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be only one lane.
     """
@@ -166,7 +166,7 @@ def gather_of_lanes(
             if wp.static(damped):
                 dv = v_i - load(v, j)
             q = force_density(dx, dv, own[0], own[1], own[2])
-            if s >= slots:  # no slot is left for this lane
+            if s >= slots:  # no slot remains for this lane
                 q = scalar(0.0)
             force -= q * dx
             s += wp.static(lanes)

@@ -1,9 +1,9 @@
-"""Solid cells of a lattice that resist a change of their volume: a pressure per cell, and forces on its faces.
+"""Solid cells of a lattice that resist a change of volume: a pressure per cell, and forces on cell faces.
 
-The law is that of `cell_volumes`. In a regularly numbered lattice a particle finds its cells and its neighbours by
-adding constants to its own index. Each face between two of the eight cells around a particle is in the forces
-−p ∂V/∂x of both, with opposite signs, so there are 12 faces. A face with corners at r₂, r₃, r₄ from the particle,
-counter-clockwise seen from the cell above, exerts
+The law is as in `cell_volumes`. In a regularly numbered lattice a particle finds cells and neighbours by adding
+constants to its own index. Each face between two of the eight cells around a particle is in the forces −p ∂V/∂x of
+both, with opposite signs, so there are 12 faces. A face with corners at r₂, r₃, r₄ relative to the particle,
+counter-clockwise as seen from the cell above, exerts
 
     (p_above − p_below) (r₂ × (r₃ + r₄) + r₃ × r₄)/12
 """
@@ -28,20 +28,20 @@ def lattice_cells(scalar: type):
 
     @wp.struct
     class LatticeCells:
-        steps: wp.vec3i  # from a particle to its neighbour along each axis
+        steps: wp.vec3i  # index steps from a particle to its neighbour along each axis
         table: CellTable  # constants of each cell
         lower: wp.array(dtype=int)  # first corner of each cell, shape [cell_count]
-        margin: int  # entries of `pressure` before the first particle, and after the last
-        pressure: wp.array(dtype=scalar)  # [Pa], by a cell's first corner; 0 if no cell; of all worlds
+        margin: int  # entries of `pressure` before the first and after the last particle
+        pressure: wp.array(dtype=scalar)  # [Pa], at a cell's first corner; 0 if there is no cell; for all worlds
 
     return LatticeCells
 
 
 @functools.cache
 def lattice_pressure(scalar: type, compensated: bool, damped: bool):
-    """Compose wp.func (cells, compensation, x, v, shift, c, first) that stores the pressure of cell c.
+    """Compose wp.func (cells, compensation, x, v, shift, c, first) that writes the pressure of cell c.
 
-    In its world particles begin at index `shift`, and entries of `pressure` at `first`.
+    Particles of the cell's world begin at index `shift`, and the world's entries of `pressure` at `first`.
     """
     _V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
@@ -50,7 +50,7 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
 
     @wp.func
     def corner_of(lower: int, steps: wp.vec3i, k: int) -> int:
-        """Return corner k, in VTK's order."""
+        """Return the particle at corner k, in VTK's order."""
         corner = lower
         if k == 1 or k == 2 or k == 5 or k == 6:
             corner += steps[0]
@@ -85,9 +85,9 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
 
 @functools.cache
 def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: bool) -> ForceTerm:
-    """Return the term of the cells of a lattice, whose parts are their pressures.
+    """Return the term of a lattice's cells, whose parts are pressures.
 
-    If cells are `everywhere`, particles are not tested for having any.
+    If cells are `everywhere`, particles are not tested for having cells.
     """
     V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
@@ -108,7 +108,7 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
             steps = scene.cells.steps
             last = scene.inverse_mass.shape[0] - 1
             at = scene.cells.margin + i
-            near = Six()  # no face uses the entry of a missing neighbour
+            near = Six()  # entries of missing neighbours are not used by any face
             for k in range(6):
                 near[k] = separation(compensation, x, i, wp.clamp(i + (1 - 2 * (k % 2)) * steps[k / 2], 0, last))
             total = V()
@@ -128,7 +128,7 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
                         b = near[2 * ((axis + 1) % 3) + k / 2]
                         j = i + (1 - 2 * (k % 2)) * u + (1 - 2 * (k / 2)) * w
                         corner = separation(compensation, x, i, j)
-                        if k == 1 or k == 2:  # clockwise
+                        if k == 1 or k == 2:  # clockwise corners
                             jump = -jump
                         total += jump * (wp.cross(a, corner + b) + wp.cross(corner, b))
             return total / scalar(12.0)
@@ -151,7 +151,7 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
 
 @functools.cache
 def lattice_pressures(scalar: type, compensated: bool, damped: bool):
-    """Compose the kernel, over worlds and cells, of the pressures of the cells of a lattice."""
+    """Compose the kernel, over worlds and cells, of the pressures in a lattice's cells."""
     _V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
     find_pressure = lattice_pressure(scalar, compensated, damped)
@@ -161,8 +161,8 @@ def lattice_pressures(scalar: type, compensated: bool, damped: bool):
         # Model, and pressures out:
         cells: Cells,
         begin: int,  # first cell of this launch
-        stride: int,  # from one world to the next, in particles
-        size: int,  # the same in entries of `pressure`
+        stride: int,  # particles from one world to the next
+        size: int,  # entries of `pressure` from one world to the next
         # State in:
         compensation: Compensation,
         x: Vectors,  # [m], of all worlds

@@ -1,6 +1,6 @@
 """The force of a spring with its damper.
 
-`spring_laws.py` has the laws of springs, `dampers.py` those of dampers, `linearised.py` the stiffness, and
+`spring_laws.py` has laws of springs, `dampers.py` laws of dampers, `linearised.py` the stiffness, and
 `reductions/measure.py` the energy.
 """
 
@@ -28,12 +28,12 @@ PRODUCT = """
 #endif
 """
 TINY = {wp.float32: 1.2e-38, wp.float64: 1e-300}
-"""Added to squares of lengths [m²]. So coincident particles, which have no axis, exert no force: q·0 = 0."""
+"""Added to squared lengths [m²]: coincident particles, which have no axis, then exert no force: q·0 = 0."""
 
 
 @functools.cache
 def inverse_root(scalar: type):
-    """Compose 1/√x; in float32 on the GPU it is one instruction (error 2 units in the last place)."""
+    """Compose 1/√x; in float32 on a GPU it is one instruction (with an error of 2 units in the last place)."""
     cuda = RSQRT_FLOAT if scalar is wp.float32 else "return rsqrt(x);"
 
     @wp.func_native(RSQRT.format(cuda=cuda))
@@ -44,10 +44,10 @@ def inverse_root(scalar: type):
 
 @functools.cache
 def product(scalar: type):
-    """Compose a·b with its own rounding, never fused with a sum.
+    """Compose a·b with separate rounding, never fused with a sum.
 
     Whether a compiler fuses a product with a sum depends on the rest of a kernel, for example if it moves the
-    product out of a loop. But a spring must exert the same force in every kernel, to the last bit.
+    product out of a loop. But a spring must exert the same force in each kernel, to the last bit.
     """
 
     @wp.func_native(PRODUCT.format(cuda="__fmul_rn" if scalar is wp.float32 else "__dmul_rn"))
@@ -61,9 +61,9 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
     """Compose the force density q of a spring: its force on its first particle is −q Δx (report eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
-    gets −F. Another damping law replaces b Δv·Δx̂; a law of the user's also depends on strain; without a damper
-    this part is not compiled. Another law of springs replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1). If it bears
-    only tension, so does the damper.
+    gets −F. Another damping law replaces b Δv·Δx̂; a user's law also depends on strain; without a damper this part
+    is not compiled. Another spring law replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1). For springs that bear only
+    tension, dampers act only in tension.
     """
     V, (damper, spring) = vector(dim, scalar), laws
     stress = None if spring is None else spring_stress(scalar, spring)
@@ -90,7 +90,7 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
                         resisting = scalar(0.0)
                 pull += resisting
             return pull * inverse_length
-        tension = rounded(-stiffness, rest_length)  # without the term k |Δx|, which adds k to the density
+        tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density
         if wp.static(linear):
             tension += damping * (wp.dot(dv, dx) * inverse_length)
         if wp.static(own is not None):

@@ -1,4 +1,4 @@
-"""The linearised force law: products with K and B, and their diagonal blocks."""
+"""The linearised force law: products with K and B, and the diagonal blocks of both."""
 
 import functools
 from typing import Any
@@ -16,7 +16,7 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
     Rows and columns of pinned and driven particles are 0 unless `everyone`.
 
     A spring of axis d adds k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) to K, and b d dᵀ to B. The negative transverse
-    stiffness of compressed springs is left out, so that K is never indefinite.
+    stiffness of compressed springs is omitted, so that K is never indefinite.
     """
     V = vector(dim, scalar)
 
@@ -72,10 +72,10 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 @functools.cache
 def add_blocks(dim: int, scalar: type, law: Any = None):
-    """Compose the kernel, over worlds and springs, that adds each spring to the blocks of its two particles.
+    """Compose the kernel, over worlds and springs, that adds a spring to the blocks of its two particles.
 
     A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i. For a
-    law of springs k d dᵀ is multiplied by its steepest slope, and the transverse factor is max(0, l0 s/l).
+    nonlinear law k d dᵀ is multiplied by its steepest slope, and the transverse factor is max(0, l0 s/l).
     """
     steepest = None if law is None else steepest_slope(law)
     stress = None if law is None else spring_stress(wp.float64, law)
@@ -91,7 +91,7 @@ def add_blocks(dim: int, scalar: type, law: Any = None):
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         # State in:
         x: wp.array(dtype=V),  # positions [m], of all worlds
-        stride: int,  # from one world to the next, in particles
+        stride: int,  # particles from one world to the next
         # Out:
         stiffness_block: wp.array2d(dtype=Block),  # A_i, 0 before [N/m], shape [worlds, particle_count]
         damping_block: wp.array2d(dtype=Block),  # B_i, 0 before [N s/m], shape [worlds, particle_count]

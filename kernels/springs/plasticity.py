@@ -13,7 +13,7 @@ from .force_algorithm import difference
 
 @functools.cache
 def plastic_flow(dim: int, scalar: type, compensated: bool):
-    """Compose (Flow, flow): the rest lengths and their bounds, and `flow(f, compensation, x, c)` of spring c.
+    """Compose (Flow, flow): the rest lengths and their bounds, and flow(f, compensation, x, c) for spring c.
 
     An elastic spring and a slider in series (Bingham): with e = l − l0, original length L0, yield strain ε_y
     and relaxation time τ, while |e| > ε_y L0,
@@ -21,7 +21,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
         l0' = sign(e) (|e| − ε_y L0) / τ,  |l0 − L0| ≤ ε_max L0
 
     A substep uses the exact solution for constant length, l0 += (1 − exp(−h/τ)) (|e| − ε_y L0) sign(e), so the
-    flow does not depend on the step. |e| can only fall, and with it the elastic energy.
+    flow does not depend on the step. |e| and with it the elastic energy can only decrease.
     Reference: Simo & Hughes, Computational Inelasticity (1998), 1.2 and 1.7.
     """
     _, Vectors, Compensation = state_types(dim, scalar, compensated)
@@ -53,7 +53,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
                 share = scalar(1.0) - wp.exp(-f.h / f.relaxation_time[c])
             most = f.largest_plastic_strain[c] * original
             flown = wp.clamp(rest + share * excess * wp.sign(stretch), original - most, original + most)
-            if (flown - rest) * stretch > scalar(0.0):  # already beyond the bound after a change: keep it
+            if (flown - rest) * stretch > scalar(0.0):  # a change has moved it beyond the bound: keep it
                 f.rest_length[c] = flown
 
     return Flow, flow
@@ -61,7 +61,7 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 
 @functools.cache
 def yielding(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the term of plasticity: each spring flows when a substep begins."""
+    """Return the term of plasticity: each spring flows at a substep's start."""
     _, Vectors, Compensation = state_types(dim, scalar, compensated)
     Flow, flow = plastic_flow(dim, scalar, compensated)
 

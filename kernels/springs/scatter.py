@@ -1,4 +1,4 @@
-"""The scattering force algorithm: each spring adds its force to its two particles."""
+"""The scatter algorithm: each spring adds its force to its two particles."""
 
 import functools
 
@@ -17,11 +17,11 @@ from .spring_laws import Laws
 def scatter(
     dim: int, scalar: type, laws: Laws, compensated: bool, storage: str, breaking: Breaking | None = None
 ) -> ForceAlgorithm:
-    """Compose the scattering algorithm: each spring adds its force to one end and subtracts it from the other.
+    """Compose the scatter algorithm: each spring adds its force to one end and subtracts it from the other.
 
     This is the report's Algorithm 3. Each force is computed once. Additions are atomic, in any order. Reading a
-    particle's force resets it to zero for the next evaluation. A broken spring is set to connect its first
-    particle to itself, so it adds nothing.
+    particle's force resets it to zero for the next evaluation. A broken spring is made to connect its first
+    particle to itself, so that it adds nothing.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)

@@ -1,4 +1,4 @@
-"""Laws of springs: force over k l0 against strain (see `msdwarp.bodies.springs`), its integral and its slope."""
+"""Laws of springs: s(ε) = force / (k l0) as a function of strain (see `msdwarp.bodies.springs`)."""
 
 import functools
 from typing import Any, NamedTuple
@@ -8,9 +8,9 @@ import warp as wp
 from .dampers import LINEAR
 
 AHEAD, INTERVALS = 0.1, 8
-"""The steepest slope is sought within this strain on both sides, from this number of differences."""
+"""Half width of the strain interval in which the steepest slope is sought; number of differences in it."""
 PANELS = 4
-"""Parts of the interval of strain, over each of which Gauss's rule with five points integrates."""
+"""Parts of the strain interval; on each, a five-point Gauss rule integrates."""
 POINTS = (0.0, 0.5384693101056831, 0.9061798459386640)
 WEIGHTS = (0.5688888888888889, 0.4786286704993665, 0.2369268850561891)
 
@@ -19,13 +19,13 @@ class Laws(NamedTuple):
     """The laws of all connections."""
 
     damper: Any = LINEAR
-    """The law of dampers: its name and speed, or a `wp.func`; None without dampers."""
+    """The law of dampers: name and speed, or a `wp.func`; None without dampers."""
     spring: Any = None
-    """The law of springs: its name and numbers, or a `wp.func`; None for one that is linear."""
+    """The law of springs: name and parameters, or a `wp.func`; None for the linear law."""
 
     @property
     def own_damper(self) -> Any:
-        """The law of dampers as a `wp.func` of strain, rate and constant; None for one that has a name."""
+        """The law of dampers if it is a `wp.func` of strain, rate and constant; None if it has a name."""
         return None if isinstance(self.damper, tuple) else self.damper
 
     @property
@@ -36,7 +36,7 @@ class Laws(NamedTuple):
 
 @functools.cache
 def spring_stress(scalar: type, law: Any):
-    """Compose s(ε), the force of a spring over k l0, positive in tension."""
+    """Compose s(ε), a spring's force divided by k l0, positive in tension."""
     if not isinstance(law, tuple):
         return law
     name, *numbers = law
@@ -65,7 +65,7 @@ def spring_stress(scalar: type, law: Any):
 
 @functools.cache
 def spring_energy(law: Any):
-    """Compose ∫ s dε from 0 to ε, the energy of a spring over k l0², in float64."""
+    """Compose ∫ s dε from 0 to ε, a spring's energy divided by k l0², in float64."""
     stress = spring_stress(wp.float64, law)
     name, *numbers = law if isinstance(law, tuple) else ("own",)
     first, second = (*numbers, 0.0, 0.0)[:2]
@@ -96,7 +96,7 @@ def spring_energy(law: Any):
 
 @functools.cache
 def steepest_slope(law: Any):
-    """Compose the largest slope of s within AHEAD of a strain, at least 0, from differences in float64."""
+    """Compose the steepest slope of s within AHEAD of a strain, at least 0, from differences in float64."""
     stress = spring_stress(wp.float64, law)
     apart = 2 * AHEAD / INTERVALS
 

@@ -1,4 +1,4 @@
-"""The force algorithm for lattices: the indices of neighbours are computed, without a table."""
+"""The stencil, a force algorithm for lattices: it computes the indices of neighbours, without a table."""
 
 import functools
 import zlib
@@ -16,21 +16,21 @@ from .spring_laws import Laws
 
 
 class Neighbour(NamedTuple):
-    """A neighbour that a lattice point may have: its place in the row, and its bit in the mask."""
+    """A possible neighbour of a lattice point: its position in a row, and its mask bit."""
 
     along: int
-    """Its position in its row, relative to the point: −1, 0 or 1; from −2 to 2 with second neighbours."""
+    """Position in the row relative to the point: −1, 0 or 1; from −2 to 2 with second neighbours."""
     direction: int
-    """Index of the lattice direction that leads to the neighbour, or from it to the point."""
+    """Index of the lattice direction from the point to the neighbour, or from the neighbour to the point."""
     bit: int
-    """The bit of the point's mask for a connection with this neighbour."""
+    """Bit in the point's mask that is set if the two are connected."""
 
 
 @functools.cache
 def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[int, int], ...], list]:
-    """Return the rows (y, z) around a lattice point in which its neighbours lie, and the neighbours in each row.
+    """Return (rows (y, z) around a lattice point that have neighbours, neighbours in each row).
 
-    `steps` are the lattice's directions. Points along x are adjacent in memory, so one offset finds a whole row.
+    `steps` are the lattice's directions. Points along x are adjacent in memory, so a row needs only one offset.
     """
     found: dict[tuple[int, int], list[Neighbour]] = {}
     for d, (x, y, z) in enumerate(steps):
@@ -41,28 +41,28 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
 
 
 def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
-    """Return a hash of all constants compiled into a stencil's loops, and of the column's length `together`.
+    """Return a hash of all constants compiled into a stencil's loops, and of the length `together` of a column.
 
-    Warp distinguishes kernels by their sources and by `wp.static` values, except values that depend on a loop.
-    Without this hash in their sources, Warp would confuse two stencils with equally many rows.
+    Warp distinguishes kernels by source and by `wp.static` values, except values that depend on a loop. Without
+    this hash in the source, Warp would confuse two stencils with equally many rows.
     """
     return zlib.crc32(repr((together, rows, neighbours)).encode()) >> 1
 
 
 @functools.cache
 def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking):
-    """Compose the force on particle i after a test of its `suspects`: springs longer than the common limit.
+    """Compose the force on particle i after testing `suspects`: springs longer than the common limit.
 
-    The mask bits of springs that break are cleared, and `force`, which includes all suspects, is summed again
-    without them. Since this is rare, it is kept out of the loops that are unrolled for each neighbour. `kinds` are
-    the first five arguments of `stencil`.
+    Mask bits of springs that break are cleared, and `force`, which includes all suspects, is summed again without
+    these springs. Since this is rare, the code is outside the loops that are unrolled for each neighbour. `kinds`
+    are the first five arguments of `stencil`.
     """
     dim, scalar, laws, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
     force_density, damped, breaks = spring_damper(dim, scalar, laws), laws.damper is not None, breaking.breaks
     Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
-    # In the order in which `stencil` sums forces: index of the bit, row, and position in the row.
+    # (index of the bit, row, position in the row), in the order in which `stencil` sums forces.
     each = [(n.bit.bit_length() - 1, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
     directions = len(steps)
 
@@ -114,7 +114,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
                     own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
                 dx = separation(compensation, x, x_i, i, j)
                 if (suspects & bit) != wp.uint32(0):
-                    first = i  # the spring's first particle
+                    first = i  # the first particle of the spring
                     if number >= wp.static(directions):
                         first = j
                     c = forces.breaking.number[d * forces.mask.shape[0] + first]
@@ -143,12 +143,12 @@ def stencil(
     uniform: bool,
     breaking: Breaking | None = None,
 ) -> ForceAlgorithm:
-    """Compose the gathering algorithm for lattices, whose neighbours need no table.
+    """Compose the stencil algorithm for lattices, which needs no table of neighbours.
 
-    A bit mask per particle says to which neighbours it is connected. In a `uniform` lattice the offset `shift` of
-    each row of neighbours is equal for all particles, and a direction has one rest length, stiffness and damping.
-    Otherwise shifts are by particle, and constants by particle's kind and direction. If springs break, each
-    particle clears bits of its own mask.
+    Each particle has a bit mask of its connected neighbours. In a `uniform` lattice the offset `shift` of each row
+    of neighbours is equal for all particles, and each direction has one rest length, stiffness and damping.
+    Otherwise each particle has shifts of its own, and constants by the particle's kind and the direction. If
+    springs break, each particle clears bits of its own mask.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
@@ -165,9 +165,9 @@ def stencil(
 
     @wp.struct
     class Lattice:
-        mask: wp.array(dtype=wp.uint32)  # bits of the existing neighbours, shape [particle_count]
+        mask: wp.array(dtype=wp.uint32)  # bits of existing neighbours, shape [particle_count]
         shift: Shifts  # index offset of each row of neighbours
-        stride: int  # index offset of the next layer; 0 if layers are not evenly spaced
+        stride: int  # index offset to the next layer; 0 if layers are not evenly spaced
         # Of each direction:
         rest_length: Constants  # [m]
         stiffness: Constants  # [N/m]
@@ -177,7 +177,7 @@ def stencil(
 
     @wp.struct
     class Lattices:
-        mask: wp.array(dtype=wp.uint32)  # bits of the existing neighbours, shape [particle_count]
+        mask: wp.array(dtype=wp.uint32)  # bits of existing neighbours, shape [particle_count]
         shift: wp.array2d(dtype=int)  # index offsets of rows of neighbours, shape [row_count, particle_count]
         kind: wp.array(dtype=int)  # kind of each particle, shape [particle_count]
         # Of each kind and direction, shape [kind_count, direction_count]:
@@ -194,7 +194,7 @@ def stencil(
     @wp.func
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         mask = forces.mask[i]
-        if wp.static(layout) < 0:  # never: see stencil_layout
+        if wp.static(layout) < 0:  # never true, see stencil_layout
             return V()
         x_i = load(x, i)
         v_i = V()
@@ -236,7 +236,7 @@ def stencil(
                             forces.stiffness[kind, d],
                             forces.damping[kind, d],
                         )
-                    # For a missing neighbour other data were read: discard them.
+                    # Data read for a missing neighbour are discarded.
                     if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
                         q = scalar(0.0)
                     force -= q * dx
@@ -246,9 +246,9 @@ def stencil(
         return force
 
     columns = column_forces(kinds, Lattice, breaking) if uniform else None
-    # In float64 columns need too many registers for more threads.
+    # In float64 columns need too many registers for a higher number of threads.
     single = scalar is wp.float32
-    # The rarely run code for breaking must not take registers from the main loop.
+    # The rarely executed code for breaking must not take registers from the main loop.
     bounds, column_bounds = ((256, 4), (256, 3)) if tears and single else (None, None)
     return ForceAlgorithm(
         Forces,
@@ -263,16 +263,16 @@ def stencil(
 
 
 COLUMN = 2
-"""Particles per column, whose neighbours are read together."""
+"""Number of particles in a column; their neighbours are read together."""
 
 
 @functools.cache
 def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
-    """Compose the forces on a column of particles i + d stride, where `stride` leads to the next layer.
+    """Compose the forces on a column of particles i + d stride, with `stride` the index offset between layers.
 
-    The neighbours of a column are in the layers −1 … COLUMN. Each is read once for all particles of the column,
-    since memory reads limit the speed of a stencil. Return None if the lattice has no layers, or has second
-    neighbours, which lie outside these layers. `kinds` are the first five arguments of `stencil`.
+    Neighbours of a column are in layers −1 … COLUMN. Each is read once for all particles of the column, since
+    memory reads limit the speed of a stencil. Return None if the lattice has no layers, or second neighbours,
+    which would be outside these layers. `kinds` are the first five arguments of `stencil`.
     """
     dim, scalar, laws, compensated, steps = kinds
     if any(abs(s) > 1 for step in steps for s in step):
@@ -281,7 +281,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     load = records(dim, scalar).load
     force_density, damped = spring_damper(dim, scalar, laws), laws.damper is not None
     rows, neighbours = stencil_rows(steps)
-    axis = 1 if any(z for _, z in rows) else 0  # layers follow each other along z; in a sheet along y
+    axis = 1 if any(z for _, z in rows) else 0  # layers are stacked along z; in a sheet along y
     inner = [row for row in rows if row[axis] == 0]
     if any(row[axis] and ((row[0], 0) if axis else (0, 0)) not in inner for row in rows) or len(rows) == 1:
         return None
@@ -293,7 +293,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     remaining_force = after_breaking(kinds, True, Lattice, breaking) if tears else None
 
     def neighbour(r: int, p: int, a: int, d: int) -> Neighbour | None:
-        """Return the record at position a of inner row r in layer p − 1 as a neighbour of particle d, or None."""
+        """Return the record at position a of row r in layer p − 1, as a neighbour of particle d, or None."""
         row = (inner[r][0], p - 1 - d) if axis else (p - 1 - d, 0)
         return found.get((row, a - 1))
 
@@ -315,7 +315,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
         masks = Masks()
         if wp.static(tears):
             suspects = Masks()
-        if wp.static(layout) < 0:  # never: see stencil_layout
+        if wp.static(layout) < 0:  # never true, see stencil_layout
             return total
         for d in range(wp.static(COLUMN)):
             own = i + d * forces.stride
@@ -350,7 +350,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
                                     if is_suspect(forces.breaking, l0, wp.dot(dx, dx)):
                                         suspects[d] = suspects[d] | wp.uint32(wp.static(field(r, p, a, d, "bit")))
                                 q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
-                                # For a missing neighbour other data were read: discard them.
+                                # Data read for a missing neighbour are discarded.
                                 if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
                                     q = scalar(0.0)
                                 total[d] = total[d] - q * dx

@@ -1,6 +1,6 @@
-"""Build the table of neighbours for the gathering algorithm (see `springs.gather`).
+"""Build the table of neighbours for the gather algorithm (see `springs.gather`).
 
-A spring has two ends, one at each of its particles. The ends are sorted by particle, and fill the table's slots.
+A spring has two ends, one at each of its particles. The ends, sorted by particle, fill the table's slots.
 """
 
 import functools
@@ -19,7 +19,7 @@ def list_ends(
     particle: wp.array(dtype=int),  # shape [end_count], twice as many as springs
     end: wp.array(dtype=int),  # shape [end_count]
 ):
-    """List both ends of each spring c: their particles, and their indices 2c and 2c + 1."""
+    """List both ends of each spring c: particles, and end indices 2c and 2c + 1."""
     c = wp.tid()
     for side in range(2):
         particle[2 * c + side] = connections[c][side]
@@ -33,7 +33,7 @@ def name_itself(
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill every slot of particle i with i, as padding, since a particle exerts no force on itself."""
+    """Fill every slot of particle i with i, which is padding, since a particle exerts no force on itself."""
     part = wp.tid()
     for slot in range(first[part], first[part + 1]):
         other[slot] = wp.min(part * SLICE + (slot - first[part]) % SLICE, particle_count - 1)
@@ -50,10 +50,10 @@ def fill_slots(
     # Model:
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     # Out:
-    other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
-    connection: wp.array(dtype=int),  # the spring to this neighbour, shape [slot_count]
+    other: wp.array(dtype=int),  # neighbour in each slot, shape [slot_count]
+    connection: wp.array(dtype=int),  # spring of each slot, shape [slot_count]
 ):
-    """Enter each end, in the order of particles, into its particle's next slot."""
+    """Enter each end, in the order of particles, into the next slot of its particle."""
     e = wp.tid()
     i = particle[e]
     slot = first[i / SLICE] + (e - start[i]) * SLICE + i % SLICE
@@ -67,9 +67,9 @@ def pack_kinds(
     connection: wp.array(dtype=int),  # of each slot, −1 for padding, shape [slot_count]
     kind: wp.array(dtype=wp.uint8),  # of each spring, shape [connection_count]
     # In and out:
-    other: wp.array(dtype=int),  # the neighbour, shape [slot_count]
+    other: wp.array(dtype=int),  # neighbour in each slot, shape [slot_count]
 ):
-    """Write each spring's kind into the bits above the neighbour's index."""
+    """Write each spring's kind into the bits above a neighbour's index."""
     slot = wp.tid()
     if connection[slot] >= 0:
         other[slot] = other[slot] | (int(kind[connection[slot]]) << KIND_SHIFT)
@@ -83,7 +83,7 @@ def name_itself_where_broken(
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill those slots of particle i whose springs are broken with i, so that they exert no force."""
+    """Write i into slots of particle i whose springs are broken, so that they exert no force."""
     i = wp.tid()
     slot = first[i / SLICE] + i % SLICE
     while slot < first[i / SLICE + 1]:
@@ -95,7 +95,7 @@ def name_itself_where_broken(
 
 @functools.cache
 def take(dtype: type):
-    """Compose the kernel, over slots, that copies a value of each spring into the spring's two slots."""
+    """Compose the kernel, over slots, that copies each spring's value into its two slots."""
 
     @kernel
     def take_values(

@@ -1,4 +1,4 @@
-"""Systems of particles joined by springs and dampers, as NumPy arrays, without any device."""
+"""Systems of particles joined by springs and dampers, as NumPy arrays on the host."""
 
 from .angles import Angles as Angles
 from .cells import CORNERS as CORNERS, NONE as NONE, Cells as Cells

@@ -1,4 +1,4 @@
-"""Angles: particles in threes that resist bending, as in a rod."""
+"""Angles: triples of particles that resist bending, as in a rod."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -10,17 +10,16 @@ from .. import checks
 from .uniform import joined
 
 _NUMBERS = ("stiffness", "damping")
-"""Numbers of each angle."""
+"""Parameters of each angle."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Angles:
-    """Particles in threes, a, b, c, along a line that resists bending at b. Immutable.
+    """Triples of particles a, b, c along a line that resists bending at b. Immutable.
 
-    With the angle θ by which the line turns at b, an angle stores 2 K tan²(θ/2), which is K θ²/2 if θ is small. A
-    damper beside it turns the power D θ'² to heat. A rod of bending stiffness E I whose particles are a apart has
-    K = E I/a (Bergou, Wardetzky, Robinson, Audoly and Grinspun, Discrete elastic rods, ACM Trans. Graph. 27 (2008)
-    63).
+    An angle at which the line turns by θ stores 2 K tan²(θ/2), which is K θ²/2 if θ is small. A damper dissipates
+    the power D θ'². A rod of bending stiffness E I with a distance a between particles has K = E I/a (Bergou,
+    Wardetzky, Robinson, Audoly and Grinspun, Discrete elastic rods, ACM Trans. Graph. 27 (2008) 63).
 
     Parameters
     ----------
@@ -34,7 +33,7 @@ class Angles:
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not finite, a number is negative, or an angle has a particle twice.
+        If an array has the wrong shape or is not finite, a number is negative, or a particle repeats in an angle.
     """
 
     particles: NDArray[np.int32]
@@ -60,14 +59,14 @@ class Angles:
         return replace(self, stiffness=stiffness * self.stiffness, damping=damping * self.damping)
 
     def renumbered(self, number: NDArray[np.integer]) -> Self:
-        """Return these angles, ordered by their middle, for particles k that become `number[k]`."""
+        """Return these angles, sorted by their middle particle, when particle k becomes `number[k]`."""
         particles = number[self.particles]
         order = np.argsort(particles[:, 1], kind="stable")
         values = {name: getattr(self, name)[order] for name in _NUMBERS}
         return replace(self, particles=particles[order], **values)
 
     def behind(self, first: "Angles | None", particles: int) -> "Angles":
-        """Return the angles of `first`, if any, and then these, whose particle indices grow by `particles`."""
+        """Return the angles of `first`, if any, then these with particle indices increased by `particles`."""
         own = replace(self, particles=self.particles + np.int32(particles))
         if first is None:
             return own

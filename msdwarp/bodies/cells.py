@@ -1,4 +1,4 @@
-"""Cells: parts of a body that resist a change of their volume, beside its springs."""
+"""Cells: parts of a body that resist a change of volume, in addition to springs."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -10,22 +10,22 @@ from .. import checks
 from .uniform import joined
 
 CORNERS = 8
-"""Corners of a solid cell; a flat one has half of them."""
+"""Number of corners of a solid cell; a flat cell has half as many."""
 NONE = -1
-"""Entry of the corners that a flat cell lacks."""
+"""Entry for corners that a flat cell does not have."""
 _FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
-"""Corners of the faces of a solid cell, counter-clockwise seen from outside."""
+"""Corners of the faces of a solid cell, counter-clockwise as seen from outside."""
 _NUMBERS = ("rest_volume", "modulus", "damping")
-"""Numbers of each cell."""
+"""Parameters of each cell."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Cells:
     """Cells of a body, which store energy if their volume V changes: W = V₀ w(V/V₀). Immutable.
 
-    w(J) = κ (J − 1)²/2 for κ ≥ 0; `msdwarp.kernels.springs.cell_volumes` has the law for κ < 0. A damper beside it
-    turns the power c V̇²/V₀ to heat. Springs carry shear, and give every body the same Poisson's ratio; cells carry
-    what is missing to another one: `Material.poissons_ratio` determines both.
+    w(J) = κ (J − 1)²/2 for κ ≥ 0; `msdwarp.kernels.springs.cell_volumes` has w for κ < 0. A damper dissipates
+    the power c V̇²/V₀. Springs resist shear, and alone give every body the same Poisson's ratio; cells add what
+    another ratio needs: `Material.poissons_ratio` determines both.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Cells:
         """Return the volume of each cell [m³], the area of flat ones [m²], for particles at `position` [m].
 
         The faces of solid cells are bilinear. The area of a flat cell is half the cross product of its diagonals;
-        in two dimensions it is negative if the corners run clockwise.
+        in two dimensions it is negative if corners are clockwise.
         """
         x = np.asarray(position, dtype=np.float64)
         result, flat = np.empty(len(self)), self.flat
@@ -91,14 +91,14 @@ class Cells:
         solid = solid - solid.mean(axis=1, keepdims=True)
         total = np.zeros(len(solid))
         for a, b, c, d in (solid[:, list(face)].swapaxes(0, 1) for face in _FACES):
-            # A bilinear face is as far out as the mean of its two divisions into triangles.
+            # A bilinear face encloses the mean volume of its two divisions into triangles.
             total += sum(np.einsum("ni,ni->n", p, np.cross(q, r)) for p, q, r in ((a, b, c), (a, c, d), (a, b, d)))
             total += np.einsum("ni,ni->n", b, np.cross(c, d))
         result[~flat] = total / 12
         return result
 
     def slopes(self, position: ArrayLike) -> NDArray[np.float64]:
-        """Return w' of each cell [Pa], [N/m] if flat: minus its pressure without the damper's."""
+        """Return w' of each cell [Pa], in flat ones [N/m]: minus the pressure without the damper's part."""
         ratio = self.volumes(position) / self.rest_volume
         d = ratio - 1
         negative = np.where(d < 0, d / (1 + d * d), 2 * d / (1 + ratio * ratio))
@@ -107,7 +107,7 @@ class Cells:
     def at_rest(self, position: ArrayLike, particles: NDArray[np.bool_] | None = None) -> Self:
         """Return these cells with the volumes at `position` [m] as rest volumes.
 
-        With a mask of particles, only cells with all corners among them change.
+        With a mask of particles, only cells whose corners are all in the mask change.
         """
         volume = np.abs(self.volumes(position))
         if particles is not None:
@@ -120,14 +120,14 @@ class Cells:
         return replace(self, modulus=modulus * self.modulus, damping=damping * self.damping)
 
     def renumbered(self, number: NDArray[np.integer]) -> Self:
-        """Return these cells, ordered by their first corner, for particles k that become `number[k]`."""
+        """Return these cells, sorted by their first corner, when particle k becomes `number[k]`."""
         corners = np.where(self.corners == NONE, NONE, number[self.corners])
         order = np.argsort(corners[:, 0], kind="stable")
         values = {name: getattr(self, name) for name in _NUMBERS}
         return replace(self, corners=corners[order], **{name: one[order] for name, one in values.items()})
 
     def behind(self, first: "Cells | None", particles: int) -> "Cells":
-        """Return the cells of `first`, if any, and then these, whose particle indices grow by `particles`."""
+        """Return the cells of `first`, if any, then these cells with particle indices increased by `particles`."""
         own = replace(self, corners=np.where(self.corners == NONE, NONE, self.corners + np.int32(particles)))
         if first is None:
             return own
@@ -136,7 +136,7 @@ class Cells:
 
 
 def _corners(value: ArrayLike) -> NDArray[np.int32]:
-    """Return the corners of cells, shape [cell_count, 8]; raise ValueError if they are none."""
+    """Return the corners of cells, shape [cell_count, 8]; raise ValueError if they are invalid."""
     given = np.asarray(value)
     if given.ndim != 2 or given.shape[1] not in (CORNERS // 2, CORNERS) or given.dtype.kind not in "iu":
         raise ValueError(

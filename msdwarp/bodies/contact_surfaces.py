@@ -11,13 +11,13 @@ from .selection import mask_of
 from .system import System
 
 FINE = 2.0
-"""A surface with more vertices per particle than this has no points on its edges."""
+"""A surface with more vertices per particle than this gets no contact points on its edges."""
 ROPE = 2.5
-"""A body without surface is a rope if it has fewer springs per particle than this; else a heap of spheres."""
+"""A body without surface is a rope if it has fewer springs per particle; otherwise a heap of spheres."""
 SPACING = 0.75
-"""Spacing of a lattice over the mean length of its springs, many of which are diagonals."""
+"""Ratio of a lattice's spacing to the mean length of its springs, many of which are diagonals."""
 SHEET_RADIUS, ROPE_RADIUS = 0.125, 0.25
-"""Half the thickness of a sheet, and of a rope or a sphere, over its spacing."""
+"""Half the thickness of a sheet, and of a rope or sphere, as fractions of the spacing."""
 
 
 class TouchingSurfaces(NamedTuple):
@@ -26,13 +26,13 @@ class TouchingSurfaces(NamedTuple):
     particle: NDArray[np.int64]
     """The particles whose weighted mean is each vertex, shape [vertex_count, k]."""
     weight: NDArray[np.float64]
-    """Their weights."""
+    """Weights of these particles, shape [vertex_count, k]."""
     ends: NDArray[np.int32]
-    """The two vertices between which each point lies, shape [point_count, 2]; equal if the point is a vertex."""
+    """The two vertices of each contact point, shape [point_count, 2]; equal if the point is a vertex."""
     share: NDArray[np.float64]
-    """Weight of the second vertex in each point."""
+    """Weight of the second vertex in each point, shape [point_count]."""
     corner: NDArray[np.int32]
-    """The vertices of each facet, shape [facet_count, 3], some equal for segments and points; grouped by body."""
+    """Vertices of each facet, shape [facet_count, 3], some equal for segments and points; grouped by body."""
     body: NDArray[np.int32]
     """The body of each vertex, shape [vertex_count]."""
     body_of_particle: NDArray[np.int32]
@@ -48,7 +48,7 @@ class TouchingSurfaces(NamedTuple):
 
 
 def contact_surfaces(system: System) -> TouchingSurfaces:
-    """Return the surfaces of a system for contact."""
+    """Return the surfaces that a system has for contact."""
     lowest = pieces(system.particle_count, system.connections)
     _, body_of = np.unique(lowest, return_inverse=True)
     bodies = int(body_of.max()) + 1
@@ -59,7 +59,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
         particle, weight, triangles = different_vertices(system.surface)
     body = body_of[particle[:, 0]]
     drawn = mask_of(body, bodies)
-    # For bodies without a surface the particles are in contact.
+    # In bodies without a surface, particles touch instead.
     bare = np.flatnonzero(~drawn[body_of])
     first = len(particle)
     vertex_of = np.full(system.particle_count, -1)
@@ -79,14 +79,14 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     edges = np.concatenate([sides_of(triangles)[0], segments]).astype(np.int32)
     corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
     corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
-    # The other surfaces also have a point in the middle of each edge.
+    # Other surfaces also have a contact point in the middle of each edge.
     carried = np.bincount(body_of[np.unique(particle[weight != 0])], minlength=bodies)
     fine = np.bincount(body, minlength=bodies) > FINE * carried
     edges = edges[~fine[body[edges[:, 0]]]]
     ends = np.concatenate([np.repeat(np.arange(len(particle))[:, None], 2, axis=1), edges])
     share = np.repeat([0.0, 0.5], [len(particle), len(edges)])
 
-    # From original lengths, so that moving or yielding does not change the thickness.
+    # From original lengths, so that motion and yielding do not change the thickness.
     spacing = spring_means(system, body_of, system.original_length) * np.where(rope, 1.0, SPACING)
     closed = drawn.copy()
     closed[body[open_edges(triangles)[:, 0]]] = False
@@ -107,9 +107,9 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
 
 
 def behind_surfaces(system: System) -> NDArray[np.bool_]:
-    """Return which particles belong to bodies with a surface of their own, shape [particle_count].
+    """Return a mask of particles in bodies whose surface has vertices of its own, shape [particle_count].
 
-    The vertices of such a surface are weighted means of particles, as those of a ball cut from a lattice.
+    Vertices of such a surface are weighted means of particles, as in a ball cut from a lattice.
     """
     if system.surface is None:
         return np.zeros(system.particle_count, dtype=bool)
@@ -121,8 +121,8 @@ def behind_surfaces(system: System) -> NDArray[np.bool_]:
 def spring_means(
     system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return each body's mean of a value given for each spring; 0 for a body without springs."""
-    near = system.between_neighbours  # springs that resist bending have other lengths and are far softer
+    """Return for each body the mean of its springs' values; 0 for a body without springs."""
+    near = system.between_neighbours  # springs that resist bending differ in length and are far softer
     near = slice(None) if near is None else near
     of, bodies = body_of_particle[system.connections[near, 0]], int(body_of_particle.max()) + 1
     count = np.bincount(of, minlength=bodies)

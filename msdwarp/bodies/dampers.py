@@ -1,8 +1,8 @@
-"""Dampers: laws of the force against the elongation or shortening of a connection, as frozen dataclasses.
+"""Dampers: laws of force against a connection's rate of lengthening, as frozen dataclasses.
 
-`System.damping` is the constant b of each connection, in the unit of the law. Laws without a linear term have a
-speed at which they become linear, since a force that jumps, or grows without bound, is stable at no step. So the
-steepest slope of the force, which determines the stable step, is known.
+`System.damping` is the constant b of each connection, in the unit of the law. Laws without a linear term become
+linear at a given speed, since a force that jumps, or grows without bound, is unstable at every step. So the force
+has a known steepest slope, which determines the stable step.
 """
 
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ class Damper:
 
     @property
     def steepest(self) -> float:
-        """Largest slope of the force over the rate, per b; the stability limit depends on it."""
+        """Largest derivative of the force with respect to the rate, divided by b; it limits the stable step."""
         return 1.0
 
     @property
     def law(self) -> Any:
-        """What kernels are composed from: the law's name and its speed [m/s], or a `wp.func`."""
+        """Argument from which kernels are composed: the law's name and speed [m/s], or a `wp.func`."""
         return "linear", 0.0
 
 
@@ -43,12 +43,12 @@ class QuadraticDamper(Damper):
 
     @property
     def steepest(self) -> float:
-        """Largest slope of the force over the rate, per b [m/s]."""
+        """Largest derivative of the force with respect to the rate, divided by b [m/s]."""
         return 2.0 * self.most_speed
 
     @property
     def law(self) -> tuple[str, float]:
-        """Name and speed [m/s] of the law."""
+        """Name of the law and its speed [m/s]."""
         return "quadratic", self.most_speed
 
 
@@ -69,27 +69,27 @@ class CoulombDamper(Damper):
 
     @property
     def steepest(self) -> float:
-        """Largest slope of the force over the rate, per b [s/m]."""
+        """Largest derivative of the force with respect to the rate, divided by b [s/m]."""
         return 1.0 / self.sliding_speed
 
     @property
     def law(self) -> tuple[str, float]:
-        """Name and speed [m/s] of the law."""
+        """Name of the law and its speed [m/s]."""
         return "coulomb", self.sliding_speed
 
 
 @dataclass(frozen=True)
 class OwnDamper(Damper):
-    """F by a function of your own, of the strain, its connection's rate of lengthening and the constant b.
+    """F by a function of your own, given the strain, the rate of lengthening and the constant b of a connection.
 
     Parameters
     ----------
     function
         A `wp.func` of the strain l/l0 − 1, the rate l' [m/s] and b that returns the force [N], positive in
-        tension. It should have the sign of l', or be 0, so that it takes energy away. It is called with float32
+        tension. It should have the sign of l', or be 0, so that it dissipates energy. It is called with float32
         and with float64 numbers, so its arguments must be annotated `Any`.
     steepest
-        Upper bound of the slope of the force over the rate, divided by b. The stable step follows it.
+        Upper bound of the force's derivative with respect to the rate, divided by b; it limits the stable step.
     """
 
     function: Any = None
@@ -104,13 +104,13 @@ class OwnDamper(Damper):
 
     @property
     def law(self) -> Any:
-        """The function."""
+        """The user's function."""
         return self.function
 
 
 @dataclass(frozen=True)
 class UnknownDamper(Damper):
-    """A law that a file does not hold, as it is a function of the user's. Such a system cannot be simulated."""
+    """A law that a file cannot store, as it is a user's function. Such a system cannot be simulated."""
 
     @property
     def law(self) -> Any:
@@ -122,4 +122,4 @@ class UnknownDamper(Damper):
 
 
 LINEAR = Damper()
-"""The report's law."""
+"""The law of the 2014 report."""

@@ -1,4 +1,4 @@
-"""Facets: the triangles of a system's surface between distinct vertices, which are weighted means of particles."""
+"""Facets: the triangles of a system's surface, with distinct vertices that are weighted means of particles."""
 
 import functools
 from typing import NamedTuple, Self
@@ -27,12 +27,12 @@ class Facets(NamedTuple):
     """Whether any vertex is not a particle; otherwise vertex i is particle i."""
 
     def points(self, x: NDArray) -> NDArray[np.float64]:
-        """Return a quantity at the vertices, from its values at the particles, shape [particle_count, d]."""
+        """Return a quantity at the vertices, given values at the particles, shape [particle_count, d]."""
         values = np.asarray(x, dtype=np.float64)
         return np.einsum("vk,vkd->vd", self.weight, values[self.particle]) if self.mixed else values
 
     def spread(self, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-        """Return Wᵀ y, shape [particle_count, …], for numbers or vectors y of the vertices and the weights W."""
+        """Return Wᵀ y, shape [particle_count, …], with the weights W and numbers or vectors y at the vertices."""
         if not self.mixed:
             return values
         result = np.zeros((count, *values.shape[1:]))
@@ -41,19 +41,19 @@ class Facets(NamedTuple):
         return result
 
     def bound(self, sums: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-        """Return bounds of the row sums of |WᵀAW| for particles, from the row sums of |A| for vertices."""
+        """Return bounds of the row sums of |WᵀAW| by particle, given row sums of |A| by vertex."""
         size = np.abs(self.weight)
         most = float(size.sum(axis=1).max(initial=0.0))
         return self._replace(weight=most * size).spread(sums, count)
 
     def of(self, chosen: NDArray[np.bool_]) -> Self:
-        """Return the triangles whose particles are all in a mask of shape [particle_count]."""
+        """Return the triangles that only use particles in a mask of shape [particle_count]."""
         mine = (chosen[self.particle] | (self.weight == 0)).all(axis=1)[self.corner].all(axis=1)
         return self._replace(corner=self.corner[mine], closed=self.closed[mine])
 
 
 def facets_of(system: System) -> Facets:
-    """Return the triangles of a system's surface; none without a surface, or with less than three coordinates."""
+    """Return the triangles of a system's surface; none without a surface, or in one or two dimensions."""
     if system.surface is None or system.dim < 3:
         none = np.zeros((0, 1))
         return Facets(none.astype(np.int64), none, np.zeros((0, 3), np.int32), np.zeros(0, bool), False)
@@ -77,7 +77,7 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
 
 
 def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the distinct vertices of a surface, as particles and weights, and its triangles by these vertices."""
+    """Return a surface's distinct vertices, as particles and weights, and the triangles of these vertices."""
     particle = surface.particle.astype(np.int64)
     if surface.weights is None:
         different, number = np.unique(particle[:, None], axis=0, return_inverse=True)
@@ -87,12 +87,12 @@ def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.
         _, chosen, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         different, weights = particle[chosen], surface.weights[chosen]
     triangles = number.reshape(-1)[surface.triangles]
-    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)  # at a pole some triangles are degenerate
+    whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)  # some triangles at a pole are degenerate
     return different, weights, triangles[whole]
 
 
 def directed_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the directed edges of triangles: first from corners 0 to 1, then from 1 to 2, then from 2 to 0."""
+    """Return the directed edges of triangles: all from corner 0 to 1, then from 1 to 2, then from 2 to 0."""
     return np.concatenate([corner[:, [k, (k + 1) % 3]] for k in range(3)])
 
 
@@ -105,9 +105,9 @@ def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def sides_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the edges of triangles, shape [any, 2], the edge of each side, and whether the side runs along it.
+    """Return (edges of triangles, shape [any, 2]; edge of each side; whether the side runs along the edge).
 
-    The sides of a triangle run from corner 0 to 1, 1 to 2 and 2 to 0, shape [triangle_count, 3].
+    The sides of a triangle run from corner 0 to 1, 1 to 2, 2 to 0; arrays of sides: shape [triangle_count, 3].
     """
     start, end = triangles.astype(np.int64), np.roll(triangles, -1, axis=1)
     count = int(triangles.max(initial=0)) + 1

@@ -1,4 +1,4 @@
-"""The fields of a system: their names, limits and defaults, and the checks of each."""
+"""The fields of a system: names, limits, defaults and checks."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -36,7 +36,7 @@ _OF_CONNECTIONS: dict[str, tuple[float | None, tuple[checks.Limit, ...]]] = {
 CONNECTION_FIELDS = tuple(_OF_CONNECTIONS)
 DEFAULTS = {name: default for name, (default, _) in _OF_CONNECTIONS.items() if default is not None}
 TEARING_FIELDS = ("break_strain", "break_force", "broken_at")
-"""Fields for tearing, which early files lack; the defaults are then used."""
+"""Fields for tearing, which early files do not have; defaults then apply."""
 PARTICLE_FIELDS = ("position", "velocity", "mass")
 """Arrays of a system with an entry for each particle."""
 _MASS: checks.Limit = (lambda mass: mass > 0, "above 0 (inf pins the particle)")
@@ -49,10 +49,10 @@ _BLOCK = 1 << 15  # connections per block of computed lengths: their coordinates
 
 
 def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return all fields of a system: the given ones, checked and copied, and the other known ones.
+    """Return all fields of a system: given ones, checked and copied, and the remaining known ones.
 
-    Known fields are valid together, and shared. They are checked again only if they must fit a given one; a
-    uniform array fits any number of particles or connections.
+    Known fields are valid together, and shared. They are checked again only if they must match a given field; a
+    uniform array matches any number of particles or connections.
     """
     known = known or {}
     fields = {**known, **given}
@@ -61,7 +61,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
         fields["position"] = positions(fields["position"])
     particle_count = len(fields["position"])
     if known and particle_count != len(known["position"]):
-        new |= {"connections", "surface", "cells", "angles", "groups"}  # these hold indices of particles
+        new |= {"connections", "surface", "cells", "angles", "groups"}  # these have indices of particles
 
     for name in PARTICLE_FIELDS[1:]:
         shape = fields["position"].shape if name == "velocity" else (particle_count,)
@@ -104,7 +104,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
 
 
 def check_cells(cells: Cells, particle_count: int, dim: int) -> None:
-    """Check that cells fit a number of particles and of coordinates."""
+    """Check that cells fit this number of particles and of coordinates."""
     checks.instance("cells", cells, Cells, "Cells(corners=..., rest_volume=..., modulus=...)")
     checks.within("cells.corners", cells.corners, (lambda index: index < particle_count, "an index of a particle"))
     if dim == 1 or (dim == 2 and not cells.flat.all()):
@@ -112,12 +112,12 @@ def check_cells(cells: Cells, particle_count: int, dim: int) -> None:
 
 
 def scaled_parts(fields: Mapping[str, Any], stiffness: float, damping: float) -> dict[str, Any]:
-    """Return the cells and angles among a system's fields, with stiffness and damping multiplied by factors."""
+    """Return the cells and angles of a system's fields, with stiffness and damping multiplied by factors."""
     return {name: fields[name] and fields[name].scaled(stiffness, damping) for name in ("cells", "angles")}
 
 
 def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArray[np.float64]]:
-    """Return the arrays with an entry for each connection; `new` ones are checked."""
+    """Return the arrays with an entry for each connection, after checking the `new` ones."""
     values = {name: fields[name] for name in CONNECTION_FIELDS}
     if values["rest_length"] is None:
         values["rest_length"] = lengths(fields["position"], fields["connections"])
@@ -126,13 +126,13 @@ def _of_connections(fields: Mapping[str, Any], new: set[str]) -> dict[str, NDArr
         del values["original_length"]
     shape = fields["connections"].shape[:1]
     result = {name: numbers(name, value, shape, valid=name not in new) for name, value in values.items()}
-    return {"original_length": result["rest_length"]} | result  # one array, if the two are equal
+    return {"original_length": result["rest_length"]} | result  # a single array if both are equal
 
 
 def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool = False) -> NDArray[np.float64]:
-    """Return `value` as a read-only array of this shape, with entries within the limits of the field.
+    """Return `value` as a read-only array of this shape, with entries within the field's limits.
 
-    A `valid` array of this shape is returned unchanged.
+    A `valid` array of this shape is returned as it is.
     """
     if valid:
         assert isinstance(value, np.ndarray)
@@ -145,14 +145,14 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int, ...], *, valid: bool 
 
 
 def check_bears_start(fields: Mapping[str, Any]) -> None:
-    """Check that no unbroken connection is longer at the start than its breaking length."""
+    """Check that no unbroken connection exceeds its breaking length at the start."""
     strain, force = fields["break_strain"], fields["break_force"]
     if np.isinf(stored(strain)).all() and np.isinf(stored(force)).all():
         return
     length, rest = lengths(fields["position"], fields["connections"]), fields["rest_length"]
     stiffness = fields["stiffness"]
     longest = np.minimum(rest * (1 + strain), rest + break_stretch(force, stiffness))
-    # Unstrained connections have their rest length up to rounding.
+    # Unstrained connections are as long as their rest length, up to rounding.
     bears = np.isfinite(fields["broken_at"]) | (length <= longest * (1 + 8 * np.finfo(np.float64).eps))
     if not bears.all():
         c = int(np.argmin(bears))
@@ -167,7 +167,7 @@ def check_bears_start(fields: Mapping[str, Any]) -> None:
 
 
 def break_stretch(force: NDArray[np.float64], stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the stretch at which springs exert their break force [m], shape [connection_count]."""
+    """Return the elongation at which springs reach their break force [m], shape [connection_count]."""
     if np.isinf(stored(force)).all():
         return uniform(np.inf, len(force))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -175,7 +175,7 @@ def break_stretch(force: NDArray[np.float64], stiffness: NDArray[np.float64]) ->
 
 
 def positions(value: ArrayLike) -> NDArray[np.float64]:
-    """Return `value` as a new read-only array of particle positions."""
+    """Return `value` as a new read-only array of positions [m], shape [particle_count, d]."""
     position = checks.array("position", value)
     if position.ndim != 2 or position.shape[1] not in (1, 2, 3) or len(position) == 0:
         raise ValueError(
@@ -188,7 +188,7 @@ def positions(value: ArrayLike) -> NDArray[np.float64]:
 
 
 def pairs(value: ArrayLike, particle_count: int) -> NDArray[np.int32]:
-    """Return `value` as a new read-only array of the two particles of each connection."""
+    """Return `value` as a new read-only array of particle pairs, shape [connection_count, 2]."""
     connections = checks.indices("connections", value, 2, particle_count)
     itself = connections[:, 0] == connections[:, 1]
     if itself.any():
@@ -212,7 +212,7 @@ def lengths(position: NDArray, connections: NDArray[np.int32]) -> NDArray:
 
 
 def group_of(name: str, particles: ArrayLike, particle_count: int) -> NDArray[np.int32]:
-    """Return a group's particles as a new read-only array of indices."""
+    """Return a group's particles as a new read-only array of indices, shape [any]."""
     checks.instance("a group's name", name, str, "'scoop'")
     where = np.reshape(particles, -1)
     check_no_mask(f"groups[{name!r}]", where, particle_count)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from .. import checks
 
-# Stiffness of a connection inside the body over E·a (a solid), E·t (a sheet) or E·A/a (a chain), by how many axes
-# it goes along; the key is (number of axes, whether there are diagonals). Derived in the docstring of Material.
+# Stiffness of a connection inside the body divided by E·a (solid), E·t (sheet) or E·A/a (chain), by the number of
+# axes it spans; the key is (number of axes, whether there are diagonals). Derived in the docstring of Material.
 _STIFFNESS = {
     (1, False): (1.0,),
     (2, False): (1.0,),
@@ -15,11 +15,11 @@ _STIFFNESS = {
     (3, True): (1 / 2, 3 / 10, 3 / 40),
 }
 _OVER_SHEAR = {2: 8 / 3, 3: 5 / 2}
-"""Young's modulus over the shear modulus of springs with diagonals, by the number of axes."""
+"""Young's modulus divided by the shear modulus, of springs with diagonals, by number of axes."""
 ROUNDING = 1e-12
-"""λ and μ that differ by a smaller share are equal: springs alone have the ratio."""
+"""If λ and μ differ by less than this fraction, they count as equal: springs alone have the ratio."""
 LARGEST_RATIO = 0.49
-"""Largest Poisson's ratio: towards 1/2 the resistance to compression grows without bound."""
+"""Largest Poisson's ratio: near 1/2 the resistance to compression grows without bound."""
 
 
 @dataclass(frozen=True)
@@ -39,25 +39,25 @@ class Material:
     35-60). With k₁ along axes, k₂ along face and k₃ along space diagonals inside the body:
 
     - *Solid, 26 neighbours*: C11 = (k₁ + 2 k₂ + 4/3 k₃)/a and C12 = C44 = (k₂ + 4/3 k₃)/a. It is isotropic if
-      C11 − C12 = 2 C44, so k₁ = k₂ + 8/3 k₃; then E = 5/2 C44. One ratio is left, s = 4/3 k₃ / (k₂ + 4/3 k₃).
-      Waves of compression of wave number q are too slow by (q a)²/24, times 1 along an axis, 3/2 along a face
-      diagonal and (11 + 10 s)/9 along a space diagonal: up to s = 1/4 none are worse than at s = 0. Waves of
-      shear are the more alike in all directions the larger s is, up to about 1/3. Hence s = 1/4: k₁ = 1/2 E a,
+      C11 − C12 = 2 C44, so k₁ = k₂ + 8/3 k₃; then E = 5/2 C44. One parameter remains, s = 4/3 k₃ / (k₂ + 4/3 k₃).
+      Compression waves of wave number q are too slow by (q a)²/24, times 1 along an axis, 3/2 along a face
+      diagonal and (11 + 10 s)/9 along a space diagonal: up to s = 1/4 no direction is worse than at s = 0. Shear
+      waves become more alike in all directions as s grows to about 1/3. Hence s = 1/4: k₁ = 1/2 E a,
       k₂ = 3/10 E a, k₃ = 3/40 E a. At s = 1 a cell could be deformed without any resistance.
     - *Sheet of thickness t, 8 neighbours*: C11 t = k₁ + k₂ and C12 t = C66 t = k₂. It is isotropic if k₁ = 2 k₂;
       then in plane stress E t = 8/3 k₂: k₁ = 3/4 E t, k₂ = 3/8 E t. Nothing resists bending out of its
-      plane, unless `bending` of `sheet` asks for it.
-    - *6 or 4 neighbours*: k₁ = E a or E t. The modulus is met along the axes; nothing resists shear.
+      plane, unless the argument `bending` of `sheet` is given.
+    - *6 or 4 neighbours*: k₁ = E a or E t. The modulus is exact along the axes; nothing resists shear.
     - *Chain of cross section A*: k₁ = E A / a.
 
     **Poisson's ratio.** Springs alone give C12 = C44, Cauchy's relation: Poisson's ratio is 1/4 in a solid, 1/3 in
-    a sheet and 0 without diagonals. For another ratio ν they carry the shear modulus μ = E/(2 (1 + ν)) alone: they
-    are those of a modulus 5/2 μ in a solid, 8/3 μ in a sheet. Each cell adds κ = λ − μ to Lamé's λ as a resistance
-    to its change of volume (`Cells`), with λ = E ν/((1 + ν)(1 − 2 ν)) in a solid, and of area in a sheet, with
-    λ = E ν/(1 − ν²) of plane stress. Homogeneous strain remains exact. κ grows without bound towards 1/2, and
-    shortens the step: that of a block is half of what springs alone allow at 0.45, a quarter at 0.49. Below the
-    ratio of springs κ is negative, and a body that is compressed or stretched by a third may stay distorted. The
-    modulus and the ratio are correct for small strains; at 10 % the ratio (of logarithmic strains) is within 0.02.
+    a sheet and 0 without diagonals. For another ratio ν springs give only the shear modulus μ = E/(2 (1 + ν)):
+    their constants are for a modulus 5/2 μ in a solid, 8/3 μ in a sheet. Each cell adds κ = λ − μ to Lamé's λ as a
+    resistance to volume change (`Cells`), with λ = E ν/((1 + ν)(1 − 2 ν)) in a solid, and of area in a sheet, with
+    λ = E ν/(1 − ν²) of plane stress. Homogeneous strain remains exact. κ grows without bound near 1/2, and
+    shortens the step: for a block it is half the step of springs alone at 0.45, a quarter at 0.49. Below the ratio
+    of springs κ is negative, and a body compressed or stretched by a third may stay distorted. The modulus and the
+    ratio are correct for small strains; at 10 % the ratio (of logarithmic strains) is within 0.02.
 
     **Error.** Homogeneous strain is exact. A bar n cells high resists bending too much: by 5/(4 n²) of E I in a
     sheet, and by at most 11/(10 n²) in a solid: four cells are 8 and 7 % too stiff. N cells long, the frequency
@@ -74,9 +74,9 @@ class Material:
     youngs_modulus
         E [Pa].
     damping_ratio
-        ζ; at 1 the slowest longitudinal mode is critically damped. Half the loss factor η, if that is small.
+        ζ; at 1 the slowest longitudinal mode is critically damped. For small damping it is half the loss factor η.
     poissons_ratio
-        ν, from 0 to 0.49; by default that of springs alone, which costs least. It has no effect on a chain.
+        ν, from 0 to 0.49; by default the ratio of springs alone, which costs least. It has no effect on a chain.
     """
 
     density: float
@@ -101,7 +101,7 @@ class Material:
         return math.sqrt(self.youngs_modulus / self.density)
 
     def cell_mass(self, axes: int, spacing: float, section: float = 1.0) -> float:
-        """Return the mass of a cell of a lattice with this number of axes [kg].
+        """Return the mass of a cell in a lattice with this number of axes [kg].
 
         The section is the cross section of a chain [m²], the thickness of a sheet [m], or 1.
         """
@@ -110,12 +110,12 @@ class Material:
     def cell_stiffness(
         self, axes: int, spacing: float, section: float = 1.0, *, diagonals: bool
     ) -> tuple[float, ...]:
-        """Return the stiffness of connections inside a body [N/m], by the number of axes they span, from 1."""
+        """Return the stiffness of inner connections [N/m], by the number of axes they span, from 1 on."""
         unit = self._modulus_of_springs(axes) * section * spacing ** (axes - 2)
         return tuple(unit * share for share in _STIFFNESS[axes, diagonals])
 
     def cell_modulus(self, axes: int, section: float = 1.0) -> float:
-        """Return κ = λ − μ of the cells of a solid [Pa] or a sheet [N/m]; 0 if springs alone have the ratio."""
+        """Return κ = λ − μ of the cells of a solid [Pa] or sheet [N/m]; 0 if springs alone give the ratio."""
         nu = self.poissons_ratio
         if nu is None or axes == 1:
             return 0.0
@@ -124,7 +124,7 @@ class Material:
         return self.youngs_modulus * section * (lame - shear) if abs(lame - shear) > ROUNDING * shear else 0.0
 
     def _modulus_of_springs(self, axes: int) -> float:
-        """Return Young's modulus of a lattice of springs that have the shear modulus of the material [Pa]."""
+        """Return Young's modulus of a lattice of springs with the shear modulus of the material [Pa]."""
         if self.poissons_ratio is None or axes == 1:
             return self.youngs_modulus
         return _OVER_SHEAR[axes] * self.youngs_modulus / (2 * (1 + self.poissons_ratio))
@@ -132,7 +132,7 @@ class Material:
     def flexural_rigidity(self, thickness: float, *, diagonals: bool = True) -> float:
         """Return D = E t³ / (12 (1 − ν²)) of a sheet [N m].
 
-        ν is Poisson's ratio of the material, by default that of its springs: 1/3, or 0 without diagonals.
+        ν is the material's Poisson's ratio, by default the ratio of springs: 1/3, or 0 without diagonals.
         """
         poisson = self.poissons_ratio
         if poisson is None:
@@ -140,19 +140,19 @@ class Material:
         return self.youngs_modulus * thickness**3 / (12 * (1 - poisson**2))
 
     def damping_time(self, length: float) -> float:
-        """Return β = b/k of a body of this length [s]."""
+        """Return β = b/k for a body of this length [s]."""
         return 2 * self.damping_ratio * length / (math.pi * self.wave_speed)
 
 
-# Values are the middle of the range that is quoted, damping ratios half the loss factor, which depends on
-# frequency, temperature and amplitude. Ashby: Materials Selection in Mechanical Design, appendix A.
+# Values are midpoints of the quoted ranges; damping ratios are half the loss factor, which depends on frequency,
+# temperature and amplitude. Ashby: Materials Selection in Mechanical Design, appendix A.
 
 RUBBER = Material(density=925.0, youngs_modulus=2.0e6, damping_ratio=0.03)
 """Natural rubber without filler."""
 # Density 920-930, E 1.5-2.5 MPa (Ashby). Loss factor 0.02-0.10 (Gent, Engineering with Rubber).
 
 JELLY = Material(density=1000.0, youngs_modulus=12.5e3, damping_ratio=0.05)
-"""Gel of 5 % of gelatin in water, of the density of water."""
+"""Gel of 5 % gelatin in water, with the density of water."""
 # Shear modulus G = 4.18 ± 0.84 kPa (Nguyen et al., Ultrasound in Medicine and Biology 40 (2014) 168-176), and E is
 # 3 G as its volume hardly changes. Loss factor of a soft gel 0.06-0.14 at 20-200 Hz (Okamoto, Clayton and Bayly,
 # Physics in Medicine and Biology 56 (2011) 6379).
@@ -172,18 +172,18 @@ STEEL_WIRE = Material(density=7850.0, youngs_modulus=210e9, damping_ratio=1e-4)
 """Steel with much carbon, as in springs and wire ropes."""
 
 CORK = Material(density=170.0, youngs_modulus=15e6, damping_ratio=0.1, poissons_ratio=0.1)
-"""Cork, alike in all directions: of the three axes this is the mean."""
+"""Cork as an isotropic material: means over the three axes."""
 # Density 170, E 20 MPa along the trunk's radius and 13 MPa across; Poisson's ratio 0.05-0.1 if the radius is one
 # of the two directions, else 0.25-0.5 (Gibson, Easterling and Ashby, The structure and mechanics of cork, Proc.
 # R. Soc. A 377 (1981) 99-117). Loss factor 0.1-0.3 (Ashby's chart of loss coefficients).
 
 SILICONE = Material(density=1070.0, youngs_modulus=118e3, damping_ratio=0.05, poissons_ratio=0.49)
-"""Soft platinum-cured silicone (Ecoflex 00-30). Its volume is all but constant, so the step is short."""
+"""Soft platinum-cured silicone (Ecoflex 00-30). Almost incompressible, so the step is short."""
 # Density 1070, and 10 psi at 100 % elongation (Smooth-On, technical bulletin of the Ecoflex series). A neo-Hookean
-# solid has the stress G (λ − 1/λ²) there: 69 kPa at λ = 2 is G = 39 kPa, E = 3 G. The loss factor, 0.1, is that of
-# a soft rubber (Ashby's chart).
+# solid has the stress G (λ − 1/λ²) there: 69 kPa at λ = 2 is G = 39 kPa, E = 3 G. The loss factor, 0.1, is typical
+# of a soft rubber (Ashby's chart).
 
 MUSCLE = Material(density=1060.0, youngs_modulus=62e3, damping_ratio=0.1, poissons_ratio=0.45)
-"""Relaxed muscle, alike in all directions and for small loads. Its damping and Poisson's ratio are assumed."""
+"""Relaxed muscle as an isotropic material, for small loads. Damping and Poisson's ratio are assumed."""
 # Density 1.0597 (Mendez and Keys, Metabolism 9 (1960) 184-188). E = 62.2 ± 10.3 kPa, of gluteal muscle of young
 # men pressed by 5 N; by 30 N it is seven times as stiff (Isogai et al., J. Phys. Ther. Sci. 34 (2022) 777-783).

@@ -1,4 +1,4 @@
-"""Numbering: reorder the particles of a system, and concatenate two systems."""
+"""Numbering: reorder a system's particles, and concatenate two systems."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,15 +13,15 @@ from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
 from .uniform import is_uniform, joined
 
 _SECOND = "second neighbours"
-"""The direction of connections to second neighbours in a system that has been renumbered."""
+"""Direction name of connections to second neighbours in a renumbered system."""
 _BITS = 62
-"""Bits of an index along the curve, divided among the coordinates."""
+"""Bits of an index along the curve, divided equally among the coordinates."""
 
 
 def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
-    """Return the order of points along a space-filling curve: near points are usually near in this order.
+    """Return the order of points along a space-filling curve, on which near points are usually near each other.
 
-    It is the Z-order: points are sorted by the interleaved bits of their coordinates.
+    The curve is the Z-order: points are sorted by the interleaved bits of their coordinates.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
     Returns
     -------
     order
-        The number of the kth point, shape [count].
+        Index of the kth point along the curve, shape [count].
     """
     x = np.asarray(position, dtype=np.float64)
     if x.ndim != 2 or x.shape[1] not in (1, 2, 3) or not np.isfinite(x).all():
@@ -44,7 +44,7 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
 
 
 def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.int64]:
-    """Return the indices along the curve of points [count, d], for 2^bits cells per axis, shape [count].
+    """Return the indices of points, shape [count, d], along the curve, with 2^bits cells per axis; shape [count].
 
     Reference: Morton, A computer oriented geodetic data base (1966).
     """
@@ -58,7 +58,7 @@ def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.in
 
 
 def between_neighbours(directions: Sequence[Mapping[str, slice]], count: int) -> NDArray[np.bool_] | None:
-    """Return a mask of `count` connections that do not join second neighbours; None if none joins any."""
+    """Return a mask of `count` connections, False between second neighbours; None if it would be all True."""
     named = [(name, part) for body in directions for name, part in body.items()]
     second = [part for name, part in named if re.fullmatch(f"([+-]?2[xyz])+|{_SECOND}", name)]
     found = np.ones(count, dtype=bool)
@@ -68,7 +68,7 @@ def between_neighbours(directions: Sequence[Mapping[str, slice]], count: int) ->
 
 
 def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, Any]:
-    """Return the fields of a system whose particle k was number order[k]; see `System.renumbered`."""
+    """Return the fields of a system in which particle k is the former order[k]; see `System.renumbered`."""
     n = len(fields["position"])
     chosen = space_filling_order(fields["position"]) if order is None else np.asarray(order)
     if chosen.shape != (n,) or chosen.dtype.kind not in "iu" or not np.array_equal(np.sort(chosen), np.arange(n)):
@@ -82,7 +82,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
     of_connections = np.lexsort((ends[:, 1], ends[:, 0], second))
     result: dict[str, Any] = {"connections": connections[of_connections], "damper": fields["damper"]}
     result["spring"] = fields["spring"]
-    if near is not None:  # springs to second neighbours have other lengths, and are far softer
+    if near is not None:  # springs to second neighbours differ in length, and are far softer
         result["directions"] = ({_SECOND: slice(int(near.sum()), len(ends))},)
     for names, where in ((PARTICLE_FIELDS, chosen), (CONNECTION_FIELDS, of_connections)):
         for name in names:
@@ -102,7 +102,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
 def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of two systems as one; the particles and connections of `other` come second.
 
-    Raises ValueError if their numbers of coordinates or their laws of damping differ.
+    Raises ValueError if the systems differ in the number of coordinates or the law of damping.
     """
     n, c = len(one["position"]), len(one["connections"])
     dims = [each["position"].shape[1] for each in (one, other)]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
-    """Return the mask of `count` particles for indices, a slice or a mask, shape [count].
+    """Return a mask of shape [count] that selects particles by indices, a slice or a mask.
 
     Raises ValueError that names the argument if it is none of these, an index is out of range, or whole
     numbers look like a mask.
@@ -15,12 +15,12 @@ def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
     chosen = np.zeros(count, dtype=bool)
     wrong = f"{name} does not index {count} particles: "
     allowed = "it must be indices, a slice or a mask of booleans"
-    # None, True and False would index all: a new axis is put before the particles.
+    # None, True and False would select all: NumPy inserts a new axis for them.
     if selection is None or isinstance(selection, bool | np.bool_ | str):
         raise ValueError(wrong + f"it is {selection!r}; {allowed}")
     try:
         where = selection if isinstance(selection, slice) else np.asarray(selection)
-        if isinstance(where, slice) or where.size:  # an empty list selects none
+        if isinstance(where, slice) or where.size:  # an empty list selects nothing
             chosen[where] = True
     except (IndexError, TypeError, ValueError) as error:
         raise ValueError(wrong + f"{error}; {allowed}") from error
@@ -30,16 +30,16 @@ def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
 
 
 def mask_of(where: Any, count: int) -> NDArray[np.bool_]:
-    """Return the mask of shape [count] that is True at these indices."""
+    """Return a mask of shape [count] that is True at these indices."""
     mask = np.zeros(count, dtype=bool)
     mask[where] = True
     return mask
 
 
 def check_no_mask(name: str, where: NDArray, count: int) -> None:
-    """Raise ValueError for a mask of whole numbers, which as indices would mean the first two particles.
+    """Raise ValueError for a mask of integers, which as indices would mean the first two particles.
 
-    A mask has an entry for each particle and contains only 0 and 1, at least one of them twice.
+    Such a mask has an entry for each particle and only values 0 and 1, at least one of them twice.
     """
     zeros_and_ones = where.dtype.kind in "iu" and where.shape == (count,) and np.isin(where, (0, 1)).all()
     if zeros_and_ones and len(np.unique(where)) < count:

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 
 AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
-"""Axes in space of a body's coordinates, by their number: a line lies along x, a plane stands upright."""
+"""Axes in space of a body's coordinates, by the number of coordinates: a line is along x, a plane upright."""
 
 
 def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDArray[np.float64]:
-    """Return the matrix of a turn by `angle` [rad], in three dimensions about an axis."""
+    """Return the matrix of a rotation by `angle` [rad], in three dimensions about an axis."""
     cosine, sine = np.cos(angle), np.sin(angle)
     if dim == 2:
         return np.array([[cosine, -sine], [sine, cosine]])
@@ -24,7 +24,7 @@ def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDAr
 
 
 def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
-    """Return the matrix of a rotation vector [rad], or in two dimensions of an angle; raise ValueError if none."""
+    """Return the matrix of a rotation vector, or in two dimensions an angle [rad]; raise ValueError if invalid."""
     if dim == 1:
         raise ValueError(f"{name} is {turn!r}; in one dimension nothing turns")
     if dim == 2:
@@ -34,28 +34,28 @@ def rotation(turn: ArrayLike, dim: int, name: str) -> NDArray[np.float64]:
 
 
 def rotations(turns: NDArray, dim: int) -> NDArray[np.float64]:
-    """Return the matrices of many turns, shape [count, d, d], bit for bit equal to those of single turns.
+    """Return the matrices of many rotations, shape [count, d, d], bit for bit equal to single rotations.
 
-    Turns are rotation vectors [rad], shape [count, 3], or in two dimensions angles, shape [count, 1]. Raises
-    ValueError in one dimension, where nothing turns.
+    Rotations are rotation vectors [rad], shape [count, 3], or in two dimensions angles, shape [count, 1]. Raises
+    ValueError in one dimension, where there are no rotations.
     """
     if dim == 1:
         raise ValueError("in one dimension nothing turns")
     if dim == 2:
         cosine, sine = np.cos(turns[:, 0]), np.sin(turns[:, 0])
         return np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
-    angle = np.array([math.hypot(*turn) for turn in turns])  # avoids squares that overflow or underflow
+    angle = np.array([math.hypot(*turn) for turn in turns])  # hypot avoids squares that overflow or underflow
     u = np.ldexp(turns, -np.frexp(np.abs(turns).max(axis=1, keepdims=True))[1])
     x, y, z = u.T
     length = np.sqrt(x * x + y * y + z * z)
-    x, y, z = u.T / np.where(length > 0, length, 1.0)  # without a turn there is no axis, and the sine is 0
+    x, y, z = u.T / np.where(length > 0, length, 1.0)  # without rotation the axis is undefined, but the sine is 0
     return _about(np.stack([x, y, z], axis=-1), np.cos(angle), np.sin(angle))
 
 
 def _about(axis: NDArray[np.float64], cosine: NDArray, sine: NDArray) -> NDArray[np.float64]:
-    """Return the matrices of turns about unit vectors, shape [count, 3, 3], by Rodrigues' formula.
+    """Return the matrices of rotations about unit vectors, shape [count, 3, 3], by Rodrigues' formula.
 
-    Products are summed term by term: a matrix library would sum in different orders for one and for many.
+    Products are summed term by term, since a matrix library would sum one or many in different orders.
     """
     x, y, z = axis.T
     zero = np.zeros_like(x)
@@ -65,7 +65,7 @@ def _about(axis: NDArray[np.float64], cosine: NDArray, sine: NDArray) -> NDArray
 
 
 def rotated(matrices: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return R y for matrices of shape [..., d, d] and a point; one or many give equal results to the last bit."""
+    """Return R y for matrices of shape [..., d, d] and a point y; bit for bit equal for one matrix or many."""
     result = matrices[..., 0] * point[0]
     for k in range(1, len(point)):
         result = result + matrices[..., k] * point[k]
@@ -73,7 +73,7 @@ def rotated(matrices: NDArray[np.float64], point: NDArray[np.float64]) -> NDArra
 
 
 def in_space(position: NDArray, dtype: type = np.float32) -> NDArray:
-    """Return positions in three dimensions: a plane system stands upright, a line lies along x."""
+    """Return positions in three dimensions: a plane system is upright, a line is along x."""
     dim = position.shape[-1]
     if dim == 3:
         return np.ascontiguousarray(position, dtype=dtype)

@@ -1,8 +1,8 @@
-"""Springs: laws of the force against the strain of a connection, as frozen dataclasses.
+"""Springs: laws of force against a connection's strain, as frozen dataclasses.
 
-`System.stiffness` is the constant k of each connection. The force in it is F = k l0 s(ε), positive in tension:
-ε = l/l0 − 1 is its strain, and s a number that the law gives. With s(ε) = ε it is the report's spring, k (l − l0).
-The stable step follows the steepest slope of s near the present strain.
+`System.stiffness` is the constant k of each connection. The force is F = k l0 s(ε), positive in tension, with the
+strain ε = l/l0 − 1 and the dimensionless s given by the law. With s(ε) = ε it is the report's spring, k (l − l0).
+The steepest slope of s near the present strain limits the stable step.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from typing import Any
 from .. import checks
 
 SpringLaw = tuple[str, *tuple[float, ...]]
-"""Name of a law, and its numbers."""
+"""Name of a law, then its parameters."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Spring:
 
     @property
     def law(self) -> Any:
-        """What kernels are composed from: a name and numbers, a `wp.func`, or None for the report's spring."""
+        """Argument from which kernels are composed: name and parameters, a `wp.func`, or None for s = ε."""
         return None
 
 
@@ -28,7 +28,7 @@ class Spring:
 class TensionOnlySpring(Spring):
     """s = max(ε, 0): a rope, cable or net, which is slack if it is shorter than its rest length.
 
-    The damper beside it acts while it is taut only.
+    The damper of the connection acts only while it is taut.
     """
 
     @property
@@ -46,7 +46,7 @@ class LimitedSpring(Spring):
     strain
         Tensile strain up to which the spring is soft.
     factor
-        Slope beyond it, over that below; the stable step is shorter by its square root near the limit.
+        Ratio of the slope beyond it to the slope below; the stable step is shorter by its square root near there.
     """
 
     strain: float = 0.1
@@ -58,7 +58,7 @@ class LimitedSpring(Spring):
 
     @property
     def law(self) -> SpringLaw:
-        """Name and numbers of the law."""
+        """Name of the law and its parameters."""
         return "limited", self.strain, self.factor
 
 
@@ -69,7 +69,7 @@ class ExponentialSpring(Spring):
     Parameters
     ----------
     exponent
-        a; the slope grows e-fold for each 1/a of strain.
+        a; the slope grows by a factor e for each 1/a of strain.
     """
 
     exponent: float = 10.0
@@ -79,7 +79,7 @@ class ExponentialSpring(Spring):
 
     @property
     def law(self) -> SpringLaw:
-        """Name and number of the law."""
+        """Name of the law and its parameter."""
         return "exponential", self.exponent
 
 
@@ -103,7 +103,7 @@ class PolynomialSpring(Spring):
 
     @property
     def law(self) -> SpringLaw:
-        """Name and numbers of the law."""
+        """Name of the law and its parameters."""
         return "polynomial", *self.coefficients
 
 
@@ -128,13 +128,13 @@ class OwnSpring(Spring):
 
     @property
     def law(self) -> Any:
-        """The function."""
+        """The user's function."""
         return self.function
 
 
 @dataclass(frozen=True)
 class UnknownSpring(Spring):
-    """A law that a file does not hold, as it is a function of the user's. Such a system cannot be simulated."""
+    """A law that a file cannot store, as it is a user's function. Such a system cannot be simulated."""
 
     @property
     def law(self) -> Any:
@@ -146,4 +146,4 @@ class UnknownSpring(Spring):
 
 
 LINEAR_SPRING = Spring()
-"""The report's law."""
+"""The law of the 2014 report."""

@@ -12,19 +12,19 @@ from .system import System
 
 
 def stress(system: System, position: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the Cauchy stress at each particle [Pa], shape [particle_count, d, d]; in sheets [N/m].
+    """Return the Cauchy stress at each particle, shape [particle_count, d, d], in [Pa], in sheets [N/m].
 
-    A cell's stress is the virial of its elastic forces over its volume, (Σ T l n nᵀ)/V + w', for tensions T along
-    n of connections between its corners, which cells share equally (Hardy, J. Chem. Phys. 76 (1982) 622). A
-    particle has the mean of its cells, by volume, and 0 without cells. Where strain is homogeneous it is exact.
-    Dampers, and connections that lie in no cell, are left out.
+    A cell's stress is the virial of its elastic forces per volume, (Σ T l n nᵀ)/V + w', for tensions T along n of
+    connections between its corners, divided equally among the cells around (Hardy, J. Chem. Phys. 76 (1982) 622).
+    A particle has the volume-weighted mean of its cells, and 0 without cells: exact for homogeneous strain.
+    Dampers, and connections that lie in no cell, are excluded.
 
     Parameters
     ----------
     system
         A system with `cells`, such as a body of a `Material` with a Poisson's ratio.
     position
-        Positions [m], shape [particle_count, d]; by default those of the system.
+        Positions [m], shape [particle_count, d]; by default the system's positions.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def stress(system: System, position: ArrayLike | None = None) -> NDArray[np.floa
 
 
 def _virials(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Σ T l n nᵀ of the connections between the corners of each cell [J], shape [cell_count, d, d]."""
+    """Return Σ T l n nᵀ of connections between each cell's corners [J], shape [cell_count, d, d]."""
     cells, ends = system.cells, system.connections
     assert cells is not None
     apart = x[ends[:, 1]] - x[ends[:, 0]]
@@ -67,7 +67,7 @@ def _virials(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def connection_shares(system: System, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the share of each connection that chosen cells have, as all cells around it share it equally."""
+    """Return the fraction of each connection that chosen cells have; all cells around it have equal fractions."""
     cell, pair, pair_of = _joined_corners(system)
     count = int(pair_of.max(initial=-1)) + 1
     of_chosen, of_all = np.bincount(pair[chosen[cell]], minlength=count), np.bincount(pair, minlength=count)
@@ -75,7 +75,7 @@ def connection_shares(system: System, chosen: NDArray[np.bool_]) -> NDArray[np.f
 
 
 def _joined_corners(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return (cell, pair) for joined pairs of corners of all cells, and the pair of each connection."""
+    """Return (cell, pair) for joined pairs of corners in all cells, and the pair of each connection."""
     cells, count = system.cells, system.particle_count
     assert cells is not None
     ends = np.sort(system.connections.astype(np.int64), axis=1)
@@ -92,15 +92,15 @@ def _joined_corners(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 
 def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return von Mises' equivalent √(3/2 s:s) of stresses, shape [..., d, d]; s is their deviator in space."""
+    """Return the von Mises stress √(3/2 s:s) of stresses, shape [..., d, d], with the deviator s in space."""
     dim = stress.shape[-1]
     pressure = np.trace(stress, axis1=-2, axis2=-1) / 3
-    squares = (stress**2).sum(axis=(-2, -1)) - 3 * pressure**2  # of the deviator, also for plane stress
+    squares = (stress**2).sum(axis=(-2, -1)) - 3 * pressure**2  # |s|², also for plane stress
     return np.sqrt(np.maximum(1.5 * squares, 0.0)) if dim > 1 else np.abs(stress[..., 0, 0])
 
 
 def _planes(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the projection on the plane of each flat cell, and the identity of a solid one."""
+    """Return the projection on the plane of each flat cell, and the identity for each solid cell."""
     cells = system.cells
     assert cells is not None
     result = np.tile(np.eye(x.shape[1]), (len(cells), 1, 1))

@@ -1,4 +1,4 @@
-"""Surface: the triangles that are drawn, and the particles that carry them."""
+"""Surface: the triangles to draw, and the particles that move their vertices."""
 
 from dataclasses import dataclass, replace
 
@@ -8,21 +8,21 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 
 _SUM = 1e-9
-"""Largest error of the sum of a vertex's weights, which is 1: far more than rounding errors."""
+"""Tolerance for the sum of a vertex's weights, which is 1; rounding errors are far smaller."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Surface:
     """The triangles that are drawn, with separate vertices, so that edges and textures can be sharp.
 
-    A vertex either lies on a particle or is a mixture of k of them, Σ weight · position. Since the weights sum to
-    1, the vertices follow every affine motion of the particles: translation, rotation, stretching.
+    A vertex is either a particle or a weighted mean of k particles, Σ weight · position. Since the weights sum to
+    1, vertices follow every affine motion of the particles: translation, rotation, stretching.
 
     Parameters
     ----------
     particle
-        The particle of each vertex, shape [vertex_count]; or the k particles of its mixture, shape [vertex_count,
-        k].
+        The particle of each vertex, shape [vertex_count]; or the k particles of each weighted mean, shape
+        [vertex_count, k].
     weights
         The weights of the k particles, shape [vertex_count, k]: each row sums to 1; entries below 0 or above 1
         extrapolate. None if each vertex is a particle.
@@ -80,7 +80,7 @@ class Surface:
         return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
 
     def behind(self, first: "Surface | None", particles: int) -> "Surface":
-        """Return `first`, if any, and then this surface as one, whose particle indices grow by `particles`."""
+        """Return `first`, if any, and this surface as one; this surface's particle indices grow by `particles`."""
         own = replace(self, particle=self.particle + np.int32(particles))
         if first is None:
             return own
@@ -114,7 +114,7 @@ class Surface:
 
 
 def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Return the weights of particles of this shape as a read-only array; None without weights."""
+    """Return the weights of particles of this shape as a read-only array; None if there are none."""
     if len(shape) == 1:
         if weights is not None:
             raise ValueError(
@@ -132,7 +132,7 @@ def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def _whole(name: str, value: ArrayLike, allowed: str, shape: tuple[int, ...] | None = None) -> NDArray[np.int32]:
-    """Return whole numbers as a new read-only array of one or two axes, or of a shape."""
+    """Return integers as a new read-only array with one or two axes, or of a given shape."""
     given = np.asarray(value)
     fits = given.shape == shape if shape else given.ndim in (1, 2) and given.shape[1:] != (0,)
     if not fits or given.dtype.kind not in "iu":
@@ -148,7 +148,7 @@ def _whole(name: str, value: ArrayLike, allowed: str, shape: tuple[int, ...] | N
 def _widened(
     particle: NDArray[np.int32], weights: NDArray[np.float64], width: int
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Pad the particles of each vertex to `width`: its first particle is repeated, with weight 0."""
+    """Pad the particles of each vertex to `width` by repeating its first particle with weight 0."""
     more = width - particle.shape[1]
     repeated = np.repeat(particle[:, :1], more, axis=1)
     return np.hstack([particle, repeated]), np.hstack([weights, np.zeros((len(weights), more))])

@@ -20,7 +20,7 @@ from .surface import Surface
 from .uniform import stored, uniform
 
 _NAMED = 4
-"""Maximal number of groups that a system's text names; of more it gives only the count."""
+"""Maximal number of groups that a system's text lists by name; if there are more, they are counted."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -64,7 +64,7 @@ class System:
         Tensile strain beyond which a connection breaks, shape [connection_count]; inf: never. See
         `msdwarp.kernels.springs.fracture`.
     break_force
-        Tension of the spring, stiffness · (length − rest_length), beyond which it breaks [N], shape
+        Tension of the spring, stiffness · (length − rest_length), beyond which a connection breaks [N], shape
         [connection_count].
     broken_at
         Time at which each connection broke [s], shape [connection_count]; inf if unbroken. Broken connections
@@ -74,9 +74,9 @@ class System:
     cells
         Cells that resist a change of their volume, if any.
     angles
-        Particles in threes that resist bending, if any.
+        Triples of particles that resist bending, if any.
     directions
-        For each body in the system, the slice of connections of each lattice direction, by name.
+        Slices of the connections in each lattice direction by name, for each body in the system.
     groups
         Named groups of particles, indices of shape [any]; see `named`.
 
@@ -143,8 +143,8 @@ class System:
     def trusted(cls, **fields: Any) -> Self:
         """Return a system from valid fields, without checking, copying or broadcasting them.
 
-        They have their full shapes, as float64 or int32. Do not write to the arrays afterwards; they become
-        read-only. position, connections and rest_length are required; the others have the defaults of the class.
+        Fields must have their full shapes, as float64 or int32. Do not write to the arrays afterwards; they become
+        read-only. position, connections and rest_length are required; others have the defaults of the class.
         """
         system = cls.__new__(cls)
         position, count = fields["position"], len(fields["connections"])
@@ -195,7 +195,7 @@ class System:
 
     @property
     def between_neighbours(self) -> NDArray[np.bool_] | None:
-        """Mask of the connections that do not join second neighbours, shape [connection_count]; None if none does.
+        """Mask that is False between second neighbours, shape [connection_count]; None if it would be all True.
 
         Second neighbours have directions such as "2x". Connections between them are compressed in a flat sheet:
         see `msdwarp.shapes.bending`.
@@ -246,7 +246,7 @@ class System:
     def direction(self, name: str, body: int = 0) -> slice:
         """Return the slice of a body's connections in one lattice direction, such as "x" or "x+y".
 
-        Raises ValueError if there is no such body, and KeyError that lists its directions if this is none of them.
+        Raises ValueError if there is no such body; KeyError, listing its directions, for an unknown direction.
         """
         checks.one_of("body", body, range(-len(self.directions), len(self.directions)))
         if name not in self.directions[body]:
@@ -257,8 +257,8 @@ class System:
     def replace(self, **changes: Any) -> Self:
         """Return this system with some fields changed; the others are shared.
 
-        New fields are checked, together with the fields that must match them. A new rest length also replaces the
-        original one, unless that is given. Raises ValueError as the class does, and TypeError for an unknown name.
+        New fields are checked, together with fields that must match them. A new rest length also replaces the
+        original length, unless that is given. Raises ValueError as the class does, TypeError for an unknown name.
         """
         known = vars(self)
         for name in changes:
@@ -283,7 +283,7 @@ class System:
         angle
             Rotation angle [rad], counter-clockwise seen from the tip of the axis.
         axis
-            Direction of the axis in three dimensions, any length, shape [3]; unused in two.
+            Direction of the axis in three dimensions, of any length, shape [3]; unused in two.
         about
             A point on the axis [m], shape [d]; by default the centre of mass.
         """
@@ -296,7 +296,7 @@ class System:
         """Return this system with a rotation about its centre of mass added to its velocities.
 
         The angular velocity [rad/s] has shape [3] in three dimensions, and is a scalar in two. Pinned particles
-        stay still. Raises ValueError if the system is one-dimensional.
+        stay at rest. Raises ValueError if the system is one-dimensional.
         """
         arm = self.position - self.centre_of_mass
         if self.dim == 3:
@@ -311,7 +311,7 @@ class System:
     def with_velocity(self, velocity: ArrayLike) -> Self:
         """Return this system with these velocities [m/s], shape [d] or [particle_count, d].
 
-        Pinned particles stay still.
+        Pinned particles stay at rest.
         """
         velocity = checks.broadcast("velocity", velocity, self.position.shape)
         pinned = self.pinned
@@ -331,20 +331,20 @@ class System:
     def set_rest_shape(self) -> Self:
         """Return this system with every rest length set to the current length, so that it keeps its shape.
 
-        The result has no plastic deformation. Rest volumes of cells become the current ones.
+        The result has no plastic deformation. Rest volumes of cells become the current volumes.
         """
         cells = None if self.cells is None else self.cells.at_rest(self.position)
         return self.replace(rest_length=self.length, cells=cells)
 
     def named(self, name: str) -> Self:
-        """Return this system with all its particles in a group of this name; other groups stay."""
+        """Return this system with all particles in a group of this name; other groups stay."""
         checks.instance("name", name, str, "'scoop'")
         return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
 
     def group(self, name: str, argument: str = "group") -> NDArray[np.bool_]:
         """Return the mask of the particles in a group, shape [particle_count].
 
-        Raises ValueError that names the `argument` and lists the groups if there is no group of that name.
+        Raises ValueError, naming the `argument` and listing the groups, if no group has this name.
         """
         checks.one_of(argument, name, self.groups)
         return mask_of(self.groups[name], self.particle_count)
@@ -352,14 +352,14 @@ class System:
     def renumbered(self, order: ArrayLike | None = None) -> Self:
         """Return this system with its particles in another order, and its connections ordered accordingly.
 
-        Use it for meshes: a GPU is faster if connected particles are near each other in memory. Do not use it for
-        a lattice: it loses its directions, which make it fast. Particle `order[k]` becomes number k; by default
-        the order is `space_filling_order(position)`. Raises ValueError if `order` is not a permutation.
+        Use it for meshes: a GPU is faster if connected particles are close in memory. Do not use it for a lattice:
+        that would lose its directions, which make it fast. Particle `order[k]` becomes number k; by default the
+        order is `space_filling_order(position)`. Raises ValueError if `order` is not a permutation.
         """
         return self.trusted(**renumbered(vars(self), order))
 
     def __add__(self, other: "System") -> Self:
-        """Return one system that holds both; the particles and connections of `other` come second."""
+        """Return one system of both; the particles and connections of `other` come second."""
         if not isinstance(other, System):
             return NotImplemented
         return self.trusted(**concatenated(vars(self), vars(other)))
@@ -371,7 +371,7 @@ def counted(count: int, what: str) -> str:
 
 
 def span(values: NDArray[np.float64]) -> str:
-    """Return the minimum and maximum of some numbers as text, or the number if all are equal."""
+    """Return the minimum and maximum of values as text, or one value if all are equal."""
     least, most = (float(of(stored(values))) for of in (np.min, np.max))
     return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
 
@@ -383,9 +383,9 @@ def headline(system: System) -> str:
 
 
 def particles_meant(name: str, which: Any, system: System) -> NDArray[np.bool_]:
-    """Return the mask of particles for a group's name, indices, a mask, or None for all, shape [particle_count].
+    """Return a mask of particles, shape [particle_count], for a group's name, indices, a mask, or None for all.
 
-    Raises ValueError that names the argument if there is no such group, or an index is out of range.
+    Raises ValueError naming the argument if there is no such group, or an index is out of range.
     """
     if which is None:
         return np.ones(system.particle_count, dtype=bool)

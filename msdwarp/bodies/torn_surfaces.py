@@ -1,4 +1,4 @@
-"""Surfaces of bodies that tear: triangles that part, and the faces that appear inside lattice solids."""
+"""Surfaces of tearing bodies: triangles that part, and faces that become visible inside lattice solids."""
 
 import itertools
 from typing import NamedTuple
@@ -10,15 +10,15 @@ from .selection import mask_of
 from .system import System
 
 _CORNERS = list(itertools.product((0, 1), repeat=3))
-"""Steps along z, y and x from a cell's first corner: corner 1 is the next along x, 2 along y, 4 along z."""
+"""Steps along z, y and x from a cell's first corner to each corner: corner 1 is along x, 2 along y, 4 along z."""
 _FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)])
-"""Corners of a cell's six faces, counter-clockwise seen from outside."""
+"""Corners of a cell's six faces, counter-clockwise as seen from outside."""
 
 
 class Edges:
     """The connections along the edges of a system's surface triangles.
 
-    A surface whose vertices are weighted means of particles has none, so its triangles never part.
+    There are none if vertices are weighted means of particles, so such triangles never part.
     """
 
     def __init__(self, system: System) -> None:
@@ -43,9 +43,9 @@ class Edges:
 
 
 def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
-    """Return the connection that joins each pair of particles, -1 if none does.
+    """Return the connection that joins each pair of particles, −1 if none does.
 
-    The system has at least one connection. The shape of `pairs` is [..., 2], that of the result [...].
+    The system must have a connection. `pairs` has shape [..., 2], the result [...].
     """
     n = system.particle_count
     joined = np.sort(system.connections.astype(np.int64), axis=1) @ (n, 1)
@@ -56,38 +56,38 @@ def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
 
 
 def broken_before(broken_at: NDArray, time: float) -> NDArray[np.bool_]:
-    """Return the mask of connections that are broken in a frame at `time` [s]: before it, or at the start.
+    """Return a mask of connections that are broken in a frame at `time` [s]: before this time, or at the start.
 
-    One that breaks at the frame's time does so in the following substep. Times are compared as float32, as devices
-    and files have them.
+    A connection that breaks at the frame's time does so in the next substep. Times are compared as
+    float32, the type of times on devices and in files.
     """
     when = np.asarray(broken_at, dtype=np.float32)
     return (when < np.float32(time)) | (when <= 0)
 
 
 class Bare(NamedTuple):
-    """The visible parts of a torn solid, and when they are visible."""
+    """The visible parts of a torn solid, and the times at which they are visible."""
 
     parted_at: NDArray[np.float64]
-    """Time when each surface triangle disappears with its cell [s], nan without a cell, shape [triangle_count]."""
+    """Time when each surface triangle disappears with its cell [s], NaN without a cell, shape [triangle_count]."""
     triangles: NDArray[np.int32]
     """Particles of the triangles that become visible inside, shape [any, 3]."""
     since: NDArray[np.float64]
-    """Time when each of these becomes visible [s], shape [any]."""
+    """Time when each of these triangles becomes visible [s], shape [any]."""
     until: NDArray[np.float64]
-    """Time when its own cell disappears [s], inf if it stays, shape [any]."""
+    """Time when each of these triangles disappears with its own cell [s], inf if it stays, shape [any]."""
 
 
 def cells_of(system: System) -> NDArray[np.int64]:
     """Return the corners of the cells of a system's lattice solids, shape [cell_count, 8].
 
-    A cell has a particle at each corner, and neighbours along x, y and z are connected.
+    A cell has a particle at each corner, and connections along x, y and z.
     """
     n, found = system.particle_count, [np.empty((0, 8), dtype=np.int64)]
     for body in system.directions:
         if not {"x", "y", "z"} <= body.keys():
             continue
-        following = np.full((3, n + 1), n)  # the next particle along each axis, n if there is none
+        following = np.full((3, n + 1), n)  # next particle along each axis, n if there is none
         for axis, name in enumerate("xyz"):
             first, second = system.connections[body[name]].T
             following[axis, first] = second
@@ -101,10 +101,10 @@ def cells_of(system: System) -> NDArray[np.int64]:
 
 
 def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the time when unbroken connections no longer join the eight corners of each cell [s], or inf.
+    """Return the time when unbroken connections cease to join the eight corners of each cell [s], or inf.
 
-    Only connections within the cell count. Two corners are joined until the longest-lasting path between them
-    breaks: widest paths by the scheme of Floyd and Warshall.
+    Only connections within a cell count. Two corners are joined until the longest-lasting path between them
+    breaks: these are widest paths, by the Floyd-Warshall algorithm.
     """
     parted_at = np.full(len(cells), np.inf)
     touched = _at_broken(system)[cells].any(axis=1)
@@ -120,22 +120,22 @@ def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.floa
 
 
 def laid_bare(system: System) -> Bare:
-    """Return the visible parts of lattice solids that tear at the times `broken_at` of a system.
+    """Return the visible parts of lattice solids that tear at the system's times `broken_at`.
 
-    When a cell parts (see `cells_parted_at`), its triangles of the surface disappear, and the faces that it shares
-    with other cells become visible.
+    When a cell parts (see `cells_parted_at`), its surface triangles disappear, and faces common to it and other
+    cells become visible.
     """
     assert system.surface is not None
     corners = system.surface.particle[system.surface.triangles].astype(np.int64)
     cells = cells_of(system)
     parted_at = cells_parted_at(system, cells)
-    beside = _at_broken(system)  # where triangles have lost edges, or faces become visible
+    beside = _at_broken(system)  # where triangles have lost edges, or faces may become visible
     beside[cells[np.isfinite(parted_at)]] = True
     near = np.flatnonzero(beside[cells].any(axis=1))
     faces = cells[near][:, _FACES].reshape(-1, 4)
     own = parted_at[near].repeat(6)
 
-    # A face belongs to two cells, or to a cell and the surface.
+    # A face is between two cells, or between a cell and the outside.
     order, same = _alike(np.sort(faces, axis=1))
     other = np.full(len(faces), -np.inf)
     other[order[:-1][same]], other[order[1:][same]] = own[order[1:][same]], own[order[:-1][same]]
@@ -159,6 +159,6 @@ def _at_broken(system: System) -> NDArray[np.bool_]:
 
 
 def _alike(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return a stable order in which equal rows are adjacent, and a mask of rows that equal the next one."""
+    """Return (stable order in which equal rows are adjacent, mask of rows that equal the next row)."""
     order = np.lexsort(rows.T)
     return order, (rows[order[:-1]] == rows[order[1:]]).all(axis=1)

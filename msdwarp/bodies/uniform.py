@@ -1,7 +1,7 @@
 """Uniform arrays: one number, or one row, stored once and repeated by a view whose first stride is 0.
 
-So a constant that is equal everywhere takes the memory of one number, on the host and on the device. These
-functions create, join and read arrays of a system, and keep uniform ones uniform.
+A constant that is equal everywhere takes the memory of one number, on the host and on the device. These functions
+create, join and read arrays of a system, and keep uniform arrays uniform.
 """
 
 import numpy as np
@@ -15,23 +15,23 @@ def uniform(value: ArrayLike, count: int) -> NDArray:
 
 
 def is_uniform(values: NDArray) -> bool:
-    """Return whether an array of several entries stores only one."""
+    """Return whether an array of several entries stores only one of them."""
     return len(values) > 1 and values.strides[0] == 0
 
 
 def stored(values: NDArray) -> NDArray:
-    """Return the entries that are stored in memory: the first of a uniform array, else all."""
+    """Return the entries stored in memory: the first if the array is uniform, otherwise all."""
     return values[:1] if is_uniform(values) else values
 
 
 def uniform_like(values: NDArray, like: NDArray) -> NDArray:
-    """Return `values`, which were computed entry by entry from `like`, as uniform if `like` is."""
+    """Return `values`, computed entry by entry from `like`, as a uniform array if `like` is uniform."""
     return uniform(values[0], len(values)) if is_uniform(like) else values
 
 
 def joined(a: NDArray, b: NDArray) -> NDArray:
-    """Return two arrays concatenated: a uniform one if both are, with the same entry."""
-    views = a.strides[:1] == b.strides[:1] == (0,)  # also arrays of one entry: two equal ones are uniform
+    """Return two arrays concatenated: as a uniform array if both are uniform with the same entry."""
+    views = a.strides[:1] == b.strides[:1] == (0,)  # also for arrays of one entry: two equal ones are uniform
     if views and len(a) and len(b) and np.array_equal(a[0], b[0]):
         return uniform(a[0], len(a) + len(b))
     return np.concatenate([a, b])

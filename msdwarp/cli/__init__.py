@@ -1,6 +1,6 @@
 """The `msdwarp` command, and the command of a scene script.
 
-Only this room imports cyclopts and rich, after the handling of signals is set up.
+Only this room imports cyclopts and rich, after signal handlers are set up.
 """
 
 from .process import main as main, scene_main as scene_main

@@ -1,6 +1,6 @@
 """The `msdwarp` command, and the command of a scene script.
 
-Modules are imported only when a command is certain to run, since importing Warp takes longer than showing help.
+Modules are imported only when a command is certain to run, since importing Warp takes longer than showing a help.
 """
 
 import ast
@@ -49,7 +49,7 @@ _A_WORD = Parameter(allow_leading_hyphen=True, show_choices=False)
 Words = Annotated[str, _A_WORD, Parameter(help="The scene's parameters, and the flags of this command.")]
 if TYPE_CHECKING:
     AnyName = str
-else:  # a scene's name, which a shell completes, or anything else
+else:  # a scene's name, for which a shell offers completion, or any other word
     AnyName = Annotated[Literal[tuple(scene_names())] | str, _A_WORD]
 Name = Annotated[AnyName, Parameter(help="A name from `msdwarp list`, or the path of a scene script.")]
 _SHOWN = "A name from `msdwarp list`, the path of a scene script, a trajectory (*.vtkhdf) or a run's folder."
@@ -130,7 +130,7 @@ def run_script(build: Build, flags: Sequence[str]) -> None:
 
 
 def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, *given: Any) -> None:
-    """Run a command on a scene, or show its help."""
+    """Run a command on a scene, or show the command's help."""
     if scene in ("--help", "-h"):
         app.help_print([command])
         return
@@ -138,7 +138,7 @@ def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: 
 
 
 def _act(command: str, chosen: tuple[Origin, Any] | None, *given: Any) -> None:
-    """Call a command's function, such as `run_scene`, with a scene and options; do nothing if help was shown."""
+    """Call a command's function, such as `run_scene`, with scene and options; do nothing if help was shown."""
     if chosen is None:
         return
     origin, options = chosen

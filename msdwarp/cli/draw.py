@@ -25,7 +25,7 @@ from .signals import Interrupted, word
 
 Values = Callable[[int], NDArray[np.float64]]
 USD_VIEW = "1280x720"
-"""Size of the picture for which the camera in a USD file is placed; only its shape matters."""
+"""Picture size for which the camera in a USD file is placed; only the aspect ratio matters."""
 
 
 def draw(
@@ -42,11 +42,11 @@ def draw(
     still_at: float | None = None,
     samples: int = 1,
 ) -> str:
-    """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line about the result.
+    """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line about the pictures.
 
     `name` is the film's name, `fps` its pictures per second (by default the trajectory's), and `device` is for the
-    ray caster. At `still_at` [s] a picture of so many samples is drawn. Raise Interrupted if a signal asks to
-    stop: between two pictures, and never while VTK is imported, which would crash.
+    ray caster. At `still_at` [s] one picture is drawn from `samples` samples. Raise Interrupted after a signal,
+    between two pictures, and never while VTK is imported, which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()
@@ -107,7 +107,7 @@ def draw(
 
 
 def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequence[int], path: Path) -> None:
-    """Write frames of a trajectory into a USD file: the bodies, obstacles, ground and camera of their pictures."""
+    """Write frames of a trajectory to a USD file: bodies, obstacles, ground and camera, as in pictures."""
     scene = _torn(scene, trajectory)
     size = parse_resolution(USD_VIEW)
     stage = Stage(scene, framed(scene, trajectory.positions, numbers, size[0] / size[1]), size)
@@ -151,7 +151,7 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
 
 
 def _torn(scene: Scene, trajectory: Trajectory) -> Scene:
-    """Return the scene with the times at which springs broke, if it tears."""
+    """Return the scene, with the times at which springs broke if it tears."""
     if not scene.system.tears:
         return scene
     return replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
@@ -165,9 +165,9 @@ def _raise_if_stopped(requests: list[int]) -> None:
 def _colouring(
     scene: Scene, trajectory: Trajectory, colour: str | None, shown: Sequence[int]
 ) -> tuple[str | ColourScale | None, Values | None]:
-    """Return the colouring of a body, and a function for the particles' values in frame k, if they are shown.
+    """Return (colouring of a body, function for the particles' values in frame k); None for what is not shown.
 
-    The scale ends at the largest of the frames' 99th percentiles.
+    The scale ends at the largest 99th percentile of a frame.
     """
     if colour not in _QUANTITIES:
         return colour, None
@@ -178,7 +178,7 @@ def _colouring(
 
 
 def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
-    """Return the strain at the ends of the scale: as given, or the 99th percentile over springs and frames.
+    """Return the strain at the scale's ends: the given one, or the 99th percentile over springs and frames.
 
     If there are many springs and frames, only some are evaluated.
     """
@@ -196,10 +196,10 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
 
 
 def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
-    """Return the contact forces in the frames, and the force of the longest arrow [N].
+    """Return (contact forces in the frames, force of the longest arrow [N]).
 
-    It is the median over frames of the 90th percentile. Relative to the force of a short impact, all other arrows
-    would be invisibly short.
+    This force is the median over frames of the 90th percentile. Relative to a short impact's force, all other
+    arrows would be invisibly short.
     """
     forces, large = trajectory.contact_forces, list[float]()
     for k in shown:
@@ -228,7 +228,7 @@ _QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDAr
         lambda scene, trajectory, k: _lengths(trajectory.contact_forces[k]),
     ),
 }
-"""Quantities of particles that colours can show, by name: the label, and the values in a frame."""
+"""Quantities of particles that colours can show, by name: the label, and a function for the values in a frame."""
 
 
 def round_up(value: float) -> float:

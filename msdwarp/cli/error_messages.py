@@ -1,4 +1,4 @@
-"""Messages of errors: of the command line, of the user's own code, of files and paths."""
+"""Messages of errors: in the command line, in the user's own code, about files and paths."""
 
 import os
 import traceback
@@ -15,7 +15,7 @@ _folders: set[Path] = set()
 
 
 def message_of(error: Exception) -> str | None:
-    """Return the message of an error for a user; None for a mistake in msdwarp, which needs its traceback."""
+    """Return the message of an error for a user; None for an error within msdwarp, which needs a traceback."""
     if isinstance(error, CycloptsError):
         command = error.app.name[0] if error.app is not None else "msdwarp"
         if error.command_chain:
@@ -33,7 +33,7 @@ def message_of(error: Exception) -> str | None:
 
 
 def printable(text: str) -> str:
-    """Return a text with control characters, which a terminal would interpret, escaped."""
+    """Return a text with control characters escaped, since a terminal would interpret them."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -61,7 +61,7 @@ def _wrong(error: CycloptsError) -> str:
 
 
 def _allowed(kind: Any) -> str:
-    """Return the values that a flag of some type takes, as text."""
+    """Return the allowed values of a flag, given its type, as text."""
     if get_origin(kind) is Annotated:
         return _allowed(get_args(kind)[0])
     if get_origin(kind) is Literal:
@@ -73,14 +73,14 @@ def _allowed(kind: Any) -> str:
 
 
 def remember_script(script: Path) -> None:
-    """Record that a script, and the files beside it, are the user's."""
+    """Record that a script, and files in its folder, are the user's."""
     _folders.add(script.resolve().parent)
 
 
 def user_message(error: Exception) -> str | None:
-    """Return the message of an error of the user's code, with file and line.
+    """Return the message of an error in the user's code, with file and line.
 
-    None if it was raised elsewhere, or by msdwarp for a value of this code: its own message then suffices.
+    None if msdwarp or another library raised the error: the error's own message is then enough.
     """
     root: BaseException = error
     while isinstance(root.__cause__, Exception):

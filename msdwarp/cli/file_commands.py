@@ -1,6 +1,6 @@
 """Commands that take the file of a run: describe, draw, plot, convert, continue and repeat the run.
 
-Each imports its modules when called, so that help and command-line errors need not wait for them.
+Each command imports its modules when called, so that help and command-line errors appear at once.
 """
 
 import math
@@ -136,14 +136,14 @@ def render(
         if not pictures.any and still is None:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
         name, scene = _scene_of(trajectory, talk, script)
-        replace(scene, look=pictures.aimed(scene.look))  # raises ValueError for a body that it has not
+        replace(scene, look=pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
         usual = trajectory.path.parent / "render"
         folder = out or (usual if force else free_folder(usual))
         there = pictures_in(folder, name)
         if there and not force:
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
         writable_folder("out", folder, folder)
-        for picture in there:  # an earlier, longer film may have left more pictures
+        for picture in there:  # an earlier, longer film may have left further pictures
             picture.unlink()
         of_still = {"still_at": still, "samples": samples}
         with progress_on(talk) as progress:
@@ -279,7 +279,7 @@ def rerun(
 
 @contextmanager
 def opened(file: Path) -> Iterator["Trajectory"]:
-    """Open a trajectory after a test that HDF5 can read it; `file` is the trajectory or its run's folder."""
+    """Open a trajectory after checking that HDF5 can read it; `file` is the trajectory or its run's folder."""
     with at_once():
         from ..files import Trajectory, probe
     if file.is_dir() and not (file / TRAJECTORY).exists():
@@ -293,7 +293,7 @@ def opened(file: Path) -> Iterator["Trajectory"]:
 
 
 def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, speed: float) -> tuple[range, float]:
-    """Return the indices of the frames to draw, and the film's frames per second."""
+    """Return (indices of the frames to draw, the film's frames per second)."""
     from .. import checks
 
     count = len(trajectory)
@@ -314,7 +314,7 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
 
 
 def _usd_drawer(trajectory: "Trajectory", script: Script) -> "Callable[[Path, list[int], Path], None]":
-    """Return what draws a trajectory into a USD file."""
+    """Return a function that draws a trajectory into a USD file."""
     from rich.console import Console
 
     start_warp(False)
@@ -325,10 +325,10 @@ def _usd_drawer(trajectory: "Trajectory", script: Script) -> "Callable[[Path, li
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:
-    """Return the name and scene of a trajectory: from the file, or from the script if the user asks for that.
+    """Return the name and scene of a trajectory: from the file, or from the script if the user requests it.
 
-    The script is also used where the file has no scene, or moving obstacles that end too early. If it fails, a
-    message says what the scene lacks then.
+    The script is also used if the file has no scene, or its moving obstacles end too early. If the script fails, a
+    message says what the scene then lacks.
     """
     from ..world import Scene, known_until, scene_from_stored
     from .provenance import rebuild_scene
@@ -343,7 +343,7 @@ def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tupl
         origin, scene = rebuild_scene(trajectory.attributes, script)
         if scene.system.position.shape != system.position.shape:
             raise ValueError(f"scene {origin.place!r} has another system now")
-    except Exception as error:  # the script may raise anything
+    except Exception as error:  # the script may raise any error
         without = "drawn without obstacles, in a plain look"
         if kept is not None:
             without = f"drawn with moving obstacles that stand still from {known_until(kept):.4g} s on"

@@ -17,7 +17,7 @@ from .scene_files import Origin
 
 
 def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) -> None:
-    """Fit parameters to a measured motion, and print them."""
+    """Fit parameters to a measured motion, and print the result."""
     if not Path(measured).is_file():
         raise FileNotFoundError(f"measured is {measured}, which is no file; it must be a CSV file or a trajectory")
     talk = Console(stderr=True, quiet=options.quiet)
@@ -72,7 +72,7 @@ def _bounds(text: str) -> dict[str, tuple[float, float]]:
 
 
 def _number(flag: str, text: str, word: str) -> float:
-    """Return a number in a flag; raise ValueError, with an example of the flag, if it is none."""
+    """Return a number in a flag; raise ValueError, with an example of the flag, if the text is no number."""
     example = {"parameters": "stiffness=500,damping", "bounds": "stiffness=100:2000,damping=0.1:5"}[flag]
     try:
         return float(word)

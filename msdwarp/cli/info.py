@@ -116,7 +116,7 @@ _KNOWN = (
     *("gravity", "gravity_of_time", "loads", "schedule", "options", "command", "versions", "commit", "digest"),
     "script",
 )
-"""Attributes that a run stores and the groups show."""
+"""Attributes of a run that the groups of lines above show."""
 
 
 def _flag(name: str, value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Options: the flags of the commands that take a scene, whatever the scene."""
+"""Options: the flags that commands on a scene have for every scene."""
 
 import os
 import re
@@ -53,7 +53,7 @@ class CameraOptions:
 
     @property
     def camera(self) -> dict[str, Any]:
-        """The given fields of a `Look` that aim the camera; raise ValueError if the target is no point."""
+        """The given camera fields of a `Look`; raise ValueError if the target is no point."""
         names = ("azimuth", "elevation", "distance", "field_of_view", "follow")
         given: dict[str, Any] = {name: getattr(self, name) for name in names}
         if self.target is not None:
@@ -66,13 +66,13 @@ class CameraOptions:
     def aimed(self, look: "Look") -> "Look":
         """Return a scene's look, with the camera that these flags set."""
         given = self.camera
-        # A body to follow and a target are two targets: the one that is given takes the place of the scene's.
+        # A body to follow and a target exclude each other: the given one replaces the scene's.
         if self.target is not None and self.follow is None:
             given["follow"] = None
         if self.follow is not None and self.target is None:
             given["target"] = None
         if given.keys() - {"field_of_view"}:
-            given["path"] = ()  # the camera stands where it is put
+            given["path"] = ()  # a given position replaces the camera's path
         return replace(look, **given)
 
 
@@ -126,7 +126,7 @@ class Pictures(CameraOptions):
             raise ValueError(f"renderer is opengl, which cannot draw here; it must be another one or auto: {why}")
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
-        Look(**self.camera)  # checks them
+        Look(**self.camera)  # checks the fields
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(
                 f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"
@@ -134,7 +134,7 @@ class Pictures(CameraOptions):
 
 
 def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return stored options as one flat mapping, in which the options of pictures are not nested."""
+    """Return stored options as one flat mapping, without nested options of pictures."""
     flat = {**options, **options.get("pictures", {})}
     return {name: value for name, value in flat.items() if name != "pictures"}
 
@@ -217,7 +217,7 @@ class Options(SimulationOptions):
 
     @property
     def sums_contact(self) -> bool:
-        """Whether contact forces are to be kept or shown."""
+        """Whether contact forces are stored or shown."""
         return self.contact_forces or self.pictures.arrows or self.pictures.colour == "contact"
 
     @property
@@ -226,7 +226,7 @@ class Options(SimulationOptions):
         return self.log is not None and not os.path.dirname(self.log)
 
     def log_path(self, folder: Path | None) -> Path | None:
-        """Return the path of the log of a run in a folder, None if there is no log."""
+        """Return the path of a run's log, which may be in `folder`; None if there is no log."""
         if self.log is None:
             return None
         return folder / self.log if self.logs_in_folder and folder is not None else Path(self.log)
@@ -261,7 +261,7 @@ class ViewOptions(CameraOptions, SimulationOptions):
 
     @property
     def run_options(self) -> Options:
-        """The options of a run with the same simulation."""
+        """Options of a run with the same simulation."""
         return Options(**{one.name: getattr(self, one.name) for one in fields(SimulationOptions)})
 
 
@@ -336,7 +336,7 @@ class SweepOptions(Options):
     """What to keep of each point: the whole run, as `msdwarp run` does, or only a summary."""
 
     def run_options(self, folder: Path, keeps_files: bool) -> Options:
-        """Return the options of the run of a point in a folder."""
+        """Return the options of a point's run in a folder."""
         options = Options(**{one.name: getattr(self, one.name) for one in fields(Options)})
         options = replace(options, out=folder, quiet=True, force=False)
         if not keeps_files:

@@ -1,6 +1,6 @@
 """The process of the command: its streams, signals, exit codes and progress.
 
-Little is imported here: `main` and `scene_main` handle signals before they import anything large.
+Only few modules are imported here: `main` and `scene_main` install signal handlers before any large import.
 """
 
 import gc
@@ -31,7 +31,7 @@ def main() -> NoReturn:
     with at_once():
         _set_up()
         from .app import app
-    if heard("SIGINT"):  # undo what `import msdwarp` did for the command
+    if heard("SIGINT"):  # restore the handler that `import msdwarp` replaced for the command
         signal.signal(signal.SIGINT, signal.default_int_handler)
     _run(lambda: app(sys.argv[1:]))
 
@@ -45,7 +45,7 @@ def scene_main(build: Callable[..., Any]) -> NoReturn:
 
 
 def _run(command: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit; a signal during the last line ends the process at once."""
+    """Run a command and exit; from its last line on, a signal ends the process at once."""
     sys.unraisablehook = signals.lost
     try:
         finish(command)
@@ -56,9 +56,9 @@ def _run(command: Callable[[], Any]) -> NoReturn:
 
 
 def finish(command: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit: with 0, with 1 and a message after an error, or with 128 + n after signal n.
+    """Run a command and exit with a code: 0; 1 after an error, with a message; 128 + n after signal n.
 
-    Unknown flags are such an error.
+    Unknown flags are such errors.
     """
     from .error_messages import message_of, printable, printable_lines
 
@@ -68,7 +68,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     code = 0
     try:
         command()
-    except BrokenPipeError:  # the reader of the output has stopped
+    except BrokenPipeError:  # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 1
     except Interrupted as interruption:
@@ -88,16 +88,16 @@ def finish(command: Callable[[], Any]) -> NoReturn:
 
 def _set_up() -> None:
     """Prepare the standard streams."""
-    gc.set_threshold(50_000)  # at the default, collecting garbage takes a fifth of the time of imports
-    # Open closed streams on the null device. Otherwise the next opened file would get such a number, and messages
-    # of C libraries to standard error would go into a trajectory.
+    gc.set_threshold(50_000)  # with the default threshold, garbage collection takes a fifth of import time
+    # Open closed standard streams on the null device. Otherwise the next opened file would get such a number, and
+    # C libraries would write error messages into a trajectory.
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # uses the lowest free number: this one
+            os.open(os.devnull, os.O_RDWR)  # uses the lowest free number: `number`
     for stream in (sys.stdout, sys.stderr):
-        # A character that the terminal's encoding lacks must not make a successful run fail.
+        # A character missing in the terminal's encoding must not make a successful run fail.
         if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="backslashreplace")
     columns = os.environ.get("COLUMNS", "")
@@ -106,7 +106,7 @@ def _set_up() -> None:
 
 
 def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
-    """Return the context `signals.noted`, which announces the first signal on a terminal."""
+    """Return the context `signals.noted`, with a message about the first signal on a terminal."""
 
     def announce() -> None:
         if talk.is_terminal:
@@ -126,7 +126,7 @@ def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":
 
 @contextmanager
 def status_on(console: "Console", what: str) -> Iterator[Callable[[str], None]]:
-    """Yield a function that shows a line of progress: on a terminal only the last one stays, else all do."""
+    """Yield a function that shows a line of progress; on a terminal the next line replaces it."""
     with console.status(what) as status:
 
         def show(line: str) -> None:
@@ -144,5 +144,5 @@ def start_warp(verbose: bool) -> None:
         import warp  # noqa: F401
     if verbose:
         runtime.verbose()
-    with noted(lambda: None):  # not at once: standard error is redirected here, so the message would be lost
+    with noted(lambda: None):  # not `at_once`: standard error is redirected here, so the message would be lost
         runtime.start_warp()

@@ -1,4 +1,4 @@
-"""Provenance of a run as JSON data, and the scene and options restored from it."""
+"""Provenance of a run as JSON data, and the scene and options that can be restored from it."""
 
 import hashlib
 import inspect
@@ -46,7 +46,7 @@ from .script_signatures import UNTRUSTED, Script, script_as_stored
 
 
 def source_of(origin: Origin, scene: Scene) -> dict[str, Any]:
-    """Return the origin of a run as JSON data: the scene, how to build it again, and the program."""
+    """Return a run's origin as JSON data: the scene, how to build it again, and the version of the program."""
     return {
         "scene": origin.place,
         "parameters": parameters_of(origin),
@@ -62,14 +62,14 @@ def source_of(origin: Origin, scene: Scene) -> dict[str, Any]:
 
 
 def parameters_of(origin: Origin) -> dict[str, Any]:
-    """Return all parameters of a scene, with defaults, as JSON data."""
+    """Return all parameters of a scene, defaults included, as JSON data."""
     defaults = inspect.signature(origin.build).parameters.items()
     parameters = {name: one.default for name, one in defaults if one.default is not one.empty}
     return as_json({**parameters, **origin.parameters})
 
 
 def rebuild_scene(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
-    """Return the scene that a file's attributes name, built again; raise ValueError if its script may not run."""
+    """Build the scene named by a file's attributes again; raise ValueError if its script may not run."""
     place = script.scene or str(checks.member("the file", attributes, "scene"))
     stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
     found = script.found(place, attributes)
@@ -83,7 +83,7 @@ def rebuild_scene(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> 
 
 
 def _as_declared(value: Any, annotation: Any) -> Any:
-    """Return a value from JSON as its annotation declares it, with paths, tuples and Enum members."""
+    """Convert a value from JSON to the type in its annotation: paths, tuples and Enum members."""
     if get_origin(annotation) is Annotated:
         return _as_declared(value, get_args(annotation)[0])
     for kind in get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,):
@@ -112,12 +112,12 @@ def as_json(value: Any) -> Any:
 
 
 def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
-    """Return options from the data of `Options.as_stored`, with changes; missing ones have their defaults.
+    """Return options from the data of `Options.as_stored`, with changes; missing options have their defaults.
 
-    Raise ValueError for data of a later version, or data that no run stores.
+    Raise ValueError for data of a later version, or data that no run could have stored.
     """
     values = dict(checks.mapping("the run's options", values))
-    if "route" in values:  # its name in version 0.1
+    if "route" in values:  # the option's name in version 0.1
         values["force_algorithm"] = values.pop("route")
     values |= changes
     pictures = checks.mapping("the run's pictures", values.pop("pictures", {}))
@@ -133,7 +133,7 @@ def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
 
 
 def _fits(value: Any, kind: Any) -> bool:
-    """Return whether a JSON value is of the type of an option."""
+    """Return whether a JSON value fits the type of an option."""
     if get_origin(kind) in (Union, UnionType):
         return any(_fits(value, one) for one in get_args(kind))
     if get_origin(kind) is Literal:
@@ -145,7 +145,7 @@ def _fits(value: Any, kind: Any) -> bool:
 def digest(scene: Scene) -> str:
     """Return a short text, equal for scenes with the same bodies and surroundings.
 
-    Functions count as some of their values: a collider's poses at some times, a change applied to the start.
+    Functions are compared by values: a collider's poses at some times, a change applied to the start.
     """
     found = hashlib.sha256()
     for part in _parts(scene):
@@ -154,7 +154,7 @@ def digest(scene: Scene) -> str:
 
 
 def _parts(scene: Scene) -> Iterator[bytes]:
-    # The fields of fracture are left out if no spring can break: digests of earlier versions stay valid.
+    # Without breakable springs, fields of fracture are left out, so digests of earlier versions stay valid.
     absent = () if scene.system.tears else TEARING_FIELDS
     times, dim = np.linspace(0.0, scene.duration, 9), scene.system.dim
     for field in (field for field in fields(System) if field.name not in absent):
@@ -212,11 +212,11 @@ def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[b
 
 
 _FIRST_NAMES = {"Contact": "Touch", "EnclosedGas": "Gas", "surface_colliders": "obstacles"}
-"""Names in version 0.1: digests use them, so that files of that version still match."""
+"""Class names in version 0.1: digests use them, so that files of this version still match."""
 
 
 def _of_load(load: Load, scene: Scene, times: NDArray) -> Iterator[bytes]:
-    """Yield a load by value: functions of time as some of their values, functions of position as their source."""
+    """Yield the contents of a load: functions of time by some values, functions of position by their source."""
     kind = type(load).__name__
     yield _FIRST_NAMES.get(kind, kind).encode()
     yield load.particles(scene.system).tobytes()
@@ -246,12 +246,12 @@ def _of_load(load: Load, scene: Scene, times: NDArray) -> Iterator[bytes]:
 def _version(package: str) -> str | None:
     try:
         return version(package)
-    except PackageNotFoundError:  # run from sources
+    except PackageNotFoundError:  # msdwarp runs from its sources
         return None
 
 
 def commit() -> str | None:
-    """Return the commit of this working copy, with a + if it has changes; None if it is not one."""
+    """Return the commit of this working copy, with a + if there are changes; None if this is no working copy."""
     folder = Path(__file__).parent
 
     def git(*words: str) -> str:
@@ -259,7 +259,7 @@ def commit() -> str | None:
         return done.stdout.strip()
 
     try:
-        if not git("ls-files", "--", Path(__file__).name):  # a copy inside another project
+        if not git("ls-files", "--", Path(__file__).name):  # a copy inside another project's repository
             return None
         return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.SubprocessError):

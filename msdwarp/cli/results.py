@@ -13,7 +13,7 @@ PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"
 
 
 def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Path] = ()) -> Path:
-    """Return the folder for results; raise FileExistsError if `out` is not empty, and `force` is False."""
+    """Return the folder for results; raise FileExistsError if `out` is not empty and `force` is False."""
     if out is None:
         return Path("out") / name if force else free_folder(Path("out") / name, taken)
     if not force and out.is_dir() and _holds_something(out):
@@ -22,12 +22,12 @@ def wanted_folder(name: str, out: Path | None, force: bool, taken: Collection[Pa
 
 
 def check_names(name: str, out: Path) -> None:
-    """Raise ValueError if a file named after a scene would have too long a name for the file system."""
+    """Raise ValueError if a file named after a scene would have a name too long for the file system."""
     there = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists())
     try:
         most = os.pathconf(there, "PC_NAME_MAX")
     except (AttributeError, OSError, ValueError):
-        most = 255  # the limit of most systems
+        most = 255  # limit of most file systems
     length, most = len(os.fsencode(name)), most - len(".") - len(".unfinished.webp")
     if length > most:
         raise ValueError(
@@ -38,10 +38,10 @@ def check_names(name: str, out: Path) -> None:
 
 @contextmanager
 def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
-    """Create and lock the folder for results; by default the first that no other run uses.
+    """Create and lock the folder for results; by default the first folder that no other run uses.
 
-    With `force` an earlier run's results in it are removed; else FileExistsError is raised if `out` is not empty.
-    Raise ValueError if another run uses it, and OSError if it cannot be written to.
+    With `force` an earlier run's results in `out` are removed; otherwise FileExistsError is raised if `out` is not
+    empty. Raise ValueError if another run uses the folder, and OSError if it cannot be written to.
     """
     taken: set[Path] = set()
     while True:
@@ -56,7 +56,7 @@ def own_folder(name: str, out: Path | None, force: bool) -> Iterator[Path]:
                 taken.add(folder)
                 continue
             if out is None and not force and _holds_something(folder):
-                continue  # meanwhile another run has begun and ended
+                continue  # another run has begun and ended meanwhile
             if force:
                 unfinished = [path for path in folder.iterdir() if is_unfinished(path)]
                 written = [folder / one for one in (TRAJECTORY, RESTART, PROBES, PROBES_BY_SUBSTEP)]
@@ -71,7 +71,7 @@ def _holds_something(folder: Path) -> bool:
 
 
 def free_folder(wanted: Path, taken: Collection[Path] = ()) -> Path:
-    """Return a folder that is missing or empty: the one wanted, or one with the next free number appended."""
+    """Return a missing or empty folder: `wanted`, or `wanted` with the next free number appended."""
     folder, k = wanted, 2
     while folder in taken or (folder.exists() and (not folder.is_dir() or _holds_something(folder))):
         folder, k = wanted.with_name(f"{wanted.name}-{k}"), k + 1
@@ -79,7 +79,7 @@ def free_folder(wanted: Path, taken: Collection[Path] = ()) -> Path:
 
 
 def pictures_in(folder: Path, name: str) -> list[Path]:
-    """Return the pictures in a folder that a run of this name would replace."""
+    """Return the pictures in a folder that a run with this name would replace."""
     from ..pictures import FILM_FORMATS
 
     others = [folder / f"{name}.{end}" for end in FILM_FORMATS]
@@ -88,10 +88,10 @@ def pictures_in(folder: Path, name: str) -> list[Path]:
 
 
 def still_path(folder: Path, name: str) -> Path:
-    """Return the path of the picture for print."""
+    """Return the path of the still, a picture for print."""
     return folder / f"{name}_still.png"
 
 
 def overlay_path(folder: Path, name: str) -> Path:
-    """Return the path of the picture of several poses."""
+    """Return the path of the overlay, a picture of several poses."""
     return folder / f"{name}_overlay.png"

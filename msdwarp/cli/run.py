@@ -29,34 +29,34 @@ from .scene_files import Origin
 from .signals import Interrupted, at_once, word
 
 _POSES, _MOST_POSES = 61, 1 << 14
-"""Number of times at which poses of moving obstacles are stored over the scene's duration; maximum in frames."""
+"""Number of times at which obstacles' poses are stored in a scene's duration; maximal number in frames."""
 MOST_CHANGES_SHOWN = 6
 """If the number of substeps changes more often than this, the changes are summarised."""
 
 
 def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
-    """Simulate a scene, store its frames, draw them, and print a summary; return the simulation at its end.
+    """Simulate a scene, store and draw its frames, and print a summary; return the simulation at its end.
 
     Raise ValueError or OSError for an option that is out of range, before anything is written. If
-    SimulationDiverged or Interrupted ends it early, the frames until then are kept.
+    SimulationDiverged or Interrupted ends the run early, earlier frames are kept.
     """
     talk = Console(stderr=True, quiet=options.quiet)
     duration = scene.duration if options.duration is None else options.duration
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
-    replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError for a body that it has not
+    replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
     if options.pictures.colour == "stress":
-        stress(scene.system)  # raises ValueError if it has none
+        stress(scene.system)  # raises ValueError if the system has no stress
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     if options.pictures.any or options.trajectory != "none":
         check_names(origin.name, options.out or Path())
-    with at_once():  # compiles kernels, which takes a while
+    with at_once():  # compiling kernels takes time
         simulation = simulation_by(scene, options)
     if simulation.start is not None:
         talk.print(str(simulation.start), highlight=False)
     wanted = options.pictures.any or options.trajectory != "none" or options.logs_in_folder or bool(scene.probes)
-    # Report an invalid log or folder before anything is created.
+    # Errors about the log or folder are raised before anything is created.
     tentative = wanted_folder(origin.name, options.out, options.force) if wanted else None
     log = _log(options, tentative, origin.name)
     made_by = {}
@@ -67,14 +67,14 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
         folder = None
         if wanted:
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
-            if folder != tentative:  # meanwhile another run has taken that folder
+            if folder != tentative:  # another run has taken the tentative folder meanwhile
                 log = _log(options, folder, origin.name)
         Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
     return simulation
 
 
 def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
-    """Return the requested log; raise if its plot would replace another picture, or its folder is missing."""
+    """Return the requested log; raise if its plot would replace another picture, or the folder is missing."""
     path = options.log_path(folder)
     if path is None:
         return None
@@ -84,25 +84,25 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
         raise FileNotFoundError(
             f"log is {path}, whose folder does not exist; create it, or give a bare name, for the run's folder"
         )
-    return EnergyLog(path, force=options.force or options.logs_in_folder)  # its folder is empty, or forced
+    return EnergyLog(path, force=options.force or options.logs_in_folder)  # the run's folder is empty, or forced
 
 
 def method_of(options: Options) -> dict[str, Any]:
-    """Return the arguments of a simulation that some options set."""
+    """Return the arguments of a simulation that the method's options set."""
     names = ("fps", "substeps", "allow_unstable", "device", "force_algorithm")
     method = {"integrator": METHODS[options.integrator or DEFAULT], "precision": options.precision or "float32"}
     return method | {name: getattr(options, name) for name in names}
 
 
 def simulation_by(scene: Scene, options: Options) -> Simulation:
-    """Return the simulation of a scene with some options."""
+    """Return the simulation of a scene with these options."""
     more: Any = {"threads": options.threads, "contact_forces": options.sums_contact}
     scene = replace(scene, settled=True) if options.settle else scene
     return Simulation.from_scene(scene, **method_of(options), **more)
 
 
 def about(origin: Origin, scene: Scene, simulation: Simulation, options: Options) -> dict[str, Any]:
-    """Return the attributes of a run as JSON data: the scene, how it is simulated, and the options."""
+    """Return the attributes of a run as JSON data: the scene, the simulation's method, and the options."""
     model = simulation.model
     return source_of(origin, scene) | {
         "integrator": options.integrator or DEFAULT,
@@ -116,7 +116,7 @@ def about(origin: Origin, scene: Scene, simulation: Simulation, options: Options
 
 
 def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
-    """Return the options with the cheapest method within their tolerance."""
+    """Return the options with the fastest method within the options' tolerance."""
     assert options.tolerance is not None
     if options.integrator or options.precision or options.substeps != "auto":
         raise ValueError("tolerance chooses integrator, precision and substeps; they cannot be given beside it")
@@ -131,20 +131,20 @@ def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
 
 @dataclass
 class Run:
-    """A simulation, and the destination of its results."""
+    """A simulation and the folder of its results."""
 
     scene: Scene
     options: Options
     simulation: Simulation
     folder: Path | None
-    """Folder of the results; None if frames are neither stored nor drawn."""
+    """Folder of results; None if frames are neither stored nor drawn."""
     name: str
-    """Name of the film."""
+    """Name of the film and the pictures."""
     made_by: dict[str, Any]
     """Attributes of the trajectory."""
     log: EnergyLog | None
     talk: Console
-    """Where progress is shown."""
+    """Console that shows progress."""
 
     def __post_init__(self) -> None:
         self._keeps = self.options.trajectory != "none"
@@ -160,18 +160,18 @@ class Run:
     def to(self, last: int, *, behind: int = 0) -> None:
         """Simulate up to frame `last`, store the frames after the first `behind`, draw all, and print a summary.
 
-        After an error the frames until then are kept; after SimulationDiverged they are also drawn.
+        After an error earlier frames are kept; after SimulationDiverged they are also drawn.
         """
         trouble: SimulationDiverged | None = None
         with ExitStack() as stack:
             progress = stack.enter_context(progress_on(self.talk))
-            # Frames that are only drawn are also stored until the end, so that one camera can show them all.
+            # Frames that are only drawn are also stored temporarily, so that the camera can be fitted to all.
             kept_in = self.folder if self._keeps else None
             path = (kept_in or Path(stack.enter_context(TemporaryDirectory()))) / TRAJECTORY
             began, start = time.perf_counter(), self.simulation.time
             try:
-                # From before the files are opened until they are closed and the log is plotted, signals are only
-                # noted: an exception could break modules that are being imported.
+                # From before files are opened until they are closed and the log is plotted, signals are noted:
+                # an exception could break modules that are being imported.
                 with stop_requests(self.talk) as requests:
                     with ExitStack() as files:
                         log = files.enter_context(self.log) if self.log is not None else None
@@ -209,7 +209,7 @@ class Run:
 
     def _writer(self, path: Path, last: int, behind: int) -> TrajectoryWriter:
         scene, options = self.scene, self.options
-        # Moving obstacles' poses are stored in the frames and over the scene's duration.
+        # Poses of moving obstacles are stored at the frames and over the scene's duration.
         frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / options.fps
         times = [*frames, *np.linspace(0, scene.duration, _POSES)]
         return TrajectoryWriter(
@@ -236,7 +236,7 @@ class Run:
         progress: Progress,
         requests: list[int],
     ) -> None:
-        """Simulate up to frame `last` and write results; stop early if a signal asks."""
+        """Simulate up to frame `last` and write results; stop early after a signal."""
         simulation, kept = self.simulation, {"strain": self._strain, "contact_forces": self.options.sums_contact}
         readback = Readback(simulation, **kept)
         saved = time.monotonic()
@@ -265,9 +265,9 @@ class Run:
         self._save(writer)
 
     def _save(self, writer: TrajectoryWriter | None) -> None:
-        """Write the restart file, after the frames up to the current one are on disk.
+        """Write the restart file, once the frames up to the current one are on disk.
 
-        While a continued run replaces frames, it waits until there are as many as before.
+        While a continued run replaces frames, no restart file is written until there are as many as before.
         """
         if writer is None or self.folder is None or not self._keeps or not self.options.restart:
             return
@@ -278,20 +278,20 @@ class Run:
         write_restart(self.folder / RESTART, arrays, {"checkpoint": numbers, "run": self.made_by})
 
     def _interruption(self, number: int, last: int) -> Interrupted:
-        """Return the error for a signal between two frames."""
+        """Return the error for a signal that arrived between two frames."""
         simulation = self.simulation
         where = f"{word(number)} at {simulation.time:.4g} s, after frame {simulation.frame_index} of {last}"
         return Interrupted(self._continued(where), number)
 
     def _continued(self, message: str) -> str:
-        """Return a message with the command that continues the run, if it can be continued."""
+        """Return a message, with the command that continues the run if the run can be continued."""
         if self._keeps and self.options.restart:
             return f"{message}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
         return message
 
 
 def _over_time(history: Sequence[tuple[float, int]]) -> str:
-    """Return the numbers of substeps over time as text: each if there are few, else a summary."""
+    """Return the numbers of substeps over time as text: all if there are few, otherwise a summary."""
     if len(history) <= MOST_CHANGES_SHOWN:
         return ", ".join(f"{count} from {time:.4g} s on" for time, count in history)
     counts = [count for _, count in history]

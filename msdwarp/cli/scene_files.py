@@ -1,4 +1,4 @@
-"""Scene files: a scene found by its name or its script."""
+"""Scene files: a scene is found by its name or script."""
 
 import difflib
 import hashlib
@@ -26,16 +26,16 @@ class Origin(NamedTuple):
     name: str
     """Name for the results."""
     place: str
-    """A name that `msdwarp list` shows, or the absolute path of a script."""
+    """A scene's name in `msdwarp list`, or the absolute path of a script."""
     build: Build
     parameters: Mapping[str, Any]
-    """Arguments of `build`; all others have their defaults."""
+    """Arguments of `build`; missing ones have their defaults."""
     script: str | None = None
     """SHA-256 of the script that was run; None for a scene that comes with msdwarp."""
 
     def scene(self) -> "Scene":
-        """Return the scene; raise ValueError if `build` returns something else."""
-        with at_once():  # an exception may break modules during their import, such as PyVista
+        """Return the scene; raise ValueError if `build` returns an object of another type."""
+        with at_once():  # an exception may break modules, such as PyVista, while they are imported
             from ..world import Scene
 
             scene = self.build(**self.parameters)
@@ -50,28 +50,28 @@ def scene_names() -> list[str]:
 
 
 def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin:
-    """Return a scene, given by name or by the path of its script, with no parameters.
+    """Return the origin of a scene, given by name or script path, without parameters.
 
-    Before a script is run, `check` is called with the SHA-256 of the bytes that will be run, and may raise. Raise
-    ValueError if there is no such scene, or its script has no `build`.
+    Before a script runs, `check` is called with the SHA-256 of its bytes, and may raise. Raise ValueError if
+    there is no such scene, or its script has no `build`.
     """
     path, digest = Path(scene), None
     if scene in scene_names():
         with at_once():
             name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
     elif path.suffix == ".py" and path.is_file():
-        source = path.read_bytes()  # read once: these bytes are checked and run, not a compiled file
+        source = path.read_bytes()  # read once, so that the checked bytes run, not a compiled file
         digest = hashlib.sha256(source).hexdigest()
         if check is not None:
             check(digest)
         remember_script(path)
-        # The script's own name could replace a module such as numpy.
+        # Under its own name the script could replace a module such as numpy.
         spec = importlib.util.spec_from_file_location(f"msdwarp_scene_{path.stem}", path)
         assert spec is not None
         name, module = path.stem, importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # dataclasses look up their module there
+        sys.modules[spec.name] = module  # dataclasses look up their module in sys.modules
         folder = str(path.parent.resolve())
-        if folder not in sys.path:  # for the modules beside it, after all others
+        if folder not in sys.path:  # for modules in the script's folder, after all other folders
             sys.path.append(folder)
         try:
             with at_once():
@@ -94,7 +94,7 @@ def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin
 
 
 def origin_of(build: Build) -> Origin:
-    """Return the origin of the scenes that a script's `build` makes."""
+    """Return the origin of scenes made by a script's `build`."""
     path = Path(inspect.getfile(build)).resolve()
     own = path.parent in {Path(folder).resolve() for folder in scenes.__path__}
     if not own:

@@ -1,4 +1,4 @@
-"""The flags of a scene: a command made of the parameters of its `build` and of the options of the command."""
+"""The flags of a scene: a command made from the parameters of `build` and the options of a command."""
 
 import inspect
 from dataclasses import asdict
@@ -14,11 +14,11 @@ COMMON = {
     "stiffness": "Spring constant of each connection [N/m].",
     "damping": "Damper constant of each connection [N s/m].",
 }
-"""Help of common parameters that a scene does not describe."""
+"""Help texts of common parameters, if a scene does not describe them."""
 
 
 def new_app(name: str, **options: Any) -> App:
-    """Return a command that raises its errors, and rejects fractions for whole numbers."""
+    """Return a command-line app that raises errors, and rejects fractions for whole numbers."""
     return App(
         name=name,
         suppress_keyboard_interrupt=False,
@@ -31,10 +31,10 @@ def new_app(name: str, **options: Any) -> App:
 
 
 def flags_app(origin: Origin, command: str, options_type: type) -> App:
-    """Return the command whose flags are the parameters of `build` and the fields of `options_type`.
+    """Return a command whose flags are the parameters of `build` and the fields of `options_type`.
 
-    It returns the origin with its parameters, and the options; None if help was shown. A parameter must not have
-    the name of an option.
+    The command returns (origin with its parameters, options), or None if help was shown. No parameter may have the
+    name of an option.
     """
     defaults = options_type()
 
@@ -58,7 +58,7 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
 
 
 def _described(parameter: inspect.Parameter, doc: str | None) -> inspect.Parameter:
-    """Return a parameter of a scene, with the help of its common name unless the docstring describes it."""
+    """Return a scene's parameter, with the help text of its common name unless the docstring describes it."""
     if parameter.name not in COMMON or f"\n{parameter.name}\n" in inspect.cleandoc(doc or ""):
         return parameter
     common = Parameter(help=COMMON[parameter.name])
@@ -66,7 +66,7 @@ def _described(parameter: inspect.Parameter, doc: str | None) -> inspect.Paramet
 
 
 def _convert(kind: Any, tokens: Any) -> Any:
-    """Convert words like cyclopts, but reject 1.5 for a whole number, which cyclopts rounds to 2."""
+    """Convert words as cyclopts does, but reject 1.5 for a whole number, which cyclopts rounds to 2."""
 
     def converted(kind: Any, word: str) -> Any:
         if kind is int and "." in word and not float(word).is_integer():

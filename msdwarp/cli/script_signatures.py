@@ -1,7 +1,7 @@
 """Trust: permission to run the scripts that files name.
 
-A file may come from anyone. So a script that it names runs without permission only if the file has a valid seal,
-made with a key that only this user has. The seal proves that this user ran the script, unchanged, at this path.
+A file may come from anyone. So a script named in a file runs without permission only if the file has a valid seal,
+made with a key that only this user has. A seal proves that this user ran the script, unchanged, at this path.
 """
 
 import hashlib
@@ -30,11 +30,11 @@ class Script:
 
     @property
     def requested(self) -> bool:
-        """Whether the user asks for a script, even if none is needed."""
+        """Whether the user requests a script, even if the file suffices."""
         return self.trust or self.scene is not None
 
     def found(self, place: str, attributes: Mapping[str, Any]) -> Origin:
-        """Return the scene to build, by name or path; raise ValueError if its script may not run."""
+        """Return the origin of the scene to build, by name or path; raise ValueError if its script may not run."""
         if self.scene is not None or self.trust:
             return find_scene(self.scene or place)
 
@@ -49,16 +49,16 @@ class Script:
 
 
 UNTRUSTED = Script()
-"""No permission: a script that a file names runs only if this user ran it."""
+"""No permission: a script named in a file runs only if this user ran it before."""
 
 
 def script_as_stored(place: str, digest: str | None) -> dict[str, dict[str, str | None]]:
-    """Return the attributes of a script with this SHA-256; none for a scene that comes with msdwarp."""
+    """Return the attributes to store for a script with this SHA-256; none for a scene that comes with msdwarp."""
     return {} if digest is None else {"script": {"sha256": digest, "seal": _seal(place, digest)}}
 
 
 def reason_for_distrust(place: str, digest: str, stored: Any) -> str | None:
-    """Return why a script with this SHA-256 may not run without permission; None if it may."""
+    """Return why a script with this SHA-256 may not run without permission; None if it may run."""
     if not isinstance(stored, Mapping) or not isinstance(stored.get("sha256"), str):
         return "the file does not say what was in it"
     if not Path(place).is_absolute():
@@ -73,13 +73,13 @@ def reason_for_distrust(place: str, digest: str, stored: Any) -> str | None:
 
 
 def _seal(place: str, digest: str) -> str | None:
-    """Return this user's seal of a script's path and digest; None if no key can be kept."""
+    """Return this user's seal of a script's path and digest; None if the user's key cannot be stored."""
     key = _key()
     return None if key is None else hmac.new(key, f"{digest} {place}".encode(), hashlib.sha256).hexdigest()
 
 
 def _key() -> bytes | None:
-    """Return this user's key, made when it is first needed; None if it cannot be stored."""
+    """Return this user's key, which is made when first needed; None if it cannot be stored."""
     try:
         state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
         path = Path(state) / "msdwarp" / "key"
@@ -89,12 +89,12 @@ def _key() -> bytes | None:
             beside.touch(mode=0o600)
             try:
                 beside.write_bytes(secrets.token_bytes(32))
-                os.link(beside, path)  # atomic, and successful in one process only
+                os.link(beside, path)  # atomic, and succeeds in one process only
             except FileExistsError:
                 pass
             finally:
                 beside.unlink()
         key = path.read_bytes()
-    except (OSError, RuntimeError):  # no home folder, or not ours
+    except (OSError, RuntimeError):  # no home folder, or another user's
         return None
     return key if len(key) == 32 else None

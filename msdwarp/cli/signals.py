@@ -1,8 +1,8 @@
-"""Signals: Ctrl-C, SIGTERM and a lost terminal end the command with a short message, at any moment.
+"""Signals: Ctrl-C, SIGTERM and a lost terminal end the command with a short message, at any time.
 
-While modules are imported at the start, they end the process at once: in a partly imported C module an exception
-may be replaced, lost, or cause a crash. During a run they are noted, and end it between two frames. Everywhere
-else they raise an exception; late imports and h5py calls are completed first.
+While modules are imported at the start, a signal ends the process at once: in a partly imported C module an
+exception may be replaced, lost, or cause a crash. During a run signals are noted, and end it between frames. At
+other times a signal raises an exception, after any late import or h5py call is complete.
 """
 
 import _thread
@@ -17,16 +17,16 @@ from typing import Any, NoReturn
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 _A_LITTLE = 0.02
-"""Seconds after which a signal that cannot be handled yet is sent again."""
+"""Delay before a signal that cannot be handled yet is sent again [s]."""
 _IN_H5PY = os.path.join("h5py", "_hl", "")
 
 
 class Terminated(BaseException):
-    """SIGTERM or a lost terminal, raised so that files are closed and unfinished ones removed."""
+    """Raised by SIGTERM or a lost terminal, so that files are closed and unfinished files removed."""
 
 
 class Interrupted(RuntimeError):
-    """A signal has ended the command between two frames."""
+    """Raised if a signal has ended the command between two frames."""
 
     def __init__(self, message: str, number: int) -> None:
         super().__init__(message)
@@ -34,17 +34,17 @@ class Interrupted(RuntimeError):
 
 
 def number_of(stop: BaseException) -> int:
-    """Return the number of the signal that raised KeyboardInterrupt or Terminated."""
+    """Return the number of the signal that caused KeyboardInterrupt or Terminated."""
     return stop.args[0] if isinstance(stop, Terminated) else signal.SIGINT
 
 
 def word(number: int) -> str:
-    """Return the participle for a signal's effect in messages, such as "interrupted"."""
+    """Return a word for a signal's effect in messages, such as "interrupted"."""
     return "interrupted" if number == signal.SIGINT else "terminated"
 
 
 def heard(*names: str) -> list[int]:
-    """Return the numbers of this system's signals that are not ignored; nohup, for example, ignores SIGHUP."""
+    """Return the numbers of named signals that this system has and does not ignore; nohup ignores SIGHUP."""
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     return [number for number in numbers if signal.getsignal(number) not in (signal.SIG_IGN, None)]
 
@@ -57,7 +57,7 @@ def leave(number: int, _: Any = None) -> NoReturn:
 
 
 def ask(number: int, frame: FrameType | None = None) -> None:
-    """Raise an exception that ends the command; within an import or h5py, send the signal again later."""
+    """Raise a signal's exception, which ends the command; during an import or in h5py, send it again later."""
     if _is_fragile(frame):
         _hear_again(number)
         return
@@ -65,7 +65,7 @@ def ask(number: int, frame: FrameType | None = None) -> None:
 
 
 def lost(found: "sys.UnraisableHookArgs") -> None:
-    """Send a signal again if Python ignored its exception, as in a `__del__`: a hook for unraisable exceptions."""
+    """Send a signal again if Python ignored its exception, as in a `__del__`; a hook for unraisable exceptions."""
     if isinstance(found.exc_value, KeyboardInterrupt | Terminated):
         _hear_again(number_of(found.exc_value))
     else:
@@ -73,8 +73,8 @@ def lost(found: "sys.UnraisableHookArgs") -> None:
 
 
 def _hear_again(number: int) -> None:
-    """Send a signal to this thread again, a little later."""
-    if hasattr(signal, "pthread_kill"):  # this also wakes a waiting thread
+    """Send a signal to this thread again after a short delay."""
+    if hasattr(signal, "pthread_kill"):  # `pthread_kill` also wakes a waiting thread
         later = threading.Timer(_A_LITTLE, signal.pthread_kill, (threading.get_ident(), number))
     else:
         later = threading.Timer(_A_LITTLE, _thread.interrupt_main, (number,))
@@ -83,7 +83,7 @@ def _hear_again(number: int) -> None:
 
 
 def _is_fragile(frame: FrameType | None) -> bool:
-    """Return whether a frame was called from an import or from h5py."""
+    """Return whether a frame was called during an import or from h5py."""
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib") or _IN_H5PY in frame.f_code.co_filename:
             return True
@@ -93,7 +93,7 @@ def _is_fragile(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def handled(handler: Callable[[int, Any], Any]) -> Iterator[None]:
-    """Use a handler for signals; only the main thread receives any."""
+    """Use a handler for signals; in other threads than the main one do nothing, since they receive no signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -108,15 +108,15 @@ def handled(handler: Callable[[int, Any], Any]) -> Iterator[None]:
 
 
 def at_once() -> contextlib.AbstractContextManager[None]:
-    """Let signals end the process at once, while nothing needs to be closed or removed."""
+    """Let signals end the process at once, while no file has to be closed or removed."""
     return handled(leave)
 
 
 @contextlib.contextmanager
 def noted(announce: Callable[[], Any]) -> Iterator[list[int]]:
-    """Yield a list to which the first signal is added, after which `announce` is called.
+    """Yield a list; the first signal is added to it, then `announce` is called.
 
-    A second signal acts as usual. At the end, so does the first one, unless the list was emptied meanwhile.
+    A second signal acts as usual. At the end so does the first signal, unless the list was emptied meanwhile.
     """
     requested: list[int] = []
     before = {number: signal.getsignal(number) for number in heard(*ALL)}
@@ -134,6 +134,6 @@ def noted(announce: Callable[[], Any]) -> Iterator[list[int]]:
 
 
 def ignore() -> None:
-    """Ignore signals from here on: the work is done, and Python is about to clean up."""
+    """Ignore signals from now on: the work is done, and Python is about to exit."""
     for number in heard(*ALL):
         signal.signal(number, signal.SIG_IGN)

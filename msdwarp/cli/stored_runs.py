@@ -1,4 +1,4 @@
-"""Continue or repeat runs from their files."""
+"""Continue or repeat runs, given their files."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
@@ -34,7 +34,7 @@ def resume_run(
     quiet: bool = False,
     script: Script = UNTRUSTED,
 ) -> None:
-    """Continue a run from its restart file, to its end or another duration [s], and draw it.
+    """Continue a run from its restart file to the end, or to another duration [s], and draw the run.
 
     Raise ValueError if a file is invalid or the scene has changed, FileExistsError if pictures would be replaced
     without `force`, and the errors of `run_scene`.
@@ -67,7 +67,7 @@ def resume_run(
         if behind <= last and pictures and not force:
             raise FileExistsError(f"{pictures[0]} exists, and would be replaced; move it or add --force")
         path = options.log_path(folder)
-        # A restart file may come from anyone, and must not decide where a file appears.
+        # A restart file may come from anyone, and must not choose where a file is created.
         if path is not None and not (options.logs_in_folder or script.trust or path.exists()):
             raise ValueError(f"log is {path}, outside of {folder} and no longer there; allow it with --trust")
         log = None if path is None or behind > last else EnergyLog(path, behind=behind)
@@ -76,7 +76,7 @@ def resume_run(
 
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return a run's attributes and its checkpoint's numbers; raise ValueError if either is missing."""
+    """Return (a run's attributes, its checkpoint's values); raise ValueError if either is missing."""
     made_by, checkpoint = (checks.member(str(path), attributes, part) for part in ("run", "checkpoint"))
     for name in ("scene", "parameters", "digest", "device", "options"):
         checks.member(f"{path}: run", made_by, name)
@@ -85,7 +85,7 @@ def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]
 
 
 def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], every: int) -> None:
-    """Raise ValueError unless a trajectory belongs to the run from which a simulation was restored."""
+    """Raise ValueError unless a trajectory belongs to the run of the restored simulation."""
     with Trajectory(path) as kept:
         same = all(kept.attributes.get(name) == made_by[name] for name in ("scene", "parameters", "digest"))
         k, between = divmod(simulation.frame_index, every)
@@ -98,10 +98,10 @@ def _check_kept(path: Path, simulation: Simulation, made_by: dict[str, Any], eve
 def rerun(
     trajectory: Trajectory, *, device: str | None, out: Path | None, quiet: bool, script: Script = UNTRUSTED
 ) -> str | None:
-    """Repeat the run of a trajectory; return how the result differs, None if it does not.
+    """Repeat the run of a trajectory; return how the result differs, or None if it is equal.
 
-    The result, with the pictures of the run's options, is kept in the folder `out` if one is given. Raise
-    ValueError if the file does not name its scene, or the scene cannot be built or simulated here.
+    The result, with pictures as in the run's options, is kept in the folder `out`, if given. Raise ValueError
+    if the file does not name its scene, or the scene cannot be built or simulated here.
     """
     with contextlib.ExitStack() as stack:
         attributes = trajectory.attributes
@@ -137,7 +137,7 @@ def rerun(
 def _live_frames(
     scene: Scene, options: Options, deeds: list[dict[str, Any]], first: int, last: int
 ) -> Iterator[Frame]:
-    """Repeat a live recording with the user's actions, and yield its frames."""
+    """Repeat a live recording with the user's recorded actions; yield the frames."""
     handled = within_reach(scene)
     simulation = simulation_by(handled, options)
     handling = Handling(handled, simulation)
@@ -150,7 +150,7 @@ def _live_frames(
 
 
 def _difference(before: Trajectory, again: Iterable[Frame]) -> str | None:
-    """Return how the frames of a trajectory differ from those of its repetition; None if equal bit for bit."""
+    """Return how a trajectory's frames differ from repeated frames; None if they are equal bit for bit."""
     first, largest, at = None, 0.0, 0
     for k, (was, now) in enumerate(zip(before, again, strict=False)):
         if was.position.shape != now.position.shape:

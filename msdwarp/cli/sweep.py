@@ -1,4 +1,4 @@
-"""Sweep a scene from the command line: a run for each point of the lists and ranges among its flags."""
+"""Sweep a scene from the command line: a run for each point of the grid that lists and ranges in flags define."""
 
 import os
 import re
@@ -24,13 +24,13 @@ from .scene_flags import flags_app
 from .signals import Interrupted, Terminated, number_of, word
 
 _LONG = 86400.0
-"""Seconds over which the speed is averaged: a point may take minutes."""
+"""Time over which the displayed speed is averaged [s]: a point may take minutes."""
 _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
 """Flags that do not affect the simulation."""
 
 
 class CommandTask(NamedTuple):
-    """The task of a worker at a point: its command line."""
+    """The task of a worker at a point, as a command line."""
 
     place: str
     script: str | None
@@ -44,7 +44,7 @@ class CommandTask(NamedTuple):
         return flags_app(found, "msdwarp sweep", SweepOptions)(self.words)
 
     def setup(self) -> studies.Setup:
-        """Return the setup; raise ValueError if the point cannot be a world of an ensemble."""
+        """Return the setup of a world; raise ValueError if the point cannot be a world of an ensemble."""
         origin, options = self.chosen()
         scene = origin.scene()
         duration = scene.duration if options.duration is None else options.duration
@@ -54,14 +54,14 @@ class CommandTask(NamedTuple):
         return studies.Setup(scene, duration, method_of(options))
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
-        """Run the scene in a folder, and return its final numbers."""
+        """Run the scene in a folder, and return the final values."""
         try:
             origin, options = self.chosen()
             start_warp(options.verbose)
             scene = origin.scene()
             return studies.final_numbers(run_scene(origin, scene, options.run_options(folder, keeps_files)), scene)
         except Interrupted as error:
-            if parent_process() is not None:  # an ended worker, which the sweep handles
+            if parent_process() is not None:  # a terminated worker, which the sweep handles
                 os._exit(error.code)
             if error.number == signal.SIGINT:
                 raise KeyboardInterrupt from None
@@ -73,10 +73,10 @@ class CommandTask(NamedTuple):
 
 
 def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
-    """Simulate a scene at all points of the lists and ranges among some flags, and print a summary.
+    """Simulate a scene at all points of the grid that flags define by lists and ranges; print a summary.
 
-    Raise ValueError for a wrong flag before any file is touched, OSError if the folder cannot be used, and
-    Interrupted if a signal ends it; the same command continues.
+    Raise ValueError for an invalid flag before any file is touched, OSError if the folder cannot be used, and
+    Interrupted if a signal ends the sweep; the same command continues it.
     """
     fixed, grid = _read(flags)
     app = flags_app(origin, command, SweepOptions)
@@ -89,13 +89,13 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
             f"log is {options.log}; in a sweep it must be a bare name, which goes into each run's folder"
         )
     values: dict[str, list[Any]] = {}
-    for name, texts in grid.items():  # one by one, so that errors name the flag
+    for name, texts in grid.items():  # checked one by one, so that errors name the flag
         several = [_value(name, *app([*fixed, f"--{name}={text}"])) for text in texts]
         if len(set(several)) < len(several):
             raise ValueError(f"{name} has a value twice; its values must differ")
         values[name.replace("-", "_")] = several
     studies.check_size(values)
-    # All parameters identify a point, and options other than defaults: later versions may have more options.
+    # All parameters identify a point, and options unlike their defaults: later versions may add options.
     parameters = {name: _whole(value) for name, value in parameters_of(chosen[0]).items()}
     own, usual, planned = _flat(options), _flat(SweepOptions()), []
     for given, texts in zip(studies.points(values), studies.points(grid), strict=True):
@@ -138,7 +138,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
 
 
 def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return the flags that are neither lists nor ranges, and the values of the others by name."""
+    """Return (flags with single values, lists of values by name from the other flags)."""
     fixed, grid, k = list[str](), dict[str, list[str]](), 0
     while k < len(flags):
         match = re.fullmatch(r"--([A-Za-z][\w-]*)(?:=(.*))?", flags[k], re.DOTALL)
@@ -161,12 +161,12 @@ def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
 
 
 def _flat(options: SweepOptions) -> dict[str, Any]:
-    """Return the options of a run by name, including the options of pictures."""
+    """Return a run's options by name, with the options of pictures at the same level."""
     return {name: _whole(value) for name, value in flattened(options.as_stored()).items() if name not in _ONCE}
 
 
 def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
-    """Return the value that a flag has set, as JSON data."""
+    """Return the value that a flag sets, as JSON data."""
     name = name.replace("-", "_")
     held = {**_flat(options), **chosen.parameters}
     if name not in held:
@@ -175,5 +175,5 @@ def _value(name: str, chosen: Origin, options: SweepOptions) -> Any:
 
 
 def _whole(value: Any) -> Any:
-    """Return a number without a fraction as an integer: 2 and 2.0 are the same point."""
+    """Return a number without a fraction as an integer, since 2 and 2.0 are the same point."""
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -1,4 +1,4 @@
-"""Tune a scene from the command line: every method's error against its cost, and the choice."""
+"""Tune a scene from the command line: errors and costs of all methods, and the chosen method."""
 
 import math
 
@@ -14,7 +14,7 @@ from .scene_files import Origin
 
 
 def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
-    """Print every method's error and cost on a scene, and the flags of the cheapest within the tolerance."""
+    """Print every method's error and cost on a scene, and the flags of the fastest within the tolerance."""
     with status_on(Console(stderr=True), "tuning") as report:
         device, horizon = options.device, options.horizon
         found, horizon = tune(scene, options.tolerance, device=device, horizon=horizon, report=report)

@@ -20,23 +20,23 @@ from .run import about, simulation_by
 from .scene_files import Origin, find_scene
 
 _SIMULATED = 64
-"""Bytes of a simulation per spring, with its particles, in addition to those of the system."""
+"""Memory of a simulation per spring, with its part of the particles, in addition to the system [bytes]."""
 SHELF = ("mattress", "dice", "worm", "cloth", "ice_cream", "cube", "jelly", "tower", "flag")
 """Scenes on the keys 1 to 9; the first five were in the 2014 program."""
 
 
 def view_scene(origin: Origin, scene: Scene, options: ViewOptions) -> None:
-    """Show a scene during its simulation, until the window is closed or Ctrl-C."""
+    """Show a scene during its simulation, until the window is closed or Ctrl-C is pressed."""
     _run(view_of(origin, scene, options))
 
 
 def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
     """Return a view of a scene during its simulation.
 
-    Raise ValueError if an option is out of range, or there is neither a display nor the package for a page.
+    Raise ValueError if an option is out of range, or there is neither a display nor the package for web pages.
     """
     usual = {one.name: one.default for one in fields(CameraOptions)}
-    elsewhere = replace(options, **usual)  # a camera is aimed at one scene
+    elsewhere = replace(options, **usual)  # a camera is aimed at one scene only
 
     def from_shelf(name: str) -> Source:
         other = find_scene(name)
@@ -47,7 +47,7 @@ def view_of(origin: Origin, scene: Scene, options: ViewOptions) -> View:
 
 
 def _view(source: Source, options: ViewOptions, **more: Any) -> View:
-    """Return a view in a window where there is a display, else on a page."""
+    """Return a view in a window if there is a display, otherwise on a web page."""
     if options.browser and options.window:
         raise ValueError("browser and window are both given; choose one")
     Pictures(renderer=options.renderer).check(1)
@@ -60,7 +60,7 @@ def _view(source: Source, options: ViewOptions, **more: Any) -> View:
 
 
 def view_trajectory(trajectory: Trajectory, scene: Scene, name: str, options: ViewOptions) -> None:
-    """Play a trajectory, until the window is closed or Ctrl-C."""
+    """Play a trajectory, until the window is closed or Ctrl-C is pressed."""
     scene = replace(scene, look=options.aimed(scene.look))
     _run(_view(Played(trajectory, scene, name), options))
 
@@ -76,7 +76,7 @@ def running_scene(origin: Origin, scene: Scene, options: ViewOptions) -> Running
 
     def rebuilt(**parameters: Any) -> Running:
         other = origin._replace(parameters={**origin.parameters, **rounded_like(source.parameters, parameters)})
-        with memory_limit():  # the host's memory; a GPU's driver reports its own
+        with memory_limit():  # limits the host's memory; a GPU's driver reports its own errors
             scene = other.scene()
         count = scene.system.connection_count
         checks.fits(f"the scene has {count} connections", "its simulation and drawing", _SIMULATED * count)
@@ -87,7 +87,7 @@ def running_scene(origin: Origin, scene: Scene, options: ViewOptions) -> Running
 
 
 def rounded_like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters, rounded to integers where `before` has integers."""
+    """Return parameters, rounded to integers if the value in `before` is an integer."""
     return {
         name: round(value) if isinstance(before.get(name), int) and isinstance(value, float) else value
         for name, value in parameters.items()
@@ -95,7 +95,7 @@ def rounded_like(before: Mapping[str, Any], parameters: Mapping[str, Any]) -> di
 
 
 def _run(view: View) -> None:
-    """Run a view until it is closed or a signal asks to stop; print its page's address, and who can open it."""
+    """Run a view until it is closed or a signal arrives; print the page's address, and who can open the page."""
     with stop_requests(Console(stderr=True)) as requests:
         for page in view.screens:
             if not isinstance(page, Browser):
@@ -113,7 +113,7 @@ def _run(view: View) -> None:
 
 @contextmanager
 def memory_limit() -> Iterator[None]:
-    """Raise MemoryError for a request of more memory than is free; Linux would end the process instead.
+    """Raise MemoryError if more memory is requested than is free; otherwise Linux would end the process.
 
     The limit holds for the whole process.
     """
@@ -123,7 +123,7 @@ def memory_limit() -> Iterator[None]:
 
         now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    except (ImportError, OSError, ValueError):  # Windows and macOS, which have no such limit
+    except (ImportError, OSError, ValueError):  # Windows and macOS have no such limit
         yield
         return
     least = [one for one in (soft, hard) if one != resource.RLIM_INFINITY]

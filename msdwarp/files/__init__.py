@@ -1,4 +1,4 @@
-"""Trajectories and restart files on disk, and exports. The only importer of h5py."""
+"""Trajectories and restart files on disk, and exports. Only this room imports h5py."""
 
 from .checkpoint_file import read_restart as read_restart, write_restart as write_restart
 from .export import export as export, finite_values as finite_values

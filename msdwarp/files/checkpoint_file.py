@@ -1,6 +1,6 @@
 """Restart files: checkpoints on disk, replaced as a whole.
 
-Their contents are described in `simulation/checkpoint.py`; `load` in `names.py` verifies checksums.
+`simulation/checkpoint.py` describes their contents; `load` in `names.py` verifies checksums.
 """
 
 import io
@@ -20,10 +20,10 @@ _MARK = "msdwarp_restart_format"
 
 
 def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: Mapping[str, Any]) -> None:
-    """Write arrays of numbers or booleans, and JSON attributes, to a file, and replace an earlier one.
+    """Write arrays of numbers or booleans, and JSON attributes, to a file that replaces an earlier file.
 
-    After a crash or a power cut either the whole old file or the whole new one exists. Raise ValueError for data
-    that the file cannot hold, and OSError if it cannot be written; the old file stays.
+    After a crash or a power cut either the complete old or the complete new file exists. Raise ValueError for data
+    that the file cannot store, and OSError if it cannot be written; the old file then stays.
     """
     import h5py
 
@@ -37,7 +37,7 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
         text = json.dumps({"attributes": attributes, "shapes": shapes})
     except (TypeError, ValueError) as error:
         raise ValueError(f"attributes is {attributes!r}; it must be what JSON can hold: {error}") from error
-    # HDF5 writes to memory, since it does not recover from a full disk. In its format of 2016 its own records also
+    # HDF5 writes to memory, since it does not recover from a full disk. In the format of 2016 HDF5's own records
     # have checksums.
     image = io.BytesIO()
     with h5py.File(image, "w", libver=("v110", "v110")) as file:
@@ -50,9 +50,9 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
 
 
 def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Return the arrays and attributes of a file that `write_restart` wrote.
+    """Return the arrays and attributes from a file that `write_restart` wrote.
 
-    Raise FileNotFoundError if it is missing, and ValueError if it is another file, damaged, or of another format.
+    Raise FileNotFoundError if it is missing, ValueError if it is another file, damaged, or in another format.
     """
     import h5py
 

@@ -29,10 +29,10 @@ def export(
     """Write frames in another format: the surface, or the connections if there is none. Return the files.
 
     For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
-    velocities, times and connections) have one file for all. `draw_usd` writes a usd file: its arguments are the
-    folder for images, the frames' indices, and the path. Raise ValueError if the format is unknown, is not the
-    path's ending, cannot hold the body, or needs a missing package, or if a frame does not exist. Raise
-    FileExistsError if a file exists and `force` is False. Nothing is written then.
+    velocities, times and connections) have one file for all. `draw_usd` writes a usd file: its arguments are
+    the folder for images, the frames' indices, and the path. Raise ValueError if the format is unknown, is not
+    the path's suffix, cannot store the body, or needs a missing package, or if a frame does not exist. Raise
+    FileExistsError if a file exists and `force` is False. After an error nothing has been written.
     """
     path = Path(path)
     checks.one_of("to", to, (*_MESHES, *_WHOLE))
@@ -71,7 +71,7 @@ def export(
 
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
-    """Return the frames' indices, counted from the start."""
+    """Return the indices of frames, negative ones counted from the end, as indices from the start."""
     if not count:
         raise ValueError("the trajectory has no frames to export")
     try:
@@ -84,7 +84,7 @@ def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
 
 
 def _shown(trajectory: Trajectory, numbers: Iterable[int]) -> Iterator[tuple[NDArray, NDArray, NDArray | None]]:
-    """Yield, frame by frame, points [m], cells of two or three of them, and texture coordinates."""
+    """Yield, frame by frame, points [m], cells of two or three points, and texture coordinates."""
     surface, connections = trajectory.system.surface, trajectory.system.connections
     for k in numbers:
         position = finite_values(trajectory, k, "position")
@@ -95,7 +95,7 @@ def _shown(trajectory: Trajectory, numbers: Iterable[int]) -> Iterator[tuple[NDA
 
 
 def finite_values(trajectory: Trajectory, k: int, name: str) -> NDArray:
-    """Return positions or velocities in frame k; raise ValueError if one is not finite."""
+    """Return positions or velocities in frame k; raise ValueError if an entry is not finite."""
     values: NDArray = getattr(trajectory.frame(k), name)
     checks.every(f"frame {k} of {trajectory.path} is damaged: {name}", values, np.isfinite(values), "finite")
     return values
@@ -108,7 +108,7 @@ def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None)
     mesh = pv.PolyData(points, faces=counted) if cells.shape[1] == 3 else pv.PolyData(points, lines=counted)
     if uv is not None:
         mesh.active_texture_coordinates = uv.astype(np.float32)
-    # VTK does not report a full disk: reserve room for long lines of text first.
+    # VTK does not report a full disk, so room for long lines of text is reserved first.
     with path.open("wb") as file:
         reserve(file.fileno(), 0, 200 * (mesh.n_points + mesh.n_cells), path.parent)
     mesh.save(path)
@@ -139,7 +139,7 @@ def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> No
 
 
 def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
-    """Write frames as NumPy arrays, with one frame in memory at a time."""
+    """Write frames as NumPy arrays; one frame is in memory at a time."""
     system = trajectory.system
     arrays: dict[str, Any] = {"times": trajectory.times[numbers], "connections": system.connections}
     if system.surface is not None and system.surface.weights is None:
@@ -159,6 +159,6 @@ def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
 
 
 _MESHES = {"obj": _by_pyvista, "stl": _by_pyvista, "ply": _by_pyvista, "gltf": _gltf}
-"""Formats that hold one frame, by name."""
+"""Formats with one file per frame, by name."""
 _WHOLE = ("usd", "npz")
-"""Formats that hold all."""
+"""Formats with one file for all frames."""

@@ -22,19 +22,19 @@ _SLACK = 1 << 18
 class GrowingFile:
     """The file of a trajectory, to which one thread appends records.
 
-    HDF5 has no journal, so the order of writes matters: a frame's data, the number of frames, then its time. Data
+    HDF5 has no journal, so the order of writes matters: a frame's data, the number of frames, then the time. Data
     that readers of earlier frames need are not moved. HDF5 does not recover from a full disk: space is reserved.
 
-    If an existing file is continued, its frames are kept while equal ones are written again. The first different
-    frame replaces all later ones, once there is space for as many.
+    If an existing file is continued, its frames stay while equal frames are written again. The first different
+    frame replaces all later frames, once there is space for as many.
     """
 
     def __init__(self, path: Path, force: bool, layout: Callable[[np.dtype], Layout], about: About):
         self.path, self.force, self._layout_for, self._about = path, force, layout, about
         self.written = 0
-        """Number of frames written, or found to be equal in the file."""
+        """Number of frames written, or found equal in the existing file."""
         self.frame_count = self.found = 0
-        """Numbers of frames in the file: now, and when it was reopened."""
+        """Number of frames in the file now, and when the file was reopened."""
         self._file: Any = None
 
     def append(self, record: Record) -> None:
@@ -55,7 +55,7 @@ class GrowingFile:
             self._layout = Layout.of(self._file, system)
             self._layout.open(self._file)
             self._layout.continue_after(kept, until)
-            self._layout.truncate(found)  # a killed writer may have begun another frame
+            self._layout.truncate(found)  # a killed writer may have begun the next frame
         except BaseException:
             self.close()
             raise
@@ -68,7 +68,7 @@ class GrowingFile:
             os.fsync(self._room)
 
     def close(self) -> None:
-        """Close the file, and release reserved space that was not used."""
+        """Close the file, and release reserved space that is unused."""
         if self._file is None:
             return
         file, self._file = self._file, None
@@ -81,7 +81,7 @@ class GrowingFile:
             os.close(self._room)
 
     def _create(self, first: Record) -> None:
-        """Write a file with one frame under a temporary name, then rename it."""
+        """Write a file with one frame under a temporary name, then rename the file."""
         import h5py
 
         if first.frame is None:
@@ -109,10 +109,10 @@ class GrowingFile:
     def _open(self, path: Path) -> None:
         import h5py
 
-        # Unlocked, so that others can read meanwhile. Without a chunk cache a frame is written immediately.
-        # Datasets created from here on have HDF5's format of 2016, whose chunk indices only grow, where older ones
-        # move. The file itself was created in the oldest format: newer ones are marked while they are being
-        # written, and do not open after a crash.
+        # Unlocked, so that others can read meanwhile. Without a chunk cache each frame is written immediately. New
+        # datasets have HDF5's format of 2016, whose chunk indices only grow; older ones move. The file itself
+        # was created in the oldest format, since files in newer formats are marked while they are written, and do
+        # not open after a crash.
         self._file = h5py.File(path, "r+", locking=False, rdcc_nbytes=0, libver=("v110", "v110"))
         self._at, self._room = path, os.open(path, os.O_RDWR)
         self._size = os.fstat(self._room).st_size
@@ -123,7 +123,7 @@ class GrowingFile:
         if (not kept or self.written < self.frame_count) and self._layout.holds(self.written, record):
             self._layout.append_rows(record.rows)
             return
-        if self.written < self.frame_count:  # truncate here, once there is space for all frames of the old file
+        if self.written < self.frame_count:  # truncate here, when there is space for all frames of the old file
             later = range(self.written, self.frame_count)
             self._reserve(sum(self._layout.growth(k, record.rows) for k in later))
             self._layout.truncate(self.written)
@@ -144,14 +144,14 @@ class GrowingFile:
             raise OSError("it was cut short meanwhile")
 
     def _reserve(self, size: int) -> None:
-        """Reserve space on disk for `size` more bytes, and for HDF5's own records."""
+        """Reserve disk space for `size` more bytes, and for HDF5's own records."""
         reserve(self._room, self._file.id.get_filesize(), size + _SLACK, self._at.parent)
 
 
 def _include_all_bytes(path: Path) -> None:
-    """Set the end in the superblock to the file's real end: a killed process may have written beyond it.
+    """Set the end of file in the superblock to the real end, since a killed process may have written more.
 
-    In version 0 of the superblock the end is a number of 8 bytes at byte 40.
+    In version 0 of the superblock the end is an 8-byte number at byte 40.
     """
     with path.open("r+b") as file:
         if file.read(9)[8] == 0:

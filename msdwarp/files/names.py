@@ -1,4 +1,4 @@
-"""Names in trajectory files; storing and loading arrays with checksums, also those of restart files."""
+"""Names in trajectory files; storing and loading arrays with checksums, for restart files as well."""
 
 import json
 import math
@@ -11,29 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = 1
-"""Version of the group `msdwarp` in a file; VTK's own has another."""
+"""Version of the group `msdwarp` in a file; VTK's group has a version of its own."""
 OWN, ROOT = "msdwarp", "VTKHDF"
 POINTS, VELOCITY, STRAIN = "Points", "PointData/velocity", "CellData/strain"
 CONTACT = "PointData/contact_force"
 """Contact force on each particle [N], the mean over the frame; optional."""
 BROKEN_AT = "CellData/broken_at"
-"""Time at which each connection broke, or triangle parted (`Edges`) [s]; inf if it has not. One array is enough
-for all frames, since later fracture does not change earlier frames."""
+"""Time at which each connection broke, or each triangle parted (`Edges`) [s]; inf if it has not. One array serves
+all frames, since later fracture does not change earlier frames."""
 SUBSTEPS = "substeps"
 """Number of substeps of each frame, in the group `msdwarp`; 0 if unknown."""
 READINGS = "readings"
 """Readings of probes, in the group `msdwarp`; see `msdwarp.files.reading_tables`."""
 COUNT = "NumberOfCells"
 KINDS = ("Vertices", "Lines", "Polygons", "Strips")
-"""VTK's kinds of cells, in its order."""
+"""VTK's kinds of cells, in VTK's order."""
 _SUM = "crc32"
-"""The attribute with an array's checksum."""
+"""Name of the attribute with an array's checksum."""
 GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def store(group: Any, name: str, values: NDArray, compress: bool = False) -> None:
-    """Store an array with a checksum, compressed if `compress` and it is large."""
-    # HDF5's own checksums need chunks, which texts and single numbers cannot have.
+    """Store an array with a checksum; compress large arrays if `compress`."""
+    # HDF5's own checksums need chunks, which texts and scalars cannot have.
     item = group.create_dataset(name, data=values, **(GZIP if compress and values.size > 1000 else {}))
     item.attrs[_SUM] = np.uint32(_sum(values))
 
@@ -43,15 +43,15 @@ class Growing(NamedTuple):
 
     name: str
     width: tuple[int, ...]
-    """Shape of a row."""
+    """Shape of one row."""
     dtype: Any
     chunk: int
-    """Rows of a chunk, which HDF5 allocates whole."""
+    """Rows per chunk; HDF5 allocates whole chunks."""
     options: Mapping[str, Any] = MappingProxyType({})
     """Further options of HDF5."""
 
     def create(self, group: Any) -> Any:
-        """Create the array without rows."""
+        """Create the array with no rows."""
         shape = {"shape": (0, *self.width), "maxshape": (None, *self.width), "chunks": (self.chunk, *self.width)}
         options = {"fill_time": "never", **shape, **self.options}
         return group.create_dataset(self.name, dtype=self.dtype, **options)
@@ -67,13 +67,13 @@ class Growing(NamedTuple):
         return item
 
     def growth(self, before: int, after: int) -> int:
-        """Return the number of bytes that more rows add to the array."""
+        """Return the number of bytes that rows `before` to `after` add to the array."""
         chunks = -(-after // self.chunk) - -(-before // self.chunk)
         return chunks * self.chunk * math.prod(self.width) * np.dtype(self.dtype).itemsize
 
 
 def load(item: Any) -> Any:
-    """Return a stored array; raise ValueError if its checksum, which early files lack, does not match."""
+    """Return a stored array; raise ValueError if its checksum does not match. Early files have no checksums."""
     values = item[()]
     if _SUM in item.attrs and item.attrs[_SUM] != _sum(values):
         raise ValueError(f"{item.name} is damaged: it is not what its checksum is of")
@@ -85,19 +85,19 @@ def _sum(values: Any) -> int:
 
 
 def same(there: NDArray, values: Any) -> bool:
-    """Return whether an array equals these numbers, bit for bit, in its own precision."""
+    """Return whether an array equals given values bit for bit, in the array's precision."""
     given = np.asarray(values, dtype=there.dtype)
     return there.shape == given.shape and there.tobytes() == given.tobytes()
 
 
 def store_text(group: Any, name: str, text: str) -> None:
     """Store a text as a string of fixed length."""
-    # HDF5 stores strings of variable length in a heap without checksum, and reading a damaged heap may never end.
+    # HDF5 stores strings of variable length in a heap without checksum, and reading a damaged heap may not end.
     store(group, name, np.array(np.bytes_(text.encode())))
 
 
 def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes as they would be read back from JSON; raise ValueError for one that JSON cannot hold."""
+    """Return attributes as they will be read from JSON; raise ValueError for one that JSON cannot store."""
     result = {}
     for name, value in attributes.items():
         try:

@@ -1,6 +1,6 @@
-"""Probe readings in the file of a trajectory: a table by frame, one by substep, and each frame's last row.
+"""Probe readings in a trajectory's file: a table by frame, one by substep, and each frame's last row in both.
 
-They are in the group `msdwarp`, which VTK does not read.
+The tables are in the group `msdwarp`, which VTK does not read.
 """
 
 import json
@@ -16,12 +16,12 @@ from .names import OWN, READINGS, Growing, load, same, store_text
 from .validation import too_large
 
 Columns = Mapping[str, tuple[str, Sequence[str]]]
-"""For each probe, how often it is read ("frame" or "substep") and the names of its columns."""
+"""For each probe how often it is read ("frame" or "substep"), and the names of its columns."""
 Rows = Mapping[str, NDArray]
-"""New rows of the tables "frame" and "substep": time [s], then the values of all probes of that kind."""
+"""New rows of the tables "frame" and "substep": time [s], then the values of all probes read that often."""
 EVERY = ("frame", "substep")
 _CHUNK = 1 << 14
-"""Bytes of a chunk of a table."""
+"""Size of a table's chunk [bytes]."""
 
 
 class ReadingTables:
@@ -36,7 +36,7 @@ class ReadingTables:
             for every in EVERY
             if any(when == every for when, _ in self.columns.values())
         }
-        """Numbers in a row of each table."""
+        """Number of entries in a row of each table."""
         self._arrays = {
             every: Growing(f"{READINGS}/by_{every}", (width,), np.float64, max(1, _CHUNK // (8 * width)))
             for every, width in self.widths.items()
@@ -45,11 +45,11 @@ class ReadingTables:
         self._tables: dict[str, Any] = {}
         self._ends: Any = None
         self._at: dict[str, int] = {}
-        """Number of rows in use for each table; later rows may be overwritten."""
+        """Number of rows in use in each table; later rows may be overwritten."""
 
     @classmethod
     def of(cls, file: Any) -> "ReadingTables | None":
-        """Return a file's tables, None if it has none; raise ValueError if they are damaged."""
+        """Return a file's tables, None if the file has none; raise ValueError if they are damaged."""
         if READINGS not in file[OWN]:
             return None
         columns = json.loads(load(file[OWN][READINGS]["description"]))
@@ -66,8 +66,8 @@ class ReadingTables:
         """Create the tables in the group `msdwarp` of a file."""
         store_text(group, f"{READINGS}/description", json.dumps(self.columns))
         for one in (*self._arrays.values(), self._of_ends):
-            # HDF5 creates the chunk index with the first row, and the file cannot be opened meanwhile. So it is
-            # created here, before the file has its name.
+            # HDF5 creates a chunk index with the first row, and the file cannot be opened meanwhile. So the index
+            # is created here, while the file has a temporary name.
             table = one.create(group)
             table.resize(1, axis=0)
             table[0] = 0
@@ -81,13 +81,13 @@ class ReadingTables:
         return size
 
     def holds(self, rows: Rows, k: int | None = None) -> bool:
-        """Return whether the next rows of the tables equal these, and frame k, if given, ends with them."""
+        """Return whether the next rows of the tables equal `rows`, and frame k, if given, ends with them."""
         ends = {every: at + len(rows.get(every, ())) for every, at in self._at.items()}
         there = all(same(self._tables[every][self._at[every] : ends[every]], rows[every]) for every in rows)
         return there and (k is None or self._ends[k].tolist() == [ends.get(every, 0) for every in EVERY])
 
     def add(self, rows: Rows) -> None:
-        """Write rows after those in use, unless equal rows are already there."""
+        """Write rows after the rows in use, unless equal rows are already there."""
         there = self.holds(rows)
         for every, values in rows.items():
             table, at = self._tables[every], self._at[every]
@@ -104,11 +104,11 @@ class ReadingTables:
         self._ends[k] = [self._at.get(every, 0) for every in EVERY]
 
     def continue_after(self, k: int, kept_until: float, until: float) -> None:
-        """Continue at the end of a frame, `until` [s]; the first k kept frames end at `kept_until` [s]."""
+        """Continue after a frame that ends at `until` [s]; the first k kept frames end at `kept_until` [s]."""
         for every, table in self._tables.items():
             end = self._end(k, every)
             rounded = 1e-9 * until
-            if until > kept_until + rounded:  # later frames are not kept, but have readings
+            if until > kept_until + rounded:  # later frames were not kept, but have readings
                 while end < len(table) and (time := float(table[end, 0])) <= until + rounded:
                     end += 1
                     if time >= until - rounded:
@@ -118,11 +118,11 @@ class ReadingTables:
             self._at[every] = end
 
     def _end(self, k: int, every: str) -> int:
-        """Return the number of rows that the first k frames have in a table."""
+        """Return the number of a table's rows that belong to the first k frames."""
         return int(self._ends[k - 1, EVERY.index(every)]) if k else 0
 
     def read(self, frame_count: int, file_size: int) -> dict[str, Series]:
-        """Return the time series of each probe up to the last frame; raise ValueError if they are damaged."""
+        """Return each probe's time series up to the last frame; raise ValueError if tables are damaged."""
         read: dict[str, NDArray] = {}
         for every, table in self._tables.items():
             end = self._end(frame_count, every)

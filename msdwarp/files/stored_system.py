@@ -1,4 +1,4 @@
-"""The system in a trajectory's file: its arrays and names."""
+"""The system in a trajectory's file: arrays and names."""
 
 import json
 from collections.abc import Iterator
@@ -27,14 +27,14 @@ from .names import OWN, ROOT, load, store, store_text
 _OF_USERS = OwnDamper, UnknownDamper, OwnSpring, UnknownSpring
 DAMPERS = {law.__name__: law for law in (Damper, *Damper.__subclasses__()) if law not in _OF_USERS}
 SPRINGS = {law.__name__: law for law in (Spring, *Spring.__subclasses__()) if law not in _OF_USERS}
-"""The laws that a file can hold, by name: all but functions of the user's."""
+"""The laws that a file can store, by name: all except a user's functions."""
 PARTS = {"cells": Cells, "angles": Angles}
 
 
 def arrays_of(system: System) -> dict[str, NDArray]:
-    """Return a system's arrays by name, except those in VTK's part; uniform arrays have no first axis."""
+    """Return a system's arrays by name, without those in VTK's group; uniform arrays have no first axis."""
     found = {field.name: getattr(system, field.name) for field in fields(system)}
-    del found["connections"]  # these are VTK's lines
+    del found["connections"]  # stored as VTK's lines
     if system.original_length is system.rest_length:
         del found["original_length"]
     if not system.tears:
@@ -51,7 +51,7 @@ def arrays_of(system: System) -> dict[str, NDArray]:
 
 
 def write_system(group: Any, system: System, compress: bool) -> None:
-    """Write a system in its starting state."""
+    """Write a system in its initial state."""
     group.attrs["particle_count"], group.attrs["dim"] = system.particle_count, system.dim
     bodies = [{name: (one.start, one.stop, one.step) for name, one in body.items()} for body in system.directions]
     laws = {name: _described(getattr(system, name)) for name in ("damper", "spring")}
@@ -66,11 +66,11 @@ def read_system(file: Any) -> System:
     group = file[OWN]
     described, part = json.loads(load(group["description"])), group["system"]
     law, constants = described["damper"]
-    spring, numbers = described.get("spring", ("Spring", {}))  # absent in earlier versions
+    spring, numbers = described.get("spring", ("Spring", {}))  # missing in earlier versions
     spring = UnknownSpring() if spring not in SPRINGS else SPRINGS[spring](**numbers)
     damper = UnknownDamper() if law not in DAMPERS else DAMPERS[law](**constants)
     arrays = dict(_read(part))
-    # The stored system may be from a later frame, with springs about to break, which `System` would refuse.
+    # The stored system may be from a later frame, with overstretched springs, which `System` would refuse.
     broken_at = arrays.pop("broken_at", np.inf)
     surface = dict(_read(part["surface"])) if "surface" in part else None
     parts = {name: kind(**dict(_read(part[name]))) for name, kind in PARTS.items() if name in part}

@@ -1,4 +1,4 @@
-"""Trajectories: frames on disk, read on access, and their system."""
+"""Trajectories: frames on disk, read on access, and the system."""
 
 import json
 import math
@@ -24,9 +24,9 @@ _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, Runti
 
 
 class FrameArray:
-    """An array on disk with the frames as its first axis; only indexed parts are read.
+    """An array on disk whose first axis is the frame; only indexed parts are read.
 
-    Each index selects along its own axis: a number, a slice, or a list, array or mask of several.
+    Each index selects along its own axis: an integer, a slice, a list, an array or a mask.
     """
 
     def __init__(self, dataset: Any, frames: int, stride: int, count: int, axes: list[int] | None = None) -> None:
@@ -41,7 +41,7 @@ class FrameArray:
         return np.asarray(self[:], dtype=dtype)
 
     def __getitem__(self, key: Any) -> NDArray:
-        """Return the indexed part of the array on disk, as a new array."""
+        """Return the indexed part of the array as a new array in memory."""
         keys = key if isinstance(key, tuple) else (key,)
         dots = [k for k, one in enumerate(keys) if one is Ellipsis]
         if len(keys) - len(dots) > self.ndim or len(dots) > 1:
@@ -55,14 +55,14 @@ class FrameArray:
         return values[0] if isinstance(frames, int | np.integer) else values
 
     def _read(self, frames: NDArray[np.intp], items: NDArray[np.intp]) -> NDArray:
-        """Return some items of some frames."""
+        """Return the chosen items of the chosen frames."""
         values = np.empty((len(frames), len(items), *self.shape[2:]), dtype=self.dtype)
         if not values.size:
             return values
         low, high, start = items.min(), items.max() + 1, frames[0] * self._stride
         axes = ... if self._axes is None or len(self._axes) == 3 else (..., self._axes)
         step = frames[1] - frames[0] if len(frames) > 1 else 1
-        if high - low == 1 and step > 0 and np.all(np.diff(frames) == step):  # one item's path
+        if high - low == 1 and step > 0 and np.all(np.diff(frames) == step):  # one item over time
             stop = frames[-1] * self._stride + high
             values[:] = self._dataset[start + low : stop : step * self._stride][axes][:, None]
             return values
@@ -81,7 +81,7 @@ class Trajectory:
     """A trajectory on disk: its frames, which are read on access, and the system.
 
     It can be opened while it is being written, and then has the frames so far. Attributes that are read only on
-    access raise ValueError if the file is damaged.
+    access raise ValueError if their part of the file is damaged.
 
     Parameters
     ----------
@@ -116,23 +116,23 @@ class Trajectory:
             self.fps = checks.positive("fps", own.attrs["fps"])
             """Frames per second of simulated time."""
             self.attributes: dict[str, Any] = json.loads(load(own["attributes"]))
-            """The run's scene, options and versions."""
+            """The run's scene, options and program versions."""
             if not isinstance(self.attributes, dict):
                 raise ValueError(f"attributes is {self.attributes!r}; it must be a mapping")
-            if "route" in self.attributes:  # its name in version 0.1
+            if "route" in self.attributes:  # the option's name in version 0.1
                 self.attributes["force_algorithm"] = self.attributes.pop("route")
             opened.pop_all()
 
     @contextmanager
     def _damage_named(self, part: str) -> Iterator[None]:
-        """Turn errors of reading into a ValueError that names the file and the damaged part."""
+        """Turn errors while reading into a ValueError that names the file and the damaged part."""
         try:
             yield
         except _ERRORS as error:
             raise ValueError(f"{self.path} is a damaged trajectory: {part}{error}") from error
 
     def _check_sizes(self, root: Any) -> None:
-        """Raise ValueError unless the frames have their arrays, and these can be in the file."""
+        """Raise ValueError unless all frames have their arrays, and the arrays fit into the file."""
         vectors = dict.fromkeys((POINTS, VELOCITY, CONTACT), (self._points, 3))
         for name, (rows, *width) in {**vectors, STRAIN: (self._cells,)}.items():
             if name not in root:
@@ -143,7 +143,7 @@ class Trajectory:
             self._check_size(root, name, len(self) * rows * math.prod(width))
 
     def _check_size(self, root: Any, name: str, count: int) -> None:
-        """Raise ValueError if `count` numbers cannot be in the file, which may still be growing."""
+        """Raise ValueError if `count` entries cannot fit into the file, which may still be growing."""
         if wrong := too_large(root[name], count, self.path.stat().st_size):
             raise ValueError(f"{name} {wrong}")
 
@@ -181,7 +181,7 @@ class Trajectory:
 
     @cached_property
     def scene(self) -> tuple[dict[str, Any], dict[str, NDArray]] | None:
-        """The data of the scene for pictures, as given to the writer; None if there is none."""
+        """Data of the scene for pictures, as given to the writer; None if not stored."""
         own = self._file[OWN]
         if "scene" not in own:
             return None
@@ -201,7 +201,7 @@ class Trajectory:
 
     @property
     def strains(self) -> FrameArray:
-        """Strain of each connection, shape [frame_count, connection_count]; ValueError if it was not stored."""
+        """Strain of each connection, shape [frame_count, connection_count]; ValueError if not stored."""
         if STRAIN not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without strain")
         return FrameArray(self._file[ROOT][STRAIN], len(self), self._cells, self._lines)
@@ -210,7 +210,7 @@ class Trajectory:
     def contact_forces(self) -> FrameArray:
         """Contact force on each particle [N], shape [frame_count, particle_count, d]; ValueError if not stored.
 
-        Averaged over the preceding frame interval, like `Simulation.contact_force`; 0 in the first frame.
+        Averaged over the preceding frame interval, as in `Simulation.contact_force`; 0 in the first frame.
         """
         if CONTACT not in self._file[ROOT]:
             raise ValueError(f"{self.path} was written without contact forces")
@@ -223,24 +223,24 @@ class Trajectory:
     def broken_at(self) -> NDArray[np.float32]:
         """Time at which each connection broke [s], shape [connection_count]: 0 from the start, inf if unbroken.
 
-        `msdwarp.bodies.broken_before` gives those that are broken in a frame.
+        `msdwarp.bodies.broken_before` returns the connections that are broken in a frame.
         """
         kept = self._file[ROOT].get(BROKEN_AT)
-        if kept is None:  # no connection can break, or fracture did not exist when the file was written
+        if kept is None:  # no connection can break, or the file is from a version without fracture
             return np.full(self._lines, np.inf, dtype=np.float32)
         with self._damage_named("its broken_at: "):
             times = np.asarray(kept[: self._lines], dtype=np.float32)
         if times.shape != (self._lines,) or not (times >= 0).all():
             raise ValueError(f"{self.path} is a damaged trajectory: its broken_at are no times")
-        # A frame counts once its time is written: connections that broke after the last one count as unbroken.
+        # A frame exists once its time is written: connections that broke after the last frame count as unbroken.
         seen = broken_before(times, float(self.times[-1]) if len(self) else 0.0)
         return np.where(seen, times, np.float32(np.inf))
 
     @property
     def substeps(self) -> NDArray[np.int32] | None:
-        """Number of substeps of each frame, shape [frame_count]; None in old files without it.
+        """Number of substeps of each frame, shape [frame_count]; None in old files that lack it.
 
-        Entry 0, the start, repeats the number of frame 1; 0 is unknown.
+        Entry 0, at the start, repeats the number of frame 1; 0 means unknown.
         """
         kept = self._file[OWN].get(SUBSTEPS)
         if kept is None:
@@ -259,14 +259,14 @@ class Trajectory:
 
     @property
     def probes(self) -> dict[str, tuple[str, list[str]]] | None:
-        """For each probe, how often it was read ("frame" or "substep") and its columns; None without readings."""
+        """For each probe how often it was read ("frame" or "substep"), and its columns; None without readings."""
         return None if self._tables is None else self._tables.columns
 
     @cached_property
     def readings(self) -> dict[str, Series]:
         """Readings of the probes up to the last frame, by name: `times, values = trajectory.readings["foot"]`.
 
-        They include frames that were not stored; empty if there are no readings.
+        Frames that were not stored have readings too; the mapping is empty if there are no readings.
         """
         if self._tables is None:
             return {}
@@ -274,7 +274,7 @@ class Trajectory:
             return self._tables.read(len(self), self.path.stat().st_size)
 
     def frame(self, k: int) -> Frame:
-        """Return frame k, counted from the end if k is negative; raise IndexError if there is none."""
+        """Return frame k, counted from the end if k is negative; raise IndexError if it does not exist."""
         return Frame(float(self.times[k]), self.positions[k], self.velocities[k])
 
     @overload
@@ -290,14 +290,14 @@ class Trajectory:
 
 
 def _opened(path: Path) -> Any:
-    """Return a trajectory's open file; raise ValueError for another file."""
+    """Return a trajectory's open file; raise ValueError if the file is no trajectory."""
     import h5py
 
     with path.open("rb") as file:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
             raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
     try:
-        with ExitStack() as opened:  # close on errors: HDF5 caches the metadata of open files
+        with ExitStack() as opened:  # close on errors, since HDF5 caches the metadata of open files
             file = opened.enter_context(h5py.File(path, "r", locking=False))
             if wrong := _format_fault(file):
                 raise ValueError(f"{path} is no trajectory: {wrong}")
@@ -311,7 +311,7 @@ def _opened(path: Path) -> Any:
 
 
 def _format_fault(file: Any) -> str | None:
-    """Return why this version cannot read a file as a trajectory; None if it can."""
+    """Return why this version cannot read a file as a trajectory; None if it can read the file."""
     if ROOT not in file:
         return f"it has no group {ROOT}"
     if OWN not in file:
@@ -324,10 +324,10 @@ def _format_fault(file: Any) -> str | None:
 
 
 def _times(root: Any) -> NDArray[np.float64]:
-    """Return the times [s] of the frames in the group VTKHDF, up to the first that is not fully on disk."""
+    """Return the times [s] of the frames in the group VTKHDF, without frames that are not fully on disk."""
     values, count = root["Steps/Values"], int(root["Steps"].attrs["NSteps"])
     try:
         times = values[:count]
-    except OSError:  # the array is already longer, but its last part is not on disk
+    except OSError:  # the array has been extended, but its last part is not on disk
         times = values[: len(values) - 1]
     return times[: np.append(np.isnan(times), True).argmax()]

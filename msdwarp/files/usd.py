@@ -1,7 +1,7 @@
-"""USD: meshes that move, their materials, a camera and lights, for Blender and other programs."""
+"""USD: meshes that move, materials, a camera and lights, for Blender and other programs."""
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-# USD is optional, and its modules are compiled, without types.
+# USD is optional, and its modules are compiled and have no types.
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -12,39 +12,39 @@ from numpy.typing import NDArray
 from PIL import Image
 
 HORIZONTAL_APERTURE = 36.0
-"""Width of the camera's film [mm], that of a photo camera."""
+"""Width of the camera's film [mm], as in a photo camera."""
 SUN, SKY = 0.5, 0.6
-"""Intensities of the lights: the key light from one direction, and the sky from all."""
+"""Intensities of the lights: a key light from one direction, and the sky from all directions."""
 SUN_ANGLE = 5.7
-"""Width of the key light, as pictures have it (`pictures.light.SOFTNESS`) [degrees]."""
+"""Angular width of the key light [degrees], as in pictures (`pictures.light.SOFTNESS`)."""
 
 
 class UsdMesh(NamedTuple):
-    """A mesh of a scene: what does not change with time."""
+    """A mesh of a scene: the data that do not change with time."""
 
     name: str
     triangles: NDArray[np.int32]
-    """Shape [triangle_count, 3]."""
+    """Vertices of each triangle, shape [triangle_count, 3]."""
     uv: NDArray
     """Texture coordinates of the vertices, shape [vertex_count, 2]."""
     colour: NDArray
-    """In 0 … 1 as on the screen, shape [3] or [vertex_count, 3], where frames have no colours."""
+    """sRGB in 0 … 1, shape [3] or [vertex_count, 3], for frames without colours."""
     texture: NDArray[np.uint8] | None
     gloss: float
     moves: bool
 
 
 class UsdFrame(NamedTuple):
-    """What changes with time, for each mesh."""
+    """The time-dependent data of each mesh, and the camera."""
 
     points: Sequence[NDArray]
-    """[m], each of shape [vertex_count, 3]."""
+    """Vertices [m], each array of shape [vertex_count, 3]."""
     normals: Sequence[NDArray | None]
-    """Unit vectors; None: those of the triangles."""
+    """Unit normals at the vertices; None for the normals of triangles."""
     colours: Sequence[NDArray | None]
-    """As in `UsdMesh`; None: as there."""
+    """As `UsdMesh.colour`; None for the mesh's own colour."""
     view: NDArray
-    """Rows right, up and back of the camera, and its place [m], shape [4, 3]."""
+    """Rows: right, up and back of the camera, and its position [m]; shape [4, 3]."""
 
 
 def write_usd(
@@ -60,11 +60,11 @@ def write_usd(
     sun: NDArray,
     background: NDArray,
 ) -> None:
-    """Write a scene with its frames into a USD file, in metres, z up; time codes are the indices of frames.
+    """Write a scene with frames to a USD file, in metres, z up; time codes are frame indices.
 
-    Images go into the folder `textures`, beside the file. `view_angle` is the vertical angle of view [degrees],
-    `aspect` the picture's width over its height. `sun` is the unit vector towards the key light, `background` the
-    colour of the sky, in 0 … 1 as on the screen.
+    Images go into the folder `textures` beside the file. `view_angle` is the vertical angle of view [degrees],
+    `aspect` the picture's width over its height. `sun` is a unit vector towards the key light. `background` is
+    the sky's sRGB colour, in 0 … 1.
     """
     from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
 
@@ -109,7 +109,7 @@ def write_usd(
     light = UsdLux.DistantLight.Define(stage, "/scene/sun")
     light.CreateIntensityAttr(SUN)
     light.CreateAngleAttr(SUN_ANGLE)
-    light.CreateNormalizeAttr(True)  # else a smaller sun is a weaker one
+    light.CreateNormalizeAttr(True)  # otherwise a smaller sun is weaker
     light.AddOrientOp().Set(Gf.Quatf(Gf.Rotation(Gf.Vec3d(0, 0, 1), Gf.Vec3d(*map(float, sun))).GetQuat()))
     sky = UsdLux.DomeLight.Define(stage, "/scene/sky")
     sky.CreateIntensityAttr(SKY)
@@ -133,7 +133,7 @@ def write_usd(
 
 
 def linear(colour: NDArray) -> NDArray:
-    """Return linear colours, as in USD, for colours on the screen (sRGB), both in 0 … 1 (IEC 61966-2-1)."""
+    """Return linear colours, as in USD, given sRGB colours, both in 0 … 1 (IEC 61966-2-1)."""
     return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
 
 
@@ -142,7 +142,7 @@ def _vectors(Vt: Any, values: NDArray) -> Any:
 
 
 def _free_name(wanted: str, taken: set[str]) -> str:
-    """Return a name that USD allows, and that is not taken yet; take it."""
+    """Return a name allowed by USD that is not taken yet, and add it to `taken`."""
     from pxr import Tf
 
     base = name = Tf.MakeValidIdentifier(wanted)
@@ -155,7 +155,7 @@ def _free_name(wanted: str, taken: set[str]) -> str:
 
 
 def _bind_material(stage: Any, shape: Any, name: str, mesh: UsdMesh, image: str) -> None:
-    """Give a mesh a material, with its texture or the colours of its vertices."""
+    """Give a mesh a material with its texture or vertex colours."""
     from pxr import Sdf, UsdShade
 
     types, at = Sdf.ValueTypeNames, f"/scene/materials/{name}"

@@ -1,8 +1,8 @@
 """Checks of an HDF5 file before its contents are used.
 
-`structure_fault` reads structures and texts, but no arrays. `probe` runs it in a separate process, which needs
-only this file and h5py, and can be killed: on a damaged or malicious file HDF5 may never return, ignore signals,
-and use all memory.
+`structure_fault` reads structures and texts, but no arrays. `probe` calls it in a separate process, which imports
+only this file and h5py, and can be killed: on a damaged or malicious file HDF5 may not return, may ignore signals,
+and may use all memory.
 """
 
 import math
@@ -13,22 +13,22 @@ from pathlib import Path
 from typing import Any
 
 _SECONDS = 2.0
-"""CPU time that the process may use [s]; an undamaged file takes some hundredths."""
+"""CPU time allowed to the process [s]; an undamaged file takes a few hundredths."""
 _MOST_SECONDS = 120.0
-"""Total time that the process may take [s], even with a slow disk."""
+"""Total time allowed to the process [s], enough for a slow disk."""
 _MOST_OBJECTS = 10_000
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 _MOST_SQUEEZED = 1100
 """Maximal ratio of uncompressed to compressed size with gzip."""
 _GROWING = ("VTKHDF/Points", "VTKHDF/PointData/", "VTKHDF/CellData/", "VTKHDF/Steps/", "msdwarp/substeps")
 _GROWING += ("msdwarp/readings/by_", "msdwarp/readings/ends")
-"""Arrays whose last rows may not be on disk yet, if the file is being written."""
+"""Arrays whose last rows may not be on disk yet while the file is being written."""
 
 
 def probe(path: str | Path) -> None:
-    """Raise ValueError unless HDF5 can walk through a file, and every array in it has the size that it states.
+    """Raise ValueError unless HDF5 can traverse a file, and every array in it has the stated size.
 
-    The contents are not checked. For a file that HDF5 itself refuses, the error is raised where it is opened.
+    Contents are not checked. For a file that HDF5 itself refuses, opening the file raises the error instead.
     """
     path = Path(path)
     with path.open("rb") as file:
@@ -47,7 +47,7 @@ def probe(path: str | Path) -> None:
 
 
 def structure_fault(file: Any) -> str | None:
-    """Return why an open file cannot be read safely: external links, unknown filters, impossible sizes."""
+    """Return why an open file cannot be read safely, such as external links, unknown filters, impossible sizes."""
     import h5py
     from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -80,32 +80,32 @@ def structure_fault(file: Any) -> str | None:
 
 
 def _wrong(item: Any, path: str) -> str | None:
-    """Return why an array cannot be read safely, by its own description; None if it can."""
+    """Return why an array cannot be read safely, according to its metadata; None if it can be read."""
     if item.is_virtual or item.external:
         return "lies in other files"
     plan = item.id.get_create_plist()
     found = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
     if foreign := [code for code in found if code not in _FILTERS]:
         return f"needs filter {foreign[0]}; it may need {', '.join(_FILTERS.values())}"
-    if item.dtype.hasobject:  # strings of variable length, in a heap that may be damaged
+    if item.dtype.hasobject:  # strings of variable length are in a heap that may be damaged
         if item.shape != ():
             return "is an array of texts or of what has any length, which no run writes"
         _ = item[()]
         return None
     if path.startswith(_GROWING):
-        return None  # their reader checks the part that it reads
+        return None  # the reader checks the part that it reads
     return too_large(item, math.prod(item.shape or ()), item.id.get_storage_size())
 
 
 def too_large(item: Any, count: int, stored: int) -> str | None:
-    """Return a message if `count` numbers of an array cannot be in `stored` bytes of a file; None if they can."""
+    """Return a message if `count` entries of an array cannot fit in `stored` bytes of a file; None if they can."""
     size = count * item.dtype.itemsize
     most = stored * (_MOST_SQUEEZED if item.compression else 1)
     return f"should hold {size} bytes, and {stored} are there" if size > most else None
 
 
 def _limit() -> None:
-    """Limit this process: the system kills it after some seconds of CPU time, and refuses large memory."""
+    """Limit this process: the system kills it after some seconds of CPU time and refuses it much memory."""
     try:
         import resource
     except ImportError:
@@ -121,7 +121,7 @@ def _limit() -> None:
 
 
 def main(path: str) -> None:
-    """Print why a file cannot be read safely, if it cannot. HDF5 may crash, or never end."""
+    """Print why a file cannot be read safely; print nothing if it can. HDF5 may crash or not return."""
     import h5py
 
     _limit()

@@ -1,6 +1,6 @@
-"""VTKHDF: the layout of a trajectory in its file, and of the system beside it; see docs/files.md.
+"""VTKHDF: the layout of frames and system in a trajectory's file; see docs/files.md.
 
-Functions take open h5py files, so that HDF5 is loaded only when a file is opened.
+Functions take open h5py files, so that HDF5 is imported only when a file is opened.
 """
 
 import json
@@ -35,34 +35,34 @@ from .reading_tables import Columns, ReadingTables, Rows
 from .stored_system import arrays_of, write_system
 
 Scene = tuple[Mapping[str, Any], Mapping[str, NDArray]]
-"""The data of a scene for pictures: JSON data, and arrays by name."""
+"""Data of a scene for pictures: JSON data, and arrays by name."""
 _TIMES, _SUBSTEPS = f"{ROOT}/Steps/Values", f"{OWN}/{SUBSTEPS}"
 _LEAST_CHUNK, _MOST_CHUNK = 1 << 16, 1 << 31
-"""Bytes of a chunk; HDF5 takes no more than 4 GiB."""
+"""Bounds of the size of a chunk [bytes]; HDF5 allows at most 4 GiB."""
 FORESEEN = 1024
-"""Frames whose offsets are written at once, if the number of frames is unknown."""
+"""Number of frames whose offsets are written at once, if the total number of frames is unknown."""
 _MOST_FORESEEN = 1 << 16
 """The limit of this number if it is known: offsets take space even if the run ends early."""
 
 
 class Record(NamedTuple):
-    """A frame and the arrays stored with it; without a frame, only the readings of a frame that is not kept."""
+    """A frame and the arrays stored with it; if the frame is None, only readings of a frame that is not kept."""
 
     frame: Frame | None
     strain: NDArray | None = None
     """Strain of each connection; None to compute it."""
     substeps: int = 0
     broken_at: NDArray | None = None
-    """When each connection broke [s]."""
+    """Time at which each connection broke [s]."""
     contact_force: NDArray | None = None
     rows: Rows = MappingProxyType({})
-    """The readings since the previous frame."""
+    """Readings since the previous frame."""
 
 
 class Layout:
-    """The layout of a system's frames: the data stored once, and the data that each frame adds.
+    """The layout of a system's frames: data stored once, and data added by each frame.
 
-    With `tears` the time at which each connection broke is stored; by default if any can break.
+    If `tears`, the time at which each connection broke is stored; by default if a connection can break.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Layout:
         if contact_forces:
             self._per_frame[CONTACT] = self._points
         if strain and system.connection_count:
-            cells = sum(map(len, self._cells.values()))  # no vertices precede the connections
+            cells = sum(map(len, self._cells.values()))  # no vertices, which would precede connections
             self._per_frame[STRAIN] = cells
             self._no_connections = np.full(cells - system.connection_count, np.nan, dtype=dtype)
         self._edges = Edges(system) if (system.tears if tears is None else tears) else None
@@ -95,7 +95,7 @@ class Layout:
 
     @classmethod
     def of(cls, file: Any, system: System) -> "Layout":
-        """Return the layout of an existing file."""
+        """Return the layout of an existing file, without readings."""
         root = file[ROOT]
         values = Growing(POINTS, (3,), np.float32, 0).open(root)
         times = Growing(_TIMES, (), np.float64, 0).open(file)
@@ -105,13 +105,13 @@ class Layout:
 
     @property
     def static_size(self) -> int:
-        """Bytes of the data stored once."""
+        """Size of the data stored once [bytes]."""
         own = sum(values.nbytes for values in arrays_of(self._system).values())
         own += 0 if self._edges is None else 4 * sum(map(len, self._cells.values()))
         return own + sum(2 * cells.nbytes + cells.itemsize for cells in self._cells.values())
 
     def growth(self, k: int, rows: Rows, kept: bool = True) -> int:
-        """Return the most bytes that readings, and frame k if it is kept, add: chunks are allocated whole."""
+        """Return a bound of the bytes that readings, and frame k if kept, add; chunks are allocated whole."""
         size = 0 if self._readings is None else self._readings.growth(k, rows)
         return size + sum(one.growth(k * each, (k + 1) * each) for one, each in self._arrays() if kept)
 
@@ -145,9 +145,9 @@ class Layout:
             one.create(file)
 
     def open(self, file: Any) -> None:
-        """Prepare to append frames to a file; raise ValueError if one of its arrays cannot grow."""
+        """Prepare to append frames to a file; raise ValueError if an array in it cannot grow."""
         self._file, self._steps = file, file[ROOT]["Steps"]
-        # Early files have no substeps.
+        # Early files have no numbers of substeps.
         arrays = {
             one.name: one.open(file) for one, _ in self._arrays() if one.name in file or one.name != _SUBSTEPS
         }
@@ -159,16 +159,16 @@ class Layout:
         self._readings = ReadingTables.of(file)
 
     def continue_after(self, k: int, until: float) -> None:
-        """Continue after the first k frames, and after the readings up to `until` [s]."""
+        """Continue after the first k frames, and after readings up to `until` [s]."""
         if self._readings is not None:
             self._readings.continue_after(k, float(self._times[k - 1]), until)
 
     def truncate(self, k: int) -> None:
-        """Cut the file to its first k frames; the next ones overwrite the others."""
-        # VTK's reader would write past its memory if there were more times than frames.
+        """Cut the file to its first k frames; new frames overwrite the rest."""
+        # VTK's reader would write beyond its memory if there were more times than frames.
         last = float(self._times[k - 1])
         self._times.resize(k, axis=0)
-        if self._broken_at is not None:  # connections that broke later are unbroken again
+        if self._broken_at is not None:  # connections that broke later become unbroken
             self._known = self._known_until(last)
             self._broken_at[:] = self._broken_cells(self._known)
         self._file.flush()
@@ -176,7 +176,7 @@ class Layout:
         self._file.flush()
 
     def holds(self, k: int, record: Record) -> bool:
-        """Return whether the next readings and frame k of the file equal this record, bit for bit."""
+        """Return whether the file's next readings and frame k equal this record, bit for bit."""
         frame = record.frame
         if self._readings is not None and not self._readings.holds(record.rows, None if frame is None else k):
             return False
@@ -190,11 +190,11 @@ class Layout:
         try:
             pieces = self._pieces(k, frame, record)
             return all(same(item[start : start + len(values)], values) for item, start, values in pieces)
-        except OSError:  # from HDF5, for a damaged array
+        except OSError:  # HDF5 found a damaged array
             return False
 
     def append(self, k: int, record: Record) -> None:
-        """Write a record's readings, and its frame as frame k, and flush them."""
+        """Write a record's readings, and its frame as frame k; flush both."""
         frame = record.frame
         if frame is None:
             self.append_rows(record.rows)
@@ -221,7 +221,7 @@ class Layout:
             _at_least(dataset, (k + 1) * self._per_frame[name])
         for dataset, start, values in self._pieces(k, frame, record):
             dataset[start : start + len(values)] = values
-        # VTK's reader would write past its memory if there were more times than frames.
+        # VTK's reader would write beyond its memory if there were more times than frames.
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(k + 1))
         self._times.resize(k + 1, axis=0)
@@ -229,13 +229,13 @@ class Layout:
         self._file.flush()
 
     def append_rows(self, rows: Rows) -> None:
-        """Write readings, unless the file has them already, and flush them."""
+        """Write readings, unless the file already has them; flush them."""
         if self._readings is not None:
             self._readings.add(rows)
             self._file.flush()
 
     def _arrays(self) -> Iterator[tuple[Growing, int]]:
-        """Yield the growing arrays, and a frame's number of rows in each."""
+        """Yield (growing array, number of its rows per frame)."""
         yield Growing(_SUBSTEPS, (), np.int32, self._foreseen), 1
         yield Growing(_TIMES, (), np.float64, self._foreseen, {"fillvalue": np.nan, "fill_time": "ifset"}), 1
         for name, stride in self._offsets().items():
@@ -243,13 +243,13 @@ class Layout:
         for name, rows in self._per_frame.items():
             width: tuple[int, ...] = () if name == STRAIN else (3,)
             size = self._dtype.itemsize * math.prod(width)
-            # A compressed chunk is compressed again whenever a part of it is written.
+            # A compressed chunk is compressed again after each write of a part.
             frames = 1 if self._compress else max(1, _LEAST_CHUNK // (rows * size))
             chunk = min(frames * rows, _MOST_CHUNK // size)
             yield Growing(f"{ROOT}/{name}", width, self._dtype, chunk, GZIP if self._compress else {}), rows
 
     def _offsets(self) -> dict[str, NDArray[np.int64]]:
-        """Return the increment per frame in each array of offsets in Steps."""
+        """Return the increment per frame of each array of offsets in the group Steps."""
         strides = {"PartOffsets": 0, "NumberOfParts": 0, "CellOffsets": [0] * 4, "ConnectivityIdOffsets": [0] * 4}
         strides |= {"PointOffsets": self._points, "PointDataOffsets/velocity": self._points}
         if CONTACT in self._per_frame:
@@ -271,11 +271,11 @@ class Layout:
         return np.where(broken_before(self._known, time), self._known, np.float32(np.inf))
 
     def _known_by(self, broken_at: NDArray) -> NDArray[np.float32]:
-        """Return the time at which each connection broke [s], 0 for those broken from the start."""
+        """Return the time at which each connection broke [s], 0 if it was broken at the start."""
         return np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
 
     def _in_space(self, values: NDArray) -> NDArray:
-        """Return vectors of particles as vectors of VTK's points, shape [point_count, 3]."""
+        """Return vectors at particles as vectors at VTK's points, shape [point_count, 3]."""
         n, dim = values.shape
         if dim == 3 and self._embedded is None:
             return np.ascontiguousarray(values, dtype=self._dtype)
@@ -286,7 +286,7 @@ class Layout:
         return result
 
     def _pieces(self, k: int, frame: Frame, record: Record) -> Iterator[tuple[Any, int, NDArray]]:
-        """Yield pieces of frame k: the array, the piece's first row in it, and the rows."""
+        """Yield (array, first row, rows) for each piece of frame k."""
         vectors = {POINTS: frame.position, VELOCITY: frame.velocity, CONTACT: record.contact_force}
         for name, dataset in self._datasets.items():
             start = k * self._per_frame[name]
@@ -298,7 +298,7 @@ class Layout:
                 yield dataset, start, self._in_space(values)
                 continue
             strain = self._strain(frame.position) if record.strain is None else record.strain
-            if self._compress:  # in one piece: a second one would compress the chunk again
+            if self._compress:  # one piece, since a second one would compress the chunk again
                 yield dataset, start, np.concatenate([strain, self._no_connections])
             else:
                 yield dataset, start, strain
@@ -314,14 +314,14 @@ class Layout:
 
 
 def _cells(system: System) -> dict[str, NDArray]:
-    """Return the points of each cell by VTK's names of kinds, in VTK's order, shape [any, corners] each."""
+    """Return the points of cells by VTK's name of the kind, in VTK's order, each array of shape [any, corners]."""
     n, surface = system.particle_count, system.surface
     vertices, triangles = np.empty((0, 1)), np.empty((0, 3))
     if surface is not None:
         own = surface.particle if surface.weights is None else n + np.arange(len(surface.particle))
         triangles = own[surface.triangles]
     elif not system.connection_count:
-        vertices = np.arange(n)[:, None]  # draw particles, so that something is visible
+        vertices = np.arange(n)[:, None]  # draw particles, since nothing else would be visible
     cells = dict(zip(KINDS, (vertices, system.connections, triangles, np.empty((0, 3))), strict=True))
     wide = any(kind.size >= 2**31 for kind in cells.values())
     return {name: kind.astype(np.int64 if wide else np.int32, copy=False) for name, kind in cells.items()}

@@ -1,4 +1,4 @@
-"""Writing trajectories: a thread writes frames to disk while the simulation continues."""
+"""Writing trajectories: a thread writes frames to disk while a simulation continues."""
 
 import atexit
 import os
@@ -24,34 +24,34 @@ from .vtkhdf import Layout, Record, Scene
 
 SUFFIX = ".vtkhdf"
 _QUEUED = 4
-"""Maximal number of frames that wait for the thread."""
+"""Maximal number of frames in the queue of the thread."""
 
 
 class _Pending(Protocol):
-    """A frame that is still being copied to the host, returned by `Readback.take`; methods wait for it."""
+    """A frame in transfer to the host, from `Readback.take`; the methods wait for its arrival."""
 
     @property
     def substeps(self) -> int: ...
-    def arrived(self) -> tuple[Frame, NDArray | None]: ...  # with the strains, if they are included
+    def arrived(self) -> tuple[Frame, NDArray | None]: ...  # with strains, if requested
     def broken_at(self) -> NDArray | None: ...
     def contact_force(self) -> NDArray | None: ...
-    def release(self) -> None: ...  # release the memory, once the frame is on disk
+    def release(self) -> None: ...  # called once the frame is on disk
 
 
 class TrajectoryWriter:
-    """Writes frames while the simulation continues: a thread flushes each to disk.
+    """Writes frames while a simulation continues: a thread flushes each frame to disk.
 
-    The file appears with the first frame. From then on it can be opened at any time, even after the process was
+    The file appears with the first frame. From then on it can be opened at any time, even after the process is
     killed, and has every flushed frame.
 
     Parameters
     ----------
     path, force
-        The file, `*.vtkhdf` (see docs/files.md), and whether an existing one is replaced.
+        The file, `*.vtkhdf` (see docs/files.md); whether an existing file is replaced.
     system
         The system at the start.
     fps
-        Frames per second of simulated time that are passed to `write`.
+        Frames passed to `write` per second of simulated time.
     frame_count
         Number of frames, if known; the file is then laid out for this number.
     compress
@@ -59,8 +59,8 @@ class TrajectoryWriter:
     every
         Keep every Nth frame, starting with the first.
     strain, contact_forces
-        Write the strain of every connection (in a lattice many more numbers than the positions), and the contact
-        force on each particle, which must then be given with every frame.
+        Whether to write the strain of every connection (in a lattice far more values than positions), and the
+        contact force on each particle, which `write` then requires with every frame.
     attributes
         Information about the run: numbers, texts, or lists and mappings of these, as in JSON.
     readings
@@ -69,9 +69,9 @@ class TrajectoryWriter:
     scene
         Data of the surroundings for pictures: JSON data, and arrays by name.
     behind
-        Continue the existing file, its layout and attributes, after this many frames that were passed to `write`.
-        Later frames in it are kept while equal ones are written again. The first that differs replaces them, once
-        there is space on disk for as many.
+        Continue the existing file, with its layout and attributes, after this many frames passed to `write`. Later
+        frames are kept while equal frames are written again. The first different frame replaces all later frames,
+        once there is space on disk for as many.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class TrajectoryWriter:
         self._raised = self._ended = False
         self._queue: queue.Queue[tuple[_Pending | None, Record] | None] = queue.Queue(_QUEUED)
         self._thread = threading.Thread(target=self._work, name=f"writes {self.path.name}", daemon=True)
-        # At exit the last registered function runs first: this file must end before HDF5, registered on import.
+        # At exit the last registered function runs first: this file must close before HDF5, registered on import.
         import h5py  # noqa: F401
 
         atexit.register(self.close)
@@ -135,12 +135,12 @@ class TrajectoryWriter:
 
     @property
     def frame_count(self) -> int:
-        """Frames in the file so far."""
+        """Number of frames in the file so far."""
         return self._file.frame_count
 
     @property
     def has_fewer(self) -> bool:
-        """Whether the file has fewer frames than when it was reopened, because others replace them."""
+        """Whether the file has fewer frames than when reopened, because new frames replace the old."""
         return self.frame_count < self._file.found
 
     def write(
@@ -153,11 +153,11 @@ class TrajectoryWriter:
     ) -> None:
         """Write a frame: time [s], positions [m] and velocities [m/s], shape [particle_count, d] each.
 
-        It waits while four frames are queued. Do not change the arrays afterwards. If `strain`, shape
+        The call waits while four frames are queued. Do not change the arrays afterwards. If `strain`, shape
         [connection_count], is not given, it is computed from the positions and the system's rest lengths.
-        `broken_at`, of the same shape, is when connections broke [s], inf if they are whole; it is stored if the
-        system can tear. `readings` are the new rows of the tables "frame" and "substep": times [s], followed by
-        the numbers of all such probes, in order. `contact_force` [N] has the shape [particle_count, d].
+        `broken_at`, of the same shape, has the times at which connections broke [s], inf if unbroken; it is stored
+        if the system can tear. `readings` are new rows of the tables "frame" and "substep": times [s], followed by
+        the values of all probes read that often, in order. `contact_force` [N] has shape [particle_count, d].
 
         Raises ValueError if an array has the wrong shape or the writer is closed, and OSError if an earlier frame
         could not be written.
@@ -183,14 +183,14 @@ class TrajectoryWriter:
         return self._offered % self._every == 0
 
     def write_pending(self, frame: _Pending | None, readings: Rows = MappingProxyType({})) -> None:
-        """Write a frame that is still being copied, or None if `wants_next` is false; else as `write`."""
+        """Write a frame in transfer, or None if `wants_next` is false; otherwise as `write`."""
         kept = self.wants_next()
         if kept and frame is None:
             raise ValueError("frame is None; this frame must be kept")
         self._enqueue(frame if kept else None, Record(None, rows=readings))
 
     def _enqueue(self, pending: _Pending | None, record: Record) -> None:
-        """Queue a frame, if it is kept, and its readings for the thread."""
+        """Queue readings and, if it is kept, the frame for the thread."""
         for every, rows in record.rows.items():
             checks.one_of("a name in readings", every, tuple(self._widths))
             if np.ndim(rows) != 2 or rows.shape[1] != self._widths[every]:
@@ -201,16 +201,16 @@ class TrajectoryWriter:
         self._offered += 1
 
     def flush(self) -> None:
-        """Wait until all frames so far are synced to disk; raise OSError if one could not be written."""
+        """Wait until all frames so far are synced to disk; raise OSError if a frame could not be written."""
         self._queue.join()
         self._raise_error(again=True)
         self._file.sync()
 
     def close(self) -> None:
-        """Wait until all frames are written, and close the file; raise OSError unless `write` has raised it."""
+        """Wait until all frames are written, and close the file; raise OSError unless `write` raised it before."""
         if not self._ended:
             self._queue.put(None)
-            self._ended = True  # not earlier: an interrupt may come while the queue is full
+            self._ended = True  # not earlier, since an interrupt may come while the queue is full
         self._thread.join()
         atexit.unregister(self.close)
         self._raise_error(again=False)
@@ -222,13 +222,13 @@ class TrajectoryWriter:
         self.close()
 
     def _raise_error(self, *, again: bool) -> None:
-        """Raise the thread's error, if there is one; if it was raised before, only if `again`."""
+        """Raise the thread's error, if any; if it was raised before, only when `again`."""
         if self._error is not None and (again or not self._raised):
             self._raised = True
             raise self._error
 
     def _work(self) -> None:
-        """Write the queued records; after an error, only release their memory."""
+        """Write queued records; after an error, only release their memory."""
         while (queued := self._queue.get()) is not None:
             pending, record = queued
             with self._error_kept():
@@ -245,15 +245,15 @@ class TrajectoryWriter:
 
     @contextmanager
     def _error_kept(self) -> Iterator[None]:
-        """Store the first error, for `write` or `close` to raise."""
+        """Store the first error, which `write` or `close` will raise."""
         try:
             yield
         except Exception as error:
             self._error = self._error or self._explained(error)
 
     def _explained(self, error: Exception) -> Exception:
-        """Return an error that names the file and the number of frames kept."""
-        if not isinstance(error, OSError | RuntimeError):  # HDF5's errors are of these two kinds
+        """Return an error that names the file and the number of kept frames."""
+        if not isinstance(error, OSError | RuntimeError):  # HDF5's errors are of these types
             return error
         n, number = self.frame_count, getattr(error, "errno", None)
         reason = os.strerror(number) if number else str(error)
@@ -265,7 +265,7 @@ class TrajectoryWriter:
 
 
 def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> int:
-    """Return a file's number of frames; raise ValueError for fewer than `kept`, another system or other probes."""
+    """Return a file's number of frames; raise ValueError if below `kept`, or another system or other probes."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Integrator: a method of time stepping as data; `symplectic_euler.py` is the shortest example."""
+"""Integrator: a time-stepping method as data; `symplectic_euler.py` is the shortest example."""
 
 import math
 from abc import ABC, abstractmethod
@@ -11,34 +11,34 @@ from ..engine import Rates, Solve, Stage, State
 
 
 class Integrator(ABC):
-    """A time-stepping method: the stages of a substep, as data. `msdwarp.engine` runs them.
+    """A time-stepping method: the stages of a substep as data, which `msdwarp.engine` runs.
 
-    All launches of a stage must be capturable in a CUDA graph: a frame is recorded once and replayed.
+    All launches of a stage must be capturable in a CUDA graph, since a frame is recorded once and replayed.
     """
 
     order: ClassVar[int]
-    """Order of convergence. Damping and contact may lower it (see the method)."""
+    """Order of convergence; damping and contact may lower it (see each method)."""
     solves: ClassVar[bool] = False
-    """Whether a substep has solves between its stages. Each stage is then a separate launch."""
+    """Whether a substep has solves between stages; then each stage is a separate launch."""
 
     lag: ClassVar[float] = 0.0
-    """Substeps by which velocities lag behind positions, for the energy (see
+    """Lag of velocities behind positions, in substeps, for the energy (see
     `msdwarp.engine.diagnostics.energy_balance`)."""
     staggered: ClassVar[bool] = False
-    """Whether given velocities are shifted back by `lag` substeps at the start, and forward again when they are
-    read. A method that lags but is not staggered uses and reports velocities without shifts."""
+    """Whether given velocities are shifted back by `lag` substeps at the start, and forward again when read. A
+    method that lags without being staggered uses and reports velocities without shifts."""
 
     supports_contact: ClassVar[bool] = True
     """Whether the method supports contact between bodies."""
     long_steps: ClassVar[bool] = False
-    """Whether stable steps may be too long to resolve the motion; then every frame is checked."""
+    """Whether stable steps may be too long to resolve the motion; then every frame's energy is checked."""
 
     @property
     def tableau(self) -> NDArray | None:
         """Butcher's coefficients of an explicit method, shape [stages, stages]; None if it has none.
 
-        Stage j evaluates forces at Y_j = Y_0 + h Σ_m tableau[j − 1, m] (v_m, a_m), summed over the stages m < j
-        before it. The last row is the end of the substep. Gradients are led back by these numbers.
+        Stage j evaluates forces at Y_j = Y_0 + h Σ_m tableau[j − 1, m] (v_m, a_m), summed over the stages m < j.
+        The last row gives the end of the substep. Gradients are computed from these coefficients.
         """
         return None
 
@@ -54,28 +54,28 @@ class Integrator(ABC):
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of the force of each stage, at `stage_times`, in an integral over the substep."""
+        """Weight of each stage's force, evaluated at `stage_times`, in an integral over the substep."""
         return (1.0,) + (0.0,) * (len(self.stage_times) - 1)
 
     @property
     def lagging(self) -> bool:
-        """Whether forces use velocities half a substep before the positions."""
+        """Whether forces use velocities of half a substep before the positions."""
         return False
 
     @property
     def method_state(self) -> int:
-        """Number of arrays of vectors that substeps pass on, besides positions and velocities."""
+        """Number of vector arrays passed from substep to substep, besides positions and velocities."""
         return 0
 
     def workspace(self, state: State) -> Any:
-        """Return the arrays that the method needs besides the state; None if it needs none."""
+        """Return the arrays that the method needs besides the state; None if there are none."""
         return None
 
     @abstractmethod
     def substep(self, state: State, work: Any, h: float) -> Sequence[Stage | Solve]:
         """Return the stages of one substep of h seconds, from `state.state_in` to `state.state_out`.
 
-        `work` is the result of `workspace`; its contents are not kept between substeps.
+        `work` is from `workspace`; its contents are not kept between substeps.
         """
 
     @abstractmethod
@@ -83,14 +83,14 @@ class Integrator(ABC):
         """Return the largest stable substep [s] for a linear system with these rates."""
 
     def fitted(self, rates: Rates, h: float) -> Self:
-        """Return the method with its options for substeps of h seconds."""
+        """Return the method with options chosen for substeps of h seconds."""
         return self
 
 
 def kick_drift_limit(stiffness_rate: float, damping_rate: float) -> float:
-    """Return the h at which h²λ_k + 2hλ_b reaches 4, the limit of kick-drift with an explicit damper.
+    """Return the h at which h²λ_k + 2hλ_b is 4, the stability limit of kick-drift with an explicit damper.
 
-    At the limit the fastest mode flips sign every substep. With x_n − x_{n−1} = h v_n, x and v alternating,
+    At the limit the fastest mode changes sign in every substep. With x_n − x_{n−1} = h v_n, x and v alternating,
     x = h v / 2, and v_{n+1} − v_n = −h (λ_k x + λ_b v) becomes 2 = h (λ_k h / 2 + λ_b).
     """
     if stiffness_rate == 0.0:

@@ -1,6 +1,6 @@
-"""The methods by name, for the command and for studies.
+"""The methods by name, for the command line and for studies.
 
-A method is a file of this folder (`base.py` says what it needs), with its kernels in `kernels/integrators`.
+Each method is a file in this folder (`base.py` defines its interface), with kernels in `kernels/integrators`.
 """
 
 from .base import Integrator
@@ -18,5 +18,5 @@ METHODS: dict[str, Integrator] = {
     "rkc2": RKC2(),
     "linearly-implicit-euler": LinearlyImplicitEuler(),
 }
-"""The methods that the command offers, by name."""
+"""The methods offered by the command line, by name."""
 DEFAULT = "symplectic-euler"

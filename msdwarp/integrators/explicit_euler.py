@@ -16,8 +16,8 @@ from .base import Integrator
 class ExplicitEuler(Integrator):
     """x += h v and v += h a(x, v), both from the old state. For comparison only, in Python.
 
-    Order 1. Without damping every oscillation grows by √(1 + h²ω²) per substep, at any step. With it a
-    mode is stable iff h ≤ b/k and 2hλ(M⁻¹B) ≤ 4 + h²λ(M⁻¹K).
+    Order 1. Without damping every oscillation grows by √(1 + h²ω²) per substep, at any step. With damping it is
+    stable if and only if h ≤ b/k and 2hλ(M⁻¹B) ≤ 4 + h²λ(M⁻¹K).
     Reference: Hairer & Wanner, Solving Ordinary Differential Equations II, 2nd ed. (1996), IV.2.
     """
 
@@ -33,5 +33,5 @@ class ExplicitEuler(Integrator):
         return [Stage(explicit_euler, {"h": h, **state.motion()})]
 
     def stable_step(self, rates: Rates) -> float:
-        """Return a stable substep [s], 0 if a spring has no damper; see `Integrator.stable_step`."""
+        """Return a stable substep [s], 0 if a spring has no damper."""
         return min(rates.least_ratio, 2 / rates.damping if rates.damping else math.inf)

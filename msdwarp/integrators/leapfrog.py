@@ -13,11 +13,11 @@ from .base import Integrator, kick_drift_limit
 class Leapfrog(Integrator):
     """Symplectic Euler with velocities stored half a substep before the positions.
 
-    It makes a half kick back at the start, a half kick forward when a velocity is read, and the same substeps in
-    between. Order 2 without damping (then it is velocity Verlet). The dampers use the velocity (1 + θ) v(n − ½) −
-    θ v(n − 3/2). With θ = 0 it is half a substep old, which makes the order 1; with θ = ½ it is extrapolated to
+    The method makes a half kick back at the start, a half kick forward when a velocity is read, and equal substeps
+    in between. Order 2 without damping (then it is velocity Verlet). Dampers use the velocity (1 + θ) v(n − ½) −
+    θ v(n − 3/2). With θ = 0 this is half a substep old, which lowers the order to 1; θ = ½ extrapolates it to
     the time of the positions, which keeps order 2. Stable if h²λ(M⁻¹K) + 2(1 + 2θ) hλ(M⁻¹B) < 4. The half kick
-    ignores contact: for a particle at rest on a floor it reports the velocity −g h/2. Reference: Hairer, Lubich &
+    ignores contact: for a particle at rest on a floor it gives the velocity −g h/2. Reference: Hairer, Lubich &
     Wanner, Acta Numerica 12 (2003) 399-450.
 
     Parameters
@@ -28,7 +28,7 @@ class Leapfrog(Integrator):
     Raises
     ------
     ValueError
-        If `damper_extrapolation` is neither.
+        If `damper_extrapolation` is neither 0 nor 0.5.
     """
 
     damper_extrapolation: float = 0.0
@@ -43,12 +43,12 @@ class Leapfrog(Integrator):
 
     @property
     def lagging(self) -> bool:
-        """Whether forces use velocities half a substep before the positions."""
+        """Whether forces use velocities of half a substep before the positions."""
         return not self.damper_extrapolation
 
     @property
     def method_state(self) -> int:
-        """Number of arrays passed on: 1 if dampers use other velocities than the steps, else 0."""
+        """Number of arrays passed from substep to substep: 1 with θ > 0, for the previous velocities; else 0."""
         return 1 if self.damper_extrapolation else 0
 
     def substep(self, state: State, work: None, h: float) -> list[Stage]:

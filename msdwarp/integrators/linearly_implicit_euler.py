@@ -13,26 +13,26 @@ from .base import Integrator, kick_drift_limit
 
 
 class Work(NamedTuple):
-    """Workspace of a solve: vectors and blocks of shape [particle_count]."""
+    """Workspace of a solve: vectors and matrices, one per particle."""
 
     r: wp.array
-    """Right-hand side, later the residual; for driven particles the impulse of their forces [kg m/s]."""
+    """Right-hand side, later the residual; at driven particles the impulse of their forces [kg m/s]."""
     dv: wp.array
     """The solution: changes of velocity [m/s]."""
     p: wp.array
     """Search direction."""
     q: wp.array
-    """Product of the system's matrix with `p`."""
+    """Product of the linear system's matrix with `p`."""
     z: wp.array
-    """The preconditioned residual; before the solve, the velocity changes of driven particles [m/s]."""
+    """Preconditioned residual; before the solve, velocity changes of driven particles [m/s]."""
     springs: wp.array
     """Diagonal blocks of K, float64 [N/m]."""
     dampers: wp.array
     """Diagonal blocks of B, float64 [N s/m]."""
     inverses: wp.array
-    """Inverses of the system's diagonal blocks [1/kg]."""
+    """Inverses of the diagonal blocks of the linear system [1/kg]."""
     numbers: wp.array
-    """Scalars of conjugate gradients, float64."""
+    """Scalars of the conjugate gradient method, float64."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,17 @@ class LinearlyImplicitEuler(Integrator):
     """(M + hB + h²K) Δv = h (f − hKv), v += Δv, then x += h v, with K and B linearised at the current positions.
 
     Order 1, and strongly damping. Springs and dampers are stable at any step if the equations are solved
-    accurately; effects such as loads act explicitly. For driven particles Δv is prescribed by their motion. Use it
-    if a few springs are much stiffer, or particles much lighter, than all others. The equations are solved by
-    matrix-free conjugate gradients, preconditioned by the inverses of the diagonal blocks. Contact is handled
-    after the solve: a stiff spring that hits a floor is strained by up to v h in a substep, so long steps bounce
-    hard there. For nonlinear dampers B uses the steepest slope, so long steps weaken their force. Reference:
-    Baraff & Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
+    accurately; effects such as loads are explicit. The Δv of driven particles is given by their motion. Use this
+    method if a few springs are much stiffer, or particles much lighter, than all others. The equations are solved
+    by matrix-free conjugate gradients, preconditioned by the inverses of diagonal blocks. Contact is handled after
+    the solve: a stiff spring that hits a floor is strained by up to v h in a substep, so in long steps it bounces
+    hard. For nonlinear dampers B uses the steepest slope, so long steps weaken their force. Reference: Baraff &
+    Witkin, Large Steps in Cloth Simulation, SIGGRAPH (1998).
 
     Parameters
     ----------
     iterations
-        Iterations of conjugate gradients in a substep.
+        Number of conjugate gradient iterations in a substep.
 
     Raises
     ------
@@ -75,7 +75,7 @@ class LinearlyImplicitEuler(Integrator):
 
     @property
     def stage_times(self) -> tuple[float, ...]:
-        """Forces are evaluated at the start only; the second launch needs none."""
+        """Times of force evaluations: only the start, since the second launch evaluates none."""
         return (0.0, 0.0)
 
     def workspace(self, state: State) -> Work:
@@ -89,7 +89,7 @@ class LinearlyImplicitEuler(Integrator):
         return Work(r, dv, p, q, z, springs, dampers, inverses, numbers)
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage | Solve]:
-        """Return a substep of h seconds: the impulse of forces, the solve, and the advance of particles."""
+        """Return the stages of a substep of h seconds: impulse of forces, solve, advance of particles."""
         start, motion = state.state_in, state.motion()
         forces = {"compensation": start.compensation, "x": start.x, "v": start.v, "out": work.r, "given": work.z}
         return [
@@ -99,20 +99,20 @@ class LinearlyImplicitEuler(Integrator):
         ]
 
     def _solve(self, dynamics: Dynamics, x: wp.array, v: wp.array, work: Work, h: float) -> None:
-        """Solve for Δv; `work.r` then holds the impulse of the forces on driven particles."""
+        """Solve for Δv; afterwards `work.r` has the impulse of forces on driven particles."""
         drives = dynamics.drives
         add = functools.partial(add_linearised, dynamics.model, x, everyone=drives)
         add(v, work.r, spring=1.0, damper=0.0, scale=-h * h)
         if drives:  # move their known Δv to the right-hand side
             add(work.z, work.r, spring=h * h, damper=h, scale=-1.0)
         self._conjugate_gradients(dynamics, x, work, h)
-        if drives:  # forces on driven particles due to the others' Δv
+        if drives:  # add forces on driven particles caused by other particles' Δv
             add(work.dv, work.r, spring=h * h, damper=h, scale=-1.0)
 
     def _conjugate_gradients(self, dynamics: Dynamics, x: wp.array, work: Work, h: float) -> None:
-        """Solve (M + hB + h²K) dv = r; r ends as the residual.
+        """Solve (M + hB + h²K) dv = r; afterwards r is the residual.
 
-        The solver in warp.optim.linear took 2.4 ms an iteration on the CPU for 27 particles.
+        The solver in warp.optim.linear took 2.4 ms per iteration on the CPU for 27 particles.
         """
         model, (r, dv, p, q, z, springs, dampers, inverses, numbers) = dynamics.model, work
         size, kinds = model.particle_count, (model.dim, model.scalar)
@@ -132,5 +132,5 @@ class LinearlyImplicitEuler(Integrator):
             launch(shift, 1, [numbers])
 
     def stable_step(self, rates: Rates) -> float:
-        """Return the largest stable substep [s]; only effects, which act explicitly, limit it."""
+        """Return the largest stable substep [s]; only explicit effects limit it."""
         return kick_drift_limit(rates.effect_stiffness, rates.effect_damping)

@@ -23,16 +23,16 @@ class Work(NamedTuple):
     x_c: wp.array
     v_c: wp.array
     v_sum: wp.array
-    """Weighted sum of the stages' accelerations, times h [m/s]."""
+    """Weighted sum of the accelerations of stages, times h [m/s]."""
 
 
 @dataclass(frozen=True)
 class RK4(Integrator):
     """The classical Runge-Kutta method of order 4 (equation 6 of the 2014 report).
 
-    Contact is applied after each substep, so across a contact it is first order, like every method. Its region of
-    stability reaches 2.785 along the negative real axis, 2.828 along the imaginary axis, and at least 2.615 in any
-    direction between them. Reference: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 2nd ed.
+    Contact is applied after each substep, so across a contact the order is 1, as in every method. The stability
+    region reaches 2.785 along the negative real axis, 2.828 along the imaginary axis, and at least 2.615 in any
+    direction in between. Reference: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 2nd ed.
     (1993), II.1.
     """
 
@@ -45,7 +45,7 @@ class RK4(Integrator):
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weights of the stages in an integral over the substep: Simpson's rule."""
+        """Weights of stages in an integral over the substep: Simpson's rule."""
         return tuple(TABLEAU[-1].tolist())
 
     def workspace(self, state: State) -> Work:
@@ -61,7 +61,7 @@ class RK4(Integrator):
             (start, a, h / 2, h / 6),
             (a, b, h / 2, h / 3),
             (b, c, h, h / 3),
-            (c, b, 0.0, h / 6),  # b is not read after this
+            (c, b, 0.0, h / 6),  # b is not read later
         )
         common = {"compensation": state_in.compensation, "x0": state_in.x, "v0": state_in.v}
         common |= {"v_sum": v_sum, "v_a": v_a, "v_b": state_out.v}
@@ -74,9 +74,9 @@ class RK4(Integrator):
     def stable_step(self, rates: Rates) -> float:
         """Return a stable substep [s]; see `Integrator.stable_step`.
 
-        It is stable for every system with these two rates, and within 8 % of the largest such step. A given system
-        may allow more, up to twice as much if its fastest modes are critically damped. The eigenvalues h·μ of a
-        mode have modulus h √λ_k if they oscillate, and otherwise lie in −h λ_b … 0.
+        The step is stable for every system with these two rates, and within 8 % of the largest such step. A given
+        system may allow more, up to twice as much if its fastest modes are critically damped. Eigenvalues h·μ of
+        a mode have modulus h √λ_k if it oscillates, and otherwise lie in −h λ_b … 0.
         """
         oscillating = 2.615 / math.sqrt(rates.stiffness) if rates.stiffness else math.inf
         creeping = 2.785 / rates.damping if rates.damping else math.inf

@@ -17,7 +17,7 @@ from .base import Integrator
 
 MOST_STAGES = 40
 MOST_AUTOMATIC_STAGES = 5
-"""With more stages a substep is so long that a body thrown on a floor leaves the linear regime within it."""
+"""With more stages a substep is so long that a body that hits a floor leaves the linear regime within it."""
 
 
 class Coefficients(NamedTuple):
@@ -52,7 +52,7 @@ def coefficients(stages: int) -> Coefficients:
 
 @functools.cache
 def tableau(stages: int) -> NDArray:
-    """Return Butcher's coefficients, which the recurrence of the stages has instead."""
+    """Return Butcher's coefficients equivalent to the recurrence of the stages."""
     c, rows = coefficients(stages), np.zeros((stages + 1, stages))
     rows[1, 0] = c.first
     for j, (mu, nu, reach, reach0) in enumerate(zip(c.mu, c.nu, c.reach, c.reach0, strict=True), 2):
@@ -73,8 +73,8 @@ def real_reach(stages: int) -> float:
 def disc_reach(stages: int) -> float:
     """Return the radius of the largest stable disc that touches the imaginary axis at 0.
 
-    Proportionally damped modes, b = r k, have eigenvalues on the circle |μ + 1/r| = 1/r as long as they oscillate,
-    so springs with damping over stiffness of at least r require h/r to be at most this radius.
+    Modes with proportional damping b = r k have eigenvalues on the circle |μ + 1/r| = 1/r while they oscillate,
+    so springs with damping / stiffness of at least r require h/r to be at most this radius.
     """
     s, c = stages, coefficients(stages)
     angle = np.linspace(0, np.pi, 721)
@@ -93,7 +93,7 @@ def disc_reach(stages: int) -> float:
 
 
 class StageArrays(NamedTuple):
-    """A stage: changes since the start of the substep, positions and velocities."""
+    """A stage: changes since the start of the substep, positions, velocities."""
 
     dx: wp.array
     dv: wp.array
@@ -114,8 +114,8 @@ class Work(NamedTuple):
 class RKC2(Integrator):
     """Runge-Kutta-Chebyshev of order 2, for overdamped systems.
 
-    With s stages it is stable along the negative real axis up to 0.653 (s² − 1), so the work per simulated time
-    falls as 1/s. Every spring needs a damper: an undamped oscillation is never stable. Reference: Sommeijer,
+    With s stages the method is stable along the negative real axis up to 0.653 (s² − 1), so the work per simulated
+    time falls as 1/s. Every spring needs a damper: undamped oscillations are never stable. Reference: Sommeijer,
     Shampine & Verwer, J. Comput. Appl. Math. 88 (1997) 315-326.
 
     Parameters
@@ -133,7 +133,7 @@ class RKC2(Integrator):
 
     order: ClassVar[int] = 2
     long_steps: ClassVar[bool] = True
-    supports_contact: ClassVar[bool] = False  # a collision in such long steps would gain or lose energy
+    supports_contact: ClassVar[bool] = False  # collisions in such long steps would gain or lose energy
 
     def __post_init__(self) -> None:
         """Check the argument."""
@@ -151,7 +151,7 @@ class RKC2(Integrator):
         return Work(a0, StageArrays(*stages[:4]), StageArrays(*stages[4:]))
 
     def substep(self, state: State, work: Work, h: float) -> list[Stage]:
-        """Return the stages of a substep of h seconds."""
+        """Return the s stages of a substep of h seconds."""
         c, start, end = coefficients(self.evaluations), state.state_in, state.state_out
         a0, previous, current = work
         common = {"compensation": start.compensation, "x0": start.x, "v0": start.v, "a0": a0}
@@ -170,13 +170,13 @@ class RKC2(Integrator):
         return stages
 
     def stable_step(self, rates: Rates) -> float:
-        """Return a stable substep [s], with the given number of stages or the largest automatic one."""
+        """Return a stable substep [s] for the given number of stages, or for the largest automatic number."""
         stages = self.stages or MOST_AUTOMATIC_STAGES
         creeping = real_reach(stages) / rates.damping if rates.damping else math.inf
         return min(creeping, disc_reach(stages) * rates.least_ratio)
 
     def fitted(self, rates: Rates, h: float) -> "RKC2":
-        """Return the method with the smallest stable number of stages, if none was given."""
+        """Return the method with the smallest stable number of stages, unless a number is given."""
         if self.stages is not None:
             return self
         options = [RKC2(s) for s in range(2, MOST_AUTOMATIC_STAGES + 1)]

@@ -1,14 +1,14 @@
-"""Stability: bounds of a system's rates of oscillation and relaxation, and the substeps that follow from them.
+"""Stability: bounds of a system's rates of oscillation and relaxation, and the stable substeps.
 
-For a linear system M x'' = −K x − B x' an explicit method is stable while the step stays below a limit set
-by the largest eigenvalues of M⁻¹K and M⁻¹B; each integrator states that limit (`stable_step`). Both
-eigenvalues are bounded from above in one pass over the connections. With the axis d of a connection,
-xᵀKx = Σ k (d·(x_i − x_j))² ≤ 2 Σ k ((d·x_i)² + (d·x_j)²) = 2 Σ_i x_iᵀ A_i x_i, where A_i = Σ k d dᵀ over the
-connections of particle i, and so
+For a linear system M x'' = −K x − B x' an explicit method is stable if the step is below a limit that depends on
+the largest eigenvalues of M⁻¹K and M⁻¹B; each integrator computes this limit (`stable_step`). Both eigenvalues
+are bounded from above in one pass over the connections. With the axis d of a connection, xᵀKx =
+Σ k (d·(x_i − x_j))² ≤ 2 Σ k ((d·x_i)² + (d·x_j)²) = 2 Σ_i x_iᵀ A_i x_i, where A_i = Σ k d dᵀ over the connections
+of particle i, and so
 
     max_i |A_i| / m_i  ≤  λ_max(M⁻¹K)  ≤  2 max_i |A_i| / m_i
 
-A stretched spring is stiff across its axis too, by k (1 − l0/l); the damper is not.
+A stretched spring also has the transverse stiffness k (1 − l0/l); a damper has none.
 """
 
 import math
@@ -20,7 +20,7 @@ from ..engine import Rates, rate_bounds
 from .base import Integrator
 
 SAFETY = 0.8
-"""Share of the limit at rest that was stable in every measured scene, including strongly stretched bodies."""
+"""Fraction of the limit at rest that was stable in every measured scene, even in strongly stretched bodies."""
 MOST_SUBSTEPS = 100_000
 """Maximal number of automatic substeps per frame: recording more would take too long."""
 
@@ -31,7 +31,7 @@ class UnstableStep(ValueError):
 
 @dataclass(frozen=True)
 class StepChoice:
-    """The number of substeps of a frame, and the reason."""
+    """The number of substeps per frame, and the reason."""
 
     rates: Rates
     """Bounds of the system's rates."""
@@ -40,14 +40,14 @@ class StepChoice:
     least: int
     """Smallest stable number of substeps per frame."""
     substeps: int
-    """The chosen or requested number."""
+    """The chosen or requested number of substeps per frame."""
     fps: float
     """Frames per second."""
     refinement: float = 1.0
-    """Factor on the substeps that stability requires, raised because energy grew or a frame diverged."""
+    """Factor on the number that stability requires, increased because energy grew or a frame diverged."""
 
     def refined(self, refinement: float) -> "StepChoice":
-        """Return the choice with this multiple of the substeps that the stability limit requires."""
+        """Return a choice of this multiple of the number that the stability limit requires."""
         return replace(self, substeps=math.ceil(self.substeps * refinement - 1e-9), refinement=refinement)
 
     @property
@@ -57,10 +57,10 @@ class StepChoice:
 
     @property
     def energy_swing(self) -> float:
-        """Ratio of largest to smallest energy of the fastest mode under kick-drift: (1 + r)/(1 − r) at r × limit.
+        """Ratio of largest to smallest energy of the fastest mode under kick-drift: (1 + r)/(1 − r), r as below.
 
         Kick-drift methods conserve C = v² + ω²x² − h ω² x v. So the physical energy v² + ω²x² varies between
-        C/(1 + r) and C/(1 − r), where r = hω/2 is the step over the limit. Above it nothing is conserved: 1.
+        C/(1 + r) and C/(1 − r), with the ratio r = hω/2 of step to limit. For r ≥ 1 nothing is conserved: 1.
         """
         share = self.step / self.limit if self.limit > 0 else 1.0
         return (1 + share) / (1 - share) if share < 1 else 1.0
@@ -77,7 +77,7 @@ class StepChoice:
 
 
 def stability_limit(system: System, integrator: Integrator) -> float:
-    """Return the largest stable substep [s] of a system in its current state, from bounds of its rates.
+    """Return the largest stable substep [s] of a system in its current state, computed from bounds of its rates.
 
     Raises
     ------
@@ -90,9 +90,9 @@ def stability_limit(system: System, integrator: Integrator) -> float:
 
 
 def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY) -> tuple[float, float]:
-    """Return the largest stable substep [s], and the largest with a margin.
+    """Return (largest stable substep [s], largest substep with a margin [s]).
 
-    Limited dampers of contacts reduce the step without them, and its margin, by a fraction.
+    Limited dampers of contacts take the fraction `limited_share` of the limit without them.
     """
     limit = integrator.stable_step(rates)
     if not integrator.lagging or rates.limited_share == 0.0:
@@ -103,7 +103,7 @@ def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY)
 
 
 def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:
-    """Return a choice of `substeps`, stable or not; if no step is stable, limit and `least` are 0."""
+    """Return a choice of `substeps`, stable or not; limit and `least` are 0 if no step is stable."""
     limit = _longest_steps(rates, integrator)[0]
     least = max(1, math.ceil(1.0 / (fps * limit))) if limit > 0.0 else 0
     return StepChoice(rates, limit, least, substeps, fps)
@@ -112,7 +112,7 @@ def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: in
 def choose_stable(
     rates: Rates, integrator: Integrator, fps: float, substeps: int | None = None, safety: float = SAFETY
 ) -> StepChoice:
-    """Return a choice of the given substeps per frame, or of the fewest with the margin `safety` to the limit.
+    """Return a choice of the given substeps per frame, or of the smallest number with the margin `safety`.
 
     Raises
     ------
@@ -139,23 +139,23 @@ def choose_stable(
 
 
 def match_stiffness(system: System, other: System) -> System:
-    """Return a body made as stiff, and as damped, as the stable step of another body allows.
+    """Return a body made as stiff, and as damped, as another body's stable step allows.
 
-    The most demanding body of a scene sets the step. A heavier body can be stiffer at no extra cost: with the same
-    bounds of its rates, λ(M⁻¹K) and λ(M⁻¹B), its springs are stiffer by the ratio of masses. So a heavy ball on
-    light foam is almost rigid, but has momentum and energy like any other body.
+    The body with the shortest stable step sets a scene's step. A heavier body can be stiffer at no extra cost:
+    for equal bounds of the rates, λ(M⁻¹K) and λ(M⁻¹B), stiffness is proportional to mass. So a heavy ball on light
+    foam is almost rigid, but has momentum and energy like any other body.
 
     Parameters
     ----------
     system
-        The body to stiffen; the ratios of its springs stay the same, and so do those of its dampers.
+        The body to stiffen; ratios among its springs stay the same, and among its dampers.
     other
-        The body whose stable step it must not reduce.
+        The body whose stable step must not be reduced.
 
     Raises
     ------
     ValueError
-        If one of them is not a System, or has no springs.
+        If an argument is not a System, or has no springs.
     """
     checks.instance("system", system, System, "ball(0.2, 0.04)")
     checks.instance("other", other, System, "box((5, 5, 5))")

@@ -13,7 +13,7 @@ class SymplecticEuler(Integrator):
     """v += h a(x, v), then x += h v: the "Euler" method of the 2014 report (equation 10).
 
     Order 1. Symplectic without damping: the energy error stays bounded. Stable if h²λ(M⁻¹K) + 2hλ(M⁻¹B) < 4 for
-    every mode; this is exact if K and B share modes. Reference: Hairer, Lubich & Wanner, Geometric Numerical
+    every mode; exact if K and B have common modes. Reference: Hairer, Lubich & Wanner, Geometric Numerical
     Integration, 2nd ed. (2006), I.1.2.
     """
 
@@ -22,7 +22,7 @@ class SymplecticEuler(Integrator):
 
     @property
     def lagging(self) -> bool:
-        """Whether forces use velocities half a substep before the positions."""
+        """Whether forces use velocities of half a substep before the positions."""
         return True
 
     def substep(self, state: State, work: None, h: float) -> list[Stage]:

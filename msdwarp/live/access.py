@@ -1,4 +1,4 @@
-"""Access: decides by Host, origin and token whether a page answers a request."""
+"""Access: decides from Host, origin and token whether a page answers a request."""
 
 import hmac
 import ipaddress
@@ -13,21 +13,21 @@ from urllib.parse import parse_qs, urlsplit
 from .. import checks
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
-"""Names that always mean this machine."""
+"""Host names of this machine itself."""
 EVERYWHERE = ("0.0.0.0", "::", "")
-"""Hosts that mean all addresses of this machine."""
+"""Host names for all addresses of this machine."""
 
 
 class Access:
     """The rule for who may open a page.
 
-    With each request a browser sends the name of the server (Host), and for requests of other pages their origin
-    (Origin). Any page can make a browser send requests to this machine, but only with its own origin; and with a
-    Host other than this machine's only if that name resolves to it (DNS rebinding).
+    With each request a browser sends the name of the server (Host), and for a request by another page that page's
+    origin (Origin). Any page can make a browser send requests to this machine, but only with its own origin;
+    and with a different Host only if the name resolves to this machine (DNS rebinding).
 
     `host` is the address of the page: unless only this machine can reach it, requests need a token. `allow_origin`
-    are other origins whose pages may control this one, such as a proxy's: scheme, host and port. ValueError is
-    raised if one is invalid.
+    are other origins whose pages may control this page, such as a proxy: scheme, host and port. ValueError is
+    raised if an origin is invalid.
     """
 
     def __init__(self, host: str, allow_origin: Iterable[str] = ()) -> None:
@@ -60,11 +60,11 @@ class Access:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
             return False
-        # An address needs no DNS, so it cannot be rebound.
+        # An address needs no DNS, so rebinding cannot change it.
         return name in self._names or (self._any_address and _address(name) is not None)
 
     def _has_token(self, token: str, path: str, headers: Any) -> bool:
-        """Return whether a request has the token, in its address or as a cookie."""
+        """Return whether a request has the token, in the request's address or as a cookie."""
         cookies = [one.strip().partition("=") for line in headers.get_all("Cookie") for one in line.split(";")]
         given = [value for name, _, value in cookies if name == self._cookie]
         given += parse_qs(urlsplit(path).query).get("token", [])
@@ -72,7 +72,7 @@ class Access:
 
     @property
     def response_headers(self) -> dict[str, str]:
-        """Headers of each response: browsers must not reveal the token, nor show the page inside another one."""
+        """Headers of each response: browsers must not reveal the token, nor show the page inside another page."""
         frames = " ".join(("frame-ancestors 'self'", *self.origins))
         headers = {"Content-Security-Policy": frames, "Referrer-Policy": "no-referrer"}
         if self.token is not None:
@@ -81,7 +81,7 @@ class Access:
 
 
 def _origin(given: Any) -> str:
-    """Return an origin as browsers write it; raise ValueError if it is invalid."""
+    """Return an origin in the form that browsers use; raise ValueError if it is invalid."""
     if not isinstance(given, str) or not re.fullmatch(r"https?://([\w.-]+|\[[0-9a-fA-F:.]+\])(:\d{1,5})?", given):
         raise ValueError(
             f"allow_origin is {checks.repr_short(given)}; it must be scheme, host and port, such as https://lab.example:8443"
@@ -90,6 +90,6 @@ def _origin(given: Any) -> str:
 
 
 def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    """Return a name as an IP address; None if it is not one."""
+    """Return a name as an IP address; None if the name is not an address."""
     with suppress(ValueError):
         return ipaddress.ip_address(name)

@@ -27,33 +27,33 @@ HOST, PORT = "127.0.0.1", 8080
 SIZE = (720, 720)
 """Width and height for which the camera is placed."""
 KEY, SURROUNDINGS = 1.6, 0.4
-"""Intensities of the key light and of the surroundings, beside viser's light from above; more pales colours."""
+"""Intensities of key light and surroundings, in addition to viser's light from above; more would pale colours."""
 ALL = "/all"
-"""The node that holds everything: it moves where cameras follow, since those are moved by the clients."""
+"""The parent node of the scene: it moves when cameras follow a body, since clients move their own cameras."""
 WORTH = 10_000
-"""Number of vertices from which triangles take more bytes than an image."""
+"""Number of vertices above which triangles take more bytes than an image."""
 MOST_WAITING = 20
-"""While more commands than this wait for the view, messages wait at their senders."""
+"""If more commands than this wait for the view, clients must wait before they send messages."""
 LATE, OFTEN = 1.0, 3
-"""A link is too slow for triangles if it has this delay [s] this many times in a row."""
+"""A link is too slow for triangles if a message takes this long [s] this many times in a row."""
 
 
 class Browser:
-    """A page that shows a view: a `Screen`.
+    """A web page that shows a view: a `Screen`.
 
-    The parameters are those of `view`. ValueError is raised if viser is not installed or cannot be guarded, the
-    port is taken or out of range, or an origin is invalid.
+    Parameters as for `view`. ValueError is raised if viser is missing or cannot be guarded, the port is taken
+    or out of range, or an origin is invalid.
     """
 
     takes_images = True
 
     def __init__(self, host: str = HOST, port: int | None = None, allow_origin: Sequence[str] = ()) -> None:
         viser = checks.imported("viser", "the page needs viser: pip install 'msdwarp[view]'")
-        from .guard import allow_any_thread, guarded  # these need packages that come with viser
+        from .guard import allow_any_thread, guarded  # both need packages that come with viser
 
         if port is not None and not 1 <= checks.count("port", port, 1) <= 65535:
             raise ValueError(f"port is {port}; it must be from 1 to 65535")
-        if port is not None and _is_taken(host, port):  # viser would use the next free one
+        if port is not None and _is_taken(host, port):  # viser would use the next free port
             raise ValueError(f"port is {port}, which another program listens on; choose another or leave it out")
         self._access = Access(host, allow_origin)
         self._waiting: Callable[[], int] = lambda: 0
@@ -64,11 +64,11 @@ class Browser:
 
         class Server(viser.ViserServer):
             def request_share_url(self, verbose: bool = True) -> str | None:
-                """Refuse: viser would make the page public."""
+                """Refuse, because viser would make the page public."""
                 return None
 
         try:
-            # It prints addresses even if not verbose.
+            # viser prints addresses even if not verbose.
             with guarded(self._access, lambda: self._waiting() >= MOST_WAITING), redirect_stdout(io.StringIO()):
                 self._server = Server(host, PORT if port is None else port, label="msdwarp", verbose=False)
         except ValueError:
@@ -86,7 +86,7 @@ class Browser:
 
     @property
     def address(self) -> str:
-        """The page's address, with its token if it needs one."""
+        """The page's address, with the token if the page needs one."""
         name = socket.gethostname() if self.host in EVERYWHERE else self.host
         address = f"http://{f'[{name}]' if ':' in name else name}:{self.port}"
         return address if self._access.token is None else f"{address}/?token={self._access.token}"
@@ -97,7 +97,7 @@ class Browser:
         return bool(self._server.get_clients())
 
     def open(self, view: "View") -> None:
-        """Start to serve a view."""
+        """Start serving a view."""
         self._view, self._waiting = view, lambda: view.waiting
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(217, 96, 59))
         self._server.gui.main_panel.dock_right()  # beside the picture, not over it
@@ -107,7 +107,7 @@ class Browser:
         self._panel.open(view)
 
     def stage(self) -> None:
-        """Show another scene, or another drawing of the scene."""
+        """Show another scene, or another drawing of the same scene."""
         view = self._view
         with self._server.atomic():
             if view.source is not self._scene:
@@ -123,7 +123,7 @@ class Browser:
                     client.scene.set_background_image(None)
             if view.images:
                 self._images = Images(view.shown.drawing, self._stage)
-                # If images are sent, the mouse drags an invisible box around the body.
+                # In place of images, the mouse drags an invisible box around the body.
                 box = self._server.scene.add_box(f"{ALL}/box", opacity=0.0, side="double", cast_shadow=False)
                 self._box = self._let_drag(box)
             else:
@@ -140,7 +140,7 @@ class Browser:
         self._panel.stage()
 
     def _place_camera(self) -> None:
-        """Place the camera as in pictures."""
+        """Place the camera as for pictures."""
         camera = self._stage.camera
         first = self._server.initial_camera
         first.position, first.look_at, first.up = tuple(camera.eye), tuple(camera.target), (0.0, 0.0, 1.0)
@@ -150,14 +150,14 @@ class Browser:
             client.camera.position, client.camera.look_at = camera.eye, camera.target
 
     def _open_lenses(self) -> None:
-        """Give each client the view angle of pictures, or in a high and narrow page as much from side to side."""
+        """Set each client's view angle as for pictures, or on a narrow page so that the width stays in view."""
         for client in self._server.get_clients().values():
             camera = client.camera
             narrow = 1.0 if self._images is not None else max(1.0, camera.image_height / camera.image_width)
             camera.fov = 2.0 * math.atan(narrow * self._stage.camera.tangent)
 
     def _add_ground(self) -> None:
-        """Add the ground of pictures."""
+        """Add the ground as in pictures."""
         ground = self._stage.ground
         if ground is None:
             return
@@ -187,11 +187,11 @@ class Browser:
         return self._let_drag(self._server.scene.add_mesh_simple(name, points, faces, color=colour, side="double"))
 
     def _let_drag(self, node: Any) -> Any:
-        """Let the mouse pull the body through a node: at a point of triangles, or along a ray through an image."""
+        """Let the mouse pull the body through a node: at a point on triangles, or along a ray through an image."""
         self._nodes.append(node)
         view, by_ray = self._view, self._images is not None
 
-        async def drag(event: Any) -> None:  # asynchronous callbacks keep their order
+        async def drag(event: Any) -> None:  # asynchronous callbacks run in order
             holder, shift = event.client_id, view.following.shift
             if event.phase == "end":
                 view.post("let_go", holder=holder)
@@ -234,7 +234,7 @@ class Browser:
             self._look_for_slow()
 
     def _show_triangles(self) -> None:
-        """Move the patches; if colours change, show the triangles of each colour as a separate mesh."""
+        """Move the patches; if colours change, the triangles of each colour are a separate mesh."""
         drawing = self._view.shown.drawing
         points: Any = drawing.points.numpy()
         for node, patch in self._patches:
@@ -258,25 +258,25 @@ class Browser:
         self._panel.tell()
 
     def poll(self) -> bool:
-        """Send images to clients that can take one; return True, since a page stays open until the view ends."""
+        """Send images to clients that are ready; return True, since a page stays open until the view ends."""
         self._open_lenses()
         if self._images is not None:
             self._images.send(self._clients())
         return True
 
     def _clients(self) -> list[tuple[int, Any, Link]]:
-        """Return number, client and link of all connected clients."""
+        """Return (number, client, link) of each connected client."""
         clients = self._server.get_clients()
         self._links = {k: self._links.get(k) or Link(self._server, one) for k, one in clients.items()}
         return [(k, one, self._links[k]) for k, one in clients.items()]
 
     def _look_for_slow(self) -> None:
-        """Make the view send images if triangles are late repeatedly."""
+        """Make the view send images if triangles are repeatedly late."""
         vertices = sum(len(patch.corners) for _, patch in self._patches)
         if vertices + len(self._view.shown.drawing.points) < WORTH:
             return
         for _, _, link in self._clients():
-            if link.busy:  # ignore a client that never answers, such as a sleeping laptop
+            if link.busy:  # ignores a client that never answers, such as a sleeping laptop
                 continue
             link.late = link.late + 1 if link.delay >= LATE else 0
             if link.late == OFTEN:
@@ -284,7 +284,7 @@ class Browser:
             link.ask()
 
     def close(self) -> None:
-        """Stop the server. It may be called again."""
+        """Stop the server; repeated calls are allowed."""
         if self._server is not None:
             with redirect_stdout(io.StringIO()):
                 self._server.stop()
@@ -301,7 +301,7 @@ def _is_taken(host: str, port: int) -> bool:
 
 
 def _ray(camera: Any, point: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the ray from a camera through a point: origin [m], direction, and the camera's direction."""
+    """Return the ray from a camera through a point: origin [m], ray direction, the camera's direction."""
     ahead, way = camera.look_at - camera.position, np.asarray(point) - camera.position
     return camera.position, way / np.linalg.norm(way), ahead / np.linalg.norm(ahead)
 

@@ -18,7 +18,7 @@ from .state import ViewState
 SLOWEST, FASTEST = 1 / 64, 64.0
 """Bounds of the playback speed, relative to real time."""
 SENDS = ("auto", "triangles", "images")
-"""Kinds of data that a page can be sent."""
+"""What pages can receive: triangles, images, or the faster of both."""
 
 
 def _numbers(values: Sequence[float]) -> str:
@@ -26,17 +26,17 @@ def _numbers(values: Sequence[float]) -> str:
 
 
 def camera_flags(eye: NDArray, target: NDArray) -> str:
-    """Return the flags of `run`, `render` and `view` for a camera at `eye` that looks at `target` [m]."""
+    """Return the flags that set a camera at `eye` looking at `target` [m], for `run`, `render` and `view`."""
     away, distance = eye - target, float(np.linalg.norm(eye - target))
     azimuth, elevation = math.degrees(math.atan2(away[1], away[0])), math.degrees(math.asin(away[2] / distance))
-    digits = 3 - math.floor(math.log10(distance))  # a thousandth of the distance, or less
+    digits = 3 - math.floor(math.log10(distance))  # a thousandth of the distance or finer
     at = ",".join(f"{round(one, digits) + 0.0:.12g}" for one in target.tolist())
     where = f"--target {at} --distance {round(distance, digits):.12g}"
     return f"--azimuth {azimuth:.5g} --elevation {elevation:.5g} {where}"
 
 
 class Commands(ViewState):
-    """The commands of a view: each method is one, under its name without the underscore."""
+    """The commands of a view: each method is a command, named without the underscore."""
 
     def _pause(self, value: bool | None = None) -> None:
         self.paused = not self.paused if value is None else value
@@ -112,7 +112,7 @@ class Commands(ViewState):
         self._notify(f"colours: {after}")
 
     def _send(self, value: str) -> None:
-        """Set what pages are sent: triangles, images, or the faster of both."""
+        """Set what pages receive: triangles, images, or the faster of both."""
         checks.one_of("value", value, SENDS)
         self.sends = value
         self._redraw()
@@ -143,10 +143,10 @@ class Commands(ViewState):
     def _quit(self) -> None:
         self._ends.set()
 
-    # The hand.
+    # Pulling with the mouse.
 
     def _grab(self, holder: Any, point: ArrayLike) -> None:
-        """Let `holder`, a window or client, hold the body at a point of its surface [m], in place of any other."""
+        """Let `holder`, a window or client, hold the body at a surface point [m], instead of any other holder."""
         simulation, at = self._handling.simulation, checks.vector("point", point, 3)
         gravity = float(np.linalg.norm(simulation.model.gravity))
         grip = Picking.of(simulation.system, self.source.frame().position, at, gravity)
@@ -155,17 +155,17 @@ class Commands(ViewState):
         self.hand = Pull(grip, holder, at)
 
     def _pick(self, holder: Any, origin: Sequence[float], direction: Sequence[float]) -> None:
-        """Let `holder` hold the body where a ray first meets its drawing."""
+        """Let `holder` hold the body at the first point where a ray meets the drawing."""
         drawing = self.shown.drawing
         triangles = np.concatenate([one.triangles for one in drawing.body])
         if (point := hit(origin, direction, drawing.points.numpy(), triangles)) is not None:
             self._grab(holder, point)
 
     def _drag(self, holder: Any, point: ArrayLike = (), ray: Any = None) -> None:
-        """Pull what `holder` holds to a point [m], or to a ray: (origin, direction, normal of the screen)."""
+        """Pull the point held by `holder` to a point [m], or to a ray: (origin, direction, screen's normal)."""
         if self.hand.grip is None or self.hand.holder != holder:
             return
-        if ray is not None:  # in the plane through the current target, parallel to the screen
+        if ray is not None:  # to the ray's point in the plane through the current target, parallel to the screen
             origin, direction, normal = (checks.vector("ray", one, 3) for one in ray)
             way = float(direction @ normal)
             if way <= 0:
@@ -197,7 +197,7 @@ class Commands(ViewState):
         self._notify(f"recording to {self.recording.path}")
 
     def _film(self) -> None:
-        """Draw a film of the last recording, in a separate process."""
+        """Draw a film of the last recording in a separate process."""
         if self.recording is not None:
             self._record()
         if self._last_recording is None:
@@ -208,11 +208,11 @@ class Commands(ViewState):
         self._notify(f"drawing a film in {self._last_recording}")
 
     def _screenshot(self, path: Any = None) -> None:
-        """Draw the current frame into a PNG file, with the renderer of pictures."""
+        """Draw the current frame to a PNG file with the renderer of pictures."""
         self._notify(f"wrote {save_picture(self.source, self.shown.scene, path, self.renderer)}")
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
     name[1:]: method for name, method in vars(Commands).items() if inspect.isfunction(method)
 }
-"""The commands of keys, buttons and a page's clients, by name."""
+"""Functions of the commands that keys, buttons and a page's clients can give, by name."""

@@ -1,4 +1,4 @@
-"""Guard: checks of requests and messages, and thread safety, which viser's server lacks."""
+"""Guard: checks of requests and messages, and thread safety, which viser's server does not have."""
 
 import asyncio
 import dataclasses
@@ -20,11 +20,11 @@ _STARTING = threading.Lock()
 
 @contextmanager
 def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
-    """Make a server that viser starts in this context refuse everything that `Access` and `Filter` do not allow.
+    """Make a server that viser starts in this context refuse all that `Access` and `Filter` do not allow.
 
-    viser has no setting for this. It uses the package websockets, whose `serve` is given further settings here: a
-    check of each request, the class of connections, and the longest message. While `busy()`, messages wait at
-    their senders. ValueError is raised if viser starts a server in another way.
+    viser has no setting for this. It uses `serve` of the package websockets, which is given further settings here:
+    a check of each request, the class of connections, the longest message. While `busy()` is true, clients must
+    wait before they send messages. ValueError is raised if viser starts a server in another way.
     """
     import viser
     from viser import _messages
@@ -37,7 +37,7 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
         raise ValueError(f"{unable} ({error}); {advice}") from error
 
     class Connection(server.ServerConnection):
-        """A connection that passes on only allowed messages."""
+        """A connection that only passes on allowed messages."""
 
         async def recv(self, decode: bool | None = None) -> Any:
             while True:
@@ -54,7 +54,7 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
     before, started = server.serve, list[bool]()
 
     def serve(handler: Any, *words: Any, **options: Any) -> Any:
-        if not handler.__module__.startswith("viser"):  # called by another thread, not by viser
+        if not handler.__module__.startswith("viser"):  # called by another thread than viser's
             return before(handler, *words, **options)
         inner = options.get("process_request")
 
@@ -87,10 +87,10 @@ def guarded(access: Access, busy: Callable[[], bool]) -> Iterator[None]:
 
 
 def allow_any_thread(page: Any) -> None:
-    """Let any thread send messages through a viser server, also to a client that is just leaving.
+    """Let any thread send messages through a viser server, also to a client that is leaving.
 
-    viser 1.1.1 sets its buffers' `message_event` in the thread that adds a message, although asyncio's events are
-    only for the loop's thread: sometimes that fails, or wakes no task. It also warns about a client that is gone.
+    viser 1.1.1 sets `message_event` of its buffers in the thread that adds a message, although asyncio allows that
+    only in the loop's thread: sometimes this fails, or wakes no task. It also warns about clients that have left.
     """
     inner, loop = page._websock_server, page.get_event_loop()
 
@@ -98,7 +98,7 @@ def allow_any_thread(page: Any) -> None:
         set_in_loop = buffer.message_event.set
 
         def set_from_any_thread() -> None:
-            with suppress(RuntimeError):  # the loop is closed: no task waits any more
+            with suppress(RuntimeError):  # the loop is closed, so no task waits
                 loop.call_soon_threadsafe(set_in_loop)
 
         buffer.message_event.set = set_from_any_thread
@@ -110,12 +110,12 @@ def allow_any_thread(page: Any) -> None:
         mend(client.message_buffer)
 
 
-# Messages that may come from a page. viser trusts its pages: it sets any attribute that they name.
+# Messages that may come from a page. viser trusts its pages and sets any attribute that a message names.
 
 MOST_BYTES = 1 << 16
-"""Longest accepted message [bytes]; the longest that a page sends is that of a text field."""
+"""Longest accepted message [bytes]; the longest that a page sends is the content of a text field."""
 LONGEST, LARGEST, WIDEST = 1000, 1e30, 1 << 14
-"""Longest text, largest number, and maximal number of pixels along an edge of a camera's picture."""
+"""Longest text, largest number, and maximal number of pixels along an edge of a client's picture."""
 Rule = Callable[[Any], bool]
 
 
@@ -144,7 +144,7 @@ def _plain(value: Any) -> bool:
 
 
 def _entered(value: Any) -> bool:
-    """Return whether a widget of the panel can have this value: a vector has three numbers."""
+    """Return whether a widget of the panel can have this value; a vector must have three numbers."""
     return (value is not None and _plain(value)) or _numbers(3)(value)
 
 
@@ -177,14 +177,14 @@ RULES: dict[str, dict[str, Rule]] = {
     },
     "CommandTriggerMessage": {"uuid": _text},
 }
-"""The messages that a page needs, with a check of each field; all others are dropped."""
+"""The messages that a page needs, with a check for each field; other messages are dropped."""
 
 
 class Filter:
     """Recognizes messages that a page may send.
 
-    `declared` are viser's message classes, by name; ValueError is raised if they lack a message or a field of the
-    rules. Their other fields may be numbers or short texts.
+    `declared` are viser's message classes by name; ValueError is raised if a message or field of the rules is
+    missing there. Fields without a rule may be numbers or short texts.
     """
 
     def __init__(self, declared: Mapping[str, Any]) -> None:
@@ -197,7 +197,7 @@ class Filter:
             self._allowed[name] = dict.fromkeys((*fields, "type"), _plain) | rules
 
     def passes(self, raw: Any) -> bool:
-        """Return whether a page may send this."""
+        """Return whether a page may send this message."""
         import msgspec
 
         if not isinstance(raw, bytes) or len(raw) > MOST_BYTES:

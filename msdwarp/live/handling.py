@@ -12,23 +12,23 @@ from ..simulation import Simulation
 from ..world import Contact, MouseSpring, Scene, Wind
 
 SCALED = ("mass", "stiffness", "damping", "rest_length")
-"""Parameters that are set as multiples of the scene's."""
+"""Parameters that are set as multiples of the scene's values."""
 SIDES, ROUGH = ("obstacles", "bodies"), ("friction", "restitution")
-"""Contacts with obstacles or between bodies, and their parameters."""
+"""Contact with obstacles or between bodies; the parameters of contact."""
 DEEDS = ("scale", "freeze", "gravity", "wind", "hold", "pin", "contact")
 Deed = dict[str, Any]
-"""A change: its frame, its name and its values, as in JSON."""
+"""A change as JSON data: its frame, name and values."""
 
 
 def within_reach(scene: Scene) -> Scene:
-    """Return a scene with a mouse spring that holds nothing yet."""
+    """Return a scene with an additional mouse spring, which holds nothing yet."""
     return replace(scene, loads=(*scene.loads, MouseSpring()))
 
 
 class Handling:
     """A simulation of a scene from `within_reach`, and its interactive changes.
 
-    `deeds` are the changes since the start, in order; `factors` multiply the parameters of the scene.
+    `deeds` are the changes since the start, in order; `factors` multiply the scene's parameters.
     """
 
     def __init__(self, scene: Scene, simulation: Simulation) -> None:
@@ -47,19 +47,19 @@ class Handling:
         self._begin()
 
     def do(self, deed: str, **values: Any) -> None:
-        """Make a change and record it, with values that JSON can hold.
+        """Make a change and record it; values must be JSON data.
 
         Deeds are "scale" (name, factor), "freeze", "gravity" (value [m/s²]), "wind" (velocity [m/s]), "hold"
         (particles, to [m], stiffness [N/m], damping [N s/m]), "pin" (particles) and "contact" (side, name, value);
-        see `SCALED`, `SIDES` and `ROUGH`. ValueError is raised for any other, or if the simulation cannot continue
-        with it; then nothing has changed.
+        see `SCALED`, `SIDES` and `ROUGH`. ValueError is raised for any other change, or if the simulation cannot
+        continue with it; then nothing has changed.
         """
         checks.one_of("deed", deed, DEEDS)
         getattr(self, f"_{deed}")(**values)
         self.deeds.append({"frame": self.simulation.frame_index, "deed": deed, **values})
 
     def do_due(self, deeds: list[Deed]) -> None:
-        """Replay the changes before the next frame, and remove them; raise ValueError for an unknown deed."""
+        """Replay and remove the changes that precede the next frame; raise ValueError for an unknown change."""
         while deeds and deeds[0].get("frame", 0) <= self.simulation.frame_index:
             deed = deeds.pop(0)
             try:
@@ -75,7 +75,7 @@ class Handling:
         values = uniform_like(before * factor, before)
         uniform = len(values) > 0 and not values.strides[0]
         pinned = np.isinf(self.simulation.system.mass)
-        if name == "mass" and pinned.any():  # particles pinned interactively stay pinned
+        if name == "mass" and pinned.any():  # particles pinned by the user stay pinned
             values, uniform = np.where(pinned, np.inf, values), False
         value: Any = float(values[0]) if uniform else values
         self.simulation.change(**{name: value})
@@ -90,7 +90,7 @@ class Handling:
         self.gravity = tuple(value)
 
     def _wind(self, *, velocity: Sequence[float]) -> None:
-        """Set the velocity of all steady winds."""
+        """Set the air velocity of all steady winds [m/s]."""
         self._exchange({one: replace(one, velocity=tuple(velocity)) for one in self._winds})
 
     def _contact(self, *, side: str, name: str, value: float) -> None:
@@ -107,13 +107,13 @@ class Handling:
             self.simulation.change(colliders=[others[one] for one in before])
 
     def _sides(self, side: str) -> list[Any]:
-        """Return the obstacles, or the contacts between bodies."""
+        """Return all obstacles, or all contacts between bodies."""
         if side == "obstacles":
             return list(self.simulation.colliders)
         return [one for one in self.loads if isinstance(one, Contact) and not one.exclude]
 
     def contact(self, side: str, name: str) -> float | None:
-        """Return the friction or restitution of obstacles or bodies; None without contact."""
+        """Return the friction or restitution of obstacles or bodies; None if there is no contact."""
         return next((float(getattr(one, name)) for one in self._sides(side)), None)
 
     @property
@@ -122,7 +122,7 @@ class Handling:
 
     @property
     def wind(self) -> tuple[float, ...] | None:
-        """Velocity of the first steady wind [m/s]; None without any."""
+        """Air velocity of the first steady wind [m/s]; None if there is none."""
         return next((tuple(map(float, one.velocity)) for one in self._winds), None)
 
     def _hold(

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 
 class Key(NamedTuple):
-    """A key, by its name in X, with the command of the view and its values, and the text in the list of keys."""
+    """A key, by its X11 name; the view's command and the command's values; the text in the list of keys."""
 
     name: str
     command: str
@@ -14,9 +14,9 @@ class Key(NamedTuple):
 
 
 STEP = 1.25
-"""A key multiplies a parameter by this."""
+"""Factor by which a key press multiplies a parameter."""
 FLAGS = "v"
-"""The key that prints the flags of the camera of the screen on which it is pressed."""
+"""The key that prints the camera's flags of the screen where it is pressed."""
 _SCALED = (("m", "mass"), ("s", "stiffness"), ("l", "rest_length"), ("d", "damping"))
 KEYS = (
     Key("space", "pause", {}, "pause or continue"),
@@ -36,15 +36,15 @@ KEYS = (
     Key(FLAGS, "flags", {}, "print the camera's flags for run, render and view"),
     Key("h", "help", {}, "this list"),
 )
-"""All keys; a key that shift changes comes without shift, and then with it."""
+"""All keys; a key with another command under shift is listed without shift, then with shift."""
 SCENES = "123456789"
 """The keys of scenes."""
 ARROWS = {"right": "→", "up": "↑", "down": "↓"}
-"""Keys with an arrow on them."""
+"""Arrow symbols of the arrow keys."""
 
 
 def listed(scenes: list[str]) -> str:
-    """Return the list of keys as text, a line for each."""
+    """Return the list of keys as text, one line per key."""
     lines = [f"{k}  {name}" for k, name in zip(SCENES, scenes, strict=False)]
     for key in KEYS:
         if key.shift:

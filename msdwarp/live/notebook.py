@@ -1,4 +1,4 @@
-"""Notebook: `show`, a film, or a still that a mouse turns, in the output of a cell."""
+"""Notebook: `show`, which displays a film, or a still that the mouse turns, in the output of a cell."""
 
 import base64
 import io
@@ -19,7 +19,7 @@ from ..world import Scene
 from .opening import scene_of
 
 VIEWS = 12
-"""Number of pictures around a still, from which the mouse chooses."""
+"""Number of pictures around a still; the mouse selects one."""
 TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor: grab" draggable="false">
 <script>{{
   const views = [{views}], image = document.getElementById("{name}"), width = {width};
@@ -33,7 +33,7 @@ TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor:
     image.src = "data:image/webp;base64," + views[((at % views.length) + views.length) % views.length];
   }};
 }}</script>"""
-"""A still: the mouse turns it once around by its width."""
+"""Page of a still: moving the mouse across its width turns it once around."""
 
 
 def show(
@@ -82,7 +82,7 @@ def show(
         display.display(display.HTML(_still(scene, position, shown.time, resolution, colouring)))
         return
     bar = display.display(display.HTML(""), display_id=True)
-    assert bar is not None  # a display with an identifier returns its handle
+    assert bar is not None  # not None, since a display with an identifier returns a handle
 
     def progress(doing: str, done: int, count: int) -> None:
         if done % max(1, count // 50) == 0:
@@ -94,7 +94,7 @@ def show(
     else:
         positions, times, fps = [], [], shown.fps
         count = max(1, round((seconds or 0.0) * fps))
-        # Frames begin with the current one.
+        # The first frame is the current one.
         for k, frame in zip(range(count), shown.frames(count / fps), strict=False):
             progress("simulating", k, count)
             positions.append(frame.position)
@@ -120,7 +120,7 @@ def show(
 def _still(
     scene: Scene, position: NDArray, time: float, resolution: tuple[int, int], colouring: str | None
 ) -> str:
-    """Return the page of a still that a mouse turns."""
+    """Return the page of a still, as HTML."""
     views = []
     for k in range(VIEWS):
         look = scene.look.views[0]

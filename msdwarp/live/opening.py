@@ -29,25 +29,25 @@ def view(
 ) -> View:
     """Show a scene or simulation live, or play a trajectory, in a window or a browser.
 
-    A page starts when somebody opens it, or with `View.post("pause", value=False)`.
+    A page starts when it is first opened, or after `View.post("pause", value=False)`.
 
     Parameters
     ----------
     shown
-        A scene, a simulation, a trajectory or its file. Do not use a simulation elsewhere until the view is
-        closed.
+        A scene, a simulation, a trajectory, or a trajectory's file. Do not use a simulation elsewhere until the
+        view is closed.
     browser
         Serve a web page instead of opening a window; by default if there is no display.
     block
         Wait until the window is closed, or Ctrl-C. Otherwise return at once; `View.close` ends the view. A window
         always waits.
     host
-        Network address of the page; by default only this machine can open it. Otherwise the address that is
-        printed has a token, without which nobody can.
+        Network address of the page; by default only this machine can open it. Otherwise the printed address has a
+        token, without which nobody can open the page.
     port
         Port of the page; by default 8080 or the next free one.
     allow_origin
-        Origins of other pages that may control this one, such as that of a proxy, "https://lab.example".
+        Origins of other pages that may control this page, such as a proxy, "https://lab.example".
     paused
         Start paused.
 
@@ -91,7 +91,7 @@ def view(
 
 
 def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
-    """Return a simulation, or a trajectory that may be given as its file, and its scene."""
+    """Return (simulation or trajectory, its scene); `shown` may be a trajectory's file."""
     if isinstance(shown, str | Path):
         shown = Trajectory(shown)
     if isinstance(shown, Trajectory):

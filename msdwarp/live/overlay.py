@@ -1,4 +1,4 @@
-"""Panels over the window of a view: images of text and of curves on a translucent background."""
+"""Panels in front of a view in a window: images of text and curves on a translucent background."""
 
 import functools
 import importlib.util
@@ -14,17 +14,17 @@ from .shown import ENERGIES
 from .sources import Reading
 
 VEIL, INK, FAINT = (255, 255, 255, 205), (44, 50, 56, 255), (110, 118, 126, 255)
-"""Colours of the background, of text, and of less important text."""
+"""Colours of the background, of text, and of secondary text."""
 CURVES = ("kinetic", "elastic", "potential")
 RECENT = 60
 """Maximal number of readings that the plot of energies shows."""
 FINE = 3
-"""Curves are drawn at this multiple of the resolution, for smooth edges."""
+"""Curves are drawn at this multiple of the resolution, then reduced, for smooth edges."""
 
 
 @functools.lru_cache(maxsize=16)
 def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return a font that has arrows: Matplotlib's, which PyVista needs; else Pillow's."""
+    """Return a font that has arrows: Matplotlib's, since PyVista needs Matplotlib; otherwise Pillow's."""
     found = importlib.util.find_spec("matplotlib")
     if found is not None and found.origin is not None:
         fonts = Path(found.origin).parent / "mpl-data/fonts/ttf"
@@ -34,9 +34,9 @@ def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFon
 
 
 def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """Return an empty panel of a size in pixels, with round corners, and a pen to write on it."""
+    """Return an empty panel of this size [pixels] with round corners, and a pen to draw on it."""
     size = (round(width), round(height))
-    # The corners are cut by a finer mask; colours stay white there, so that no dark edge appears.
+    # A finer mask cuts the corners; colours stay white there, to avoid dark edges.
     mask = Image.new("L", (size[0] * FINE, size[1] * FINE), 0)
     ends = (0, 0, mask.width - 1, mask.height - 1)
     ImageDraw.Draw(mask).rounded_rectangle(ends, radius=8 * unit * FINE, fill=VEIL[3])
@@ -46,7 +46,7 @@ def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, Image
 
 
 def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image:
-    """Return two or more lines of text, the first large and the last, a hint, faint, wrapped at `columns` letters.
+    """Return lines of text, at least two: the first large, the last faint; wrapped after `columns` letters.
 
     `unit` is the scale: 1 in a window 720 rows high.
     """
@@ -62,7 +62,7 @@ def text(lines: Sequence[str], unit: float, *, columns: int = 60) -> Image.Image
 
 
 def notice(message: str, unit: float, *, columns: int = 56) -> Image.Image:
-    """Return a message in large letters; see `text`."""
+    """Return a message in large letters; for `unit` see `text`."""
     rows = textwrap.wrap(message, columns)
     size, pad = max(12, round((24 if len(rows) < 2 else 18) * unit)), 16 * unit
     font = _font(size)
@@ -75,7 +75,7 @@ def notice(message: str, unit: float, *, columns: int = 56) -> Image.Image:
 
 
 def keys(listed: str, unit: float) -> Image.Image:
-    """Return the list of keys: a line for each, with two spaces before its effect."""
+    """Return the list of keys: one line per key, with two spaces before the key's effect."""
     rows = [line.split("  ", 1) for line in listed.splitlines()]
     size, pad = max(9, round(15 * unit)), 16 * unit
     bold, plain = _font(size, bold=True), _font(size)
@@ -90,7 +90,7 @@ def keys(listed: str, unit: float) -> Image.Image:
 
 
 def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
-    """Return a plot of the last energy readings, potential energy relative to its minimum; None if too few."""
+    """Return a plot of recent energy readings, with potential energy from its minimum; None for too few."""
     recent = list(readings)[-RECENT:]
     if len(recent) < 3 or recent[-1].time <= recent[0].time:
         return None
@@ -110,7 +110,7 @@ def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
         fine_pen.line([*zip(FINE * x, FINE * y, strict=True)], ENERGIES[name], round(2 * unit * FINE))
         pen.text((left, 0.8 * pad + size / 2), name, ENERGIES[name], font, anchor="lm")
         left += font.getlength(name) + size
-    # Average weighted by opacity, so that colours do not fade to white at the edges.
+    # The average is weighted by opacity, so that colours do not fade to white at edges.
     image.alpha_composite(strokes.resize(image.size, Image.Resampling.LANCZOS))
     pen.line([(pad, top + high), (pad + wide, top + high)], FAINT, max(1, round(unit)))
     pen.text((pad + wide, 0.8 * pad + size / 2), f"{most:.3g} J", FAINT, font, anchor="rm")

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from .view import View
 
 LEAST, MOST = 0.1, 10.0
-"""Ends of the sliders that multiply a parameter."""
+"""Ends of sliders that multiply a parameter."""
 MOST_FRICTION, LEAST_RESTITUTION = 2.0, 0.05
-"""End of the sliders of friction; the least restitution between bodies, see `Contact`."""
+"""Upper end of friction sliders; least restitution between bodies (see `Contact`)."""
 SPEEDS = {"1/16": 1 / 16, "1/8": 1 / 8, "1/4": 1 / 4, "1/2": 1 / 2, "1": 1.0, "2": 2.0, "4": 4.0}
-"""Playback speeds, over real time."""
+"""Playback speeds relative to real time."""
 PATIENCE = 1.0
-"""Time for which an entry stays that the simulation has not adopted [s]."""
+"""Time until an entry that the simulation has not adopted is replaced [s]."""
 CURVES = ("kinetic", "elastic", "sum")
 PLAY = {"pause / continue": "pause", "one frame": "step", "restart": "reset"}
 BUTTONS = {
@@ -43,11 +43,11 @@ LAYOUT = """<style>@media (max-width: 36em) {
   max-height: 45% !important; flex: none }
 .mantine-Notifications-root ~ .mantine-Paper-root [style*="width: 20em"] { width: 100% !important }
 }</style>"""
-"""On a phone viser lays the panel over the picture; with this style it is below."""
+"""On a phone viser puts the panel over the picture; this style puts it below."""
 
 
 class Control:
-    """A viser widget that shows the value of `read`, unless that is None."""
+    """A viser widget that shows the value returned by `read`, unless the value is None."""
 
     def __init__(self, widget: Any, read: Callable[[], Any]) -> None:
         self._widget, self._read = widget, read
@@ -68,7 +68,7 @@ class Control:
 
 
 class Panel:
-    """The controls of a page. Callbacks run in viser's thread, and only post commands."""
+    """The controls of a page. Callbacks run in viser's thread, and do nothing but post commands."""
 
     def __init__(self, server: Any) -> None:
         self._server, self._gui = server, server.gui
@@ -78,7 +78,7 @@ class Panel:
         self._notice, self._lists = "", dict[int, Any]()
 
     def open(self, view: "View") -> None:
-        """Build the controls of all scenes."""
+        """Build the controls that all scenes have."""
         self._view, gui = view, self._gui
         gui.add_html(LAYOUT)
         self._status = gui.add_markdown("")
@@ -106,7 +106,7 @@ class Panel:
             gui.add_command(f"scene {name}", hotkey=k).on_trigger(self._posts("scene", number=int(k)))
 
     async def _list_keys(self, event: Any) -> None:
-        """Show the list of keys to a client, or close it."""
+        """Show the list of keys to a client, or close the list."""
         if (listed := self._lists.pop(event.client_id, None)) is not None:
             listed.close()
             return
@@ -119,7 +119,7 @@ class Panel:
             event.client.gui.add_button("close (h)").on_click(self._list_keys)
 
     async def _tell_flags(self, event: Any) -> None:
-        """Tell the flags of a client's camera, and copy them to its clipboard if its browser allows that."""
+        """Show a client the flags of its camera, and copy them to the clipboard if the browser allows it."""
         from viser._messages import RunJavascriptMessage
 
         camera, shift = event.client.camera, self._view.following.shift
@@ -138,7 +138,7 @@ class Panel:
         command: str,
         values: Callable[[Any], dict[str, Any]] = lambda entered: {"value": entered},
     ) -> Any:
-        """Let a widget show the value of `read`, and post a command with the values that are entered."""
+        """Let a widget show the value returned by `read`, and post a command with entered values."""
 
         async def entered(event: Any) -> None:
             if event.client_id is not None and _can_show(widget):
@@ -149,7 +149,7 @@ class Panel:
         return widget
 
     def _slider(self, label: str, ends: tuple[float, float], read: Callable[[], Any], *more: Any) -> None:
-        """Add a slider; for more arguments see `_control`."""
+        """Add a slider; `more` are further arguments of `_control`."""
         first = min(max(read(), ends[0]), ends[1])
         self._control(self._gui.add_slider(label, *ends, 0.01, first), read, *more)
 
@@ -159,7 +159,7 @@ class Panel:
         return self._parts[-1]
 
     def stage(self) -> None:
-        """Build the controls of the scene, if the scene has changed."""
+        """Build the controls of a scene, if the scene has changed."""
         view, gui, source = self._view, self._gui, self._view.source
         if self._scene is source:
             return
@@ -257,14 +257,14 @@ class Panel:
 
 
 def _ends(scale: ColourScale) -> tuple[str, str]:
-    """Return the values at both ends of a scale, with their unit: strain, which has none, in percent."""
+    """Return the values at both ends of a scale, with their unit; strain is in percent."""
     _, _, unit = scale.label.rstrip("]").partition(" [")
     full = f"{scale.full:.2g} {unit}" if unit else f"{100 * scale.full:.2g} %"
     return (f"−{full}", f"+{full}") if scale.signed else ("0", f"{full} or more")
 
 
 def _called(call: Callable[[], Any]) -> Any:
-    """Return a viser callback that makes a call; it is asynchronous, so that requests keep their order."""
+    """Return a viser callback that calls `call`; it is asynchronous, so that requests keep their order."""
 
     async def called(event: Any) -> None:
         call()
@@ -273,7 +273,7 @@ def _called(call: Callable[[], Any]) -> Any:
 
 
 def _can_show(widget: Any) -> bool:
-    """Return whether a widget can show the value that a client has set."""
+    """Return whether a widget can show the value that a client has entered."""
     options, least = getattr(widget, "options", None), getattr(widget, "min", None)
     if options is not None:
         return widget.value in options

@@ -8,21 +8,21 @@ from numpy.typing import NDArray
 from ..pictures import Drawing, Part, ramp
 
 LEVELS = 24
-"""Colours of a scale in a browser."""
+"""Number of colours of a scale in a browser."""
 MOST_COLOURS = 12
-"""Colours of a texture in a browser."""
+"""Number of colours of a texture in a browser."""
 FINE = 40_000
-"""Minimal number of triangles into which a textured drawing is divided, to show its pattern."""
+"""Minimal number of triangles into which a textured drawing is divided, so that the pattern is visible."""
 MOST_DIVISIONS = 16
-"""Maximal number of pieces of the side of a triangle."""
+"""Maximal number of pieces of a triangle's side."""
 
 
 class Patch(NamedTuple):
     """Triangles of one colour.
 
-    Each vertex of the patch is a mean of three vertices of the drawing, the indices `corners`, by barycentric
-    `weights`, both of shape [vertex_count, 3]. If `weights` is None, each is the drawing's vertex `corners`, shape
-    [vertex_count]. `faces` are triangles of the patch's vertices, shape [face_count, 3].
+    Each vertex of the patch is a mean of three vertices of the drawing, with the indices `corners` and barycentric
+    `weights`, both of shape [vertex_count, 3]. If `weights` is None, each is a vertex of the drawing; `corners`
+    then has shape [vertex_count]. `faces` are triangles of the patch's vertices, shape [face_count, 3].
     """
 
     corners: NDArray[np.integer]
@@ -32,14 +32,14 @@ class Patch(NamedTuple):
     moves: bool
 
     def points(self, drawn: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the patch's vertices [m], shape [vertex_count, 3], from the drawing's vertices."""
+        """Return the patch's vertices [m], shape [vertex_count, 3], given the drawing's vertices `drawn`."""
         if self.weights is None:
             return drawn[self.corners]
         return np.einsum("ij,ijk->ik", self.weights, drawn[self.corners])
 
 
 def patches(drawing: Drawing) -> list[Patch]:
-    """Return the patches of a drawing; only those of obstacles if the body's colours change over time."""
+    """Return the patches of a drawing; if the body's colours change over time, only the obstacles' patches."""
     divisions = round(np.sqrt(FINE / max(len(drawing.triangles), 1)))
     divisions = min(max(divisions, 1), MOST_DIVISIONS)
     found: list[Patch] = []
@@ -57,7 +57,7 @@ def patches(drawing: Drawing) -> list[Patch]:
 
 
 def levels(drawing: Drawing) -> list[NDArray[np.int32]]:
-    """Return the triangles of the body in each of LEVELS colours, evenly spaced on the drawing's colour scale."""
+    """Return the body's triangles for each of LEVELS colours, which divide the drawing's colour scale evenly."""
     triangles = np.concatenate([one.triangles for one in drawing.body])
     away = drawing.colours.numpy()[:, None] - ramp(drawing.stops, LEVELS)
     of_vertex = np.argmin((away**2).sum(axis=2), axis=1)
@@ -66,20 +66,20 @@ def levels(drawing: Drawing) -> list[NDArray[np.int32]]:
 
 
 def compact(triangles: NDArray) -> tuple[NDArray[np.integer], NDArray[np.uint32]]:
-    """Return the vertices of triangles, and the triangles by indices into these."""
+    """Return the distinct vertices of triangles, and the triangles as indices of these."""
     corners, faces = np.unique(triangles, return_inverse=True)
     return corners, faces.reshape(-1, 3).astype(np.uint32)
 
 
 def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return a part with a texture in pieces: corners, weights and faces, see `Patch`, and each face's colour.
+    """Return a textured part divided into pieces: corners, weights and faces as in `Patch`, and face colours.
 
-    The colour is the texture's at the face's centre.
+    A face has the texture's colour at the face's centre.
     """
     assert drawing.texture is not None
     triangles = one.triangles
     if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
-        divisions = 1  # one colour all over
+        divisions = 1  # one colour everywhere
     weights, pieces = _divided(divisions)
     uv = np.einsum("pcv,tvk->tpck", weights[pieces], drawing.uv[triangles])
     height, width = drawing.texture.shape[:2]
@@ -94,7 +94,7 @@ def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDA
 
 
 def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the weights of the vertices of a triangle divided into n² pieces, and the pieces."""
+    """Return (vertex weights, pieces) of a triangle that is divided into n² pieces."""
     at = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n + 1) for j in range(n + 1 - i))}
     weights = np.array([(n - i - j, i, j) for i, j in at]) / n
     pieces = []
@@ -107,7 +107,7 @@ def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def _few(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Replace each colour by the nearest of the most frequent ones."""
+    """Replace each colour by the nearest of the MOST_COLOURS most frequent colours."""
     coarse = (colours // 16).astype(np.int64) @ (1, 16, 256)
     _, first, counts = np.unique(coarse, return_index=True, return_counts=True)
     chosen = colours[first[np.argsort(-counts)[:MOST_COLOURS]]]

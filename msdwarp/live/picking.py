@@ -1,4 +1,4 @@
-"""Picking: the particles that the mouse holds, and the springs by which it holds them."""
+"""Picking: the particles that the mouse holds, and the springs that hold them."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,29 +10,29 @@ from .. import checks
 from ..bodies import AXES, System, in_space, pieces
 
 FREQUENCY = 25.0
-"""√(k / m) of a hand's springs [rad/s], with the mass m of the whole piece: it follows within 0.1 s."""
+"""√(k / m) of the mouse's springs [rad/s], with the mass m of the whole piece: it follows within 0.1 s."""
 MOST_OF_SPRINGS = 0.5
-"""Largest spring constant of a hand on a particle, over the sum of the particle's spring constants."""
+"""Largest stiffness of a mouse spring on a particle, divided by the sum of stiffnesses at the particle."""
 MOST_WEIGHTS = 50.0
-"""Largest pull, over the weight of the piece."""
+"""Largest pull, divided by the weight of the piece."""
 SPREAD, MOST_HELD = 2.0, 32
-"""Radius around the point that a hand holds, in mean lengths of springs; maximal number of particles."""
+"""Radius of the held particles around the held point, in mean spring lengths; maximal number of particles."""
 
 
 class Picking(NamedTuple):
-    """The particles that a drag of the mouse holds, nearest to the picked point first, and the springs to them."""
+    """The particles held by a drag of the mouse, nearest to the picked point first, and the springs on them."""
 
     particles: NDArray[np.int64]
-    offset: NDArray[np.float64]  # from the picked point to each [m], shape [held_count, d]
+    offset: NDArray[np.float64]  # from the picked point to each particle [m], shape [held_count, d]
     stiffness: NDArray[np.float64]  # [N/m]
-    damping: NDArray[np.float64]  # critical for the piece as a whole [N s/m]
-    reach: float  # largest distance that the point is pulled from its position [m]
+    damping: NDArray[np.float64]  # together critical for the piece as a whole [N s/m]
+    reach: float  # largest allowed pull of the point from its position [m]
 
     @classmethod
     def of(cls, system: System, position: NDArray, point: NDArray, gravity: float = 9.82) -> "Picking | None":
-        """Return the grip at a point [m], shape [3], or None if all particles are pinned.
+        """Return the grip at a point [m], shape [3]; None if all particles are pinned.
 
-        `position` is of all particles [m], shape [particle_count, d]; `gravity` is an acceleration [m/s²].
+        `position` has all particles [m], shape [particle_count, d]; `gravity` is an acceleration [m/s²].
         """
         distance = np.linalg.norm(in_space(position, np.float64) - point, axis=1)
         free = np.isfinite(system.mass)
@@ -57,13 +57,13 @@ class Picking(NamedTuple):
             stiffness, np.maximum(MOST_OF_SPRINGS * springs[near], system.mass[near] * FREQUENCY**2)
         )
         damping = 2.0 * np.sqrt(mass * stiffness.sum()) * shares
-        most = 2.0 * stiffness / FREQUENCY  # at most the damping of springs of this frequency, for the same step
+        most = 2.0 * stiffness / FREQUENCY  # damping of springs at FREQUENCY, so that the step stays the same
         offset = position[near].astype(np.float64) - _in_plane(point, system.dim)
         reach = MOST_WEIGHTS * mass * max(gravity, 1.0) / float(stiffness.sum())
         return cls(near, offset, stiffness, np.minimum(damping, most), reach)
 
     def pulled(self, position: NDArray, target: NDArray) -> NDArray[np.float64]:
-        """Return the targets of the particles [m], shape [held_count, d], for a target of the point, shape [3]."""
+        """Return particles' targets [m], shape [held_count, d], for a target of the picked point, shape [3]."""
         here = self.point(position)
         way = _in_plane(target, position.shape[1]) - here
         length = float(np.linalg.norm(way))
@@ -75,7 +75,7 @@ class Picking(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """A drag of the mouse: its grip, owner (who alone can end it), target [m], and the particles last held."""
+    """A drag of the mouse: its grip, its owner (the only one who can end it), target [m], particles last held."""
 
     grip: Picking | None = None
     holder: Any = None
@@ -92,19 +92,19 @@ class Pull(NamedTuple):
 
 
 def _in_plane(point: NDArray, dim: int) -> NDArray[np.float64]:
-    """Return the coordinates of a point in space that a body of `dim` dimensions has."""
+    """Return the coordinates of a point in space that a body in `dim` dimensions has."""
     return np.asarray(point, dtype=np.float64)[list(AXES[dim])]
 
 
 def hit(
     origin: ArrayLike, direction: ArrayLike, points: NDArray, triangles: NDArray
 ) -> NDArray[np.float64] | None:
-    """Return the first point of a ray on triangles, shape [any, 3] like `points`; None if it meets none."""
+    """Return the first point where a ray meets triangles, shape [any, 3] like `points`; None if it misses all."""
     origin, direction = checks.vector("origin", origin, 3), checks.vector("direction", direction, 3)
     a, b, c = (points[triangles[:, k]].astype(np.float64) for k in range(3))
-    # The point is at origin + distance direction = a + u (b - a) + v (c - a).
+    # The point is origin + distance direction = a + u (b - a) + v (c - a).
     sides = np.stack([np.broadcast_to(-direction, a.shape), b - a, c - a], axis=2)
-    crossed = np.linalg.det(sides) != 0  # others are seen edge-on
+    crossed = np.linalg.det(sides) != 0  # triangles seen edge-on are skipped
     distance, u, v = np.linalg.solve(sides[crossed], (origin - a[crossed])[..., None])[..., 0].T
     distances = distance[(u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)]
     return origin + distances.min() * direction if len(distances) else None

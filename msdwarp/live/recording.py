@@ -1,4 +1,4 @@
-"""Recording: frames of a view in a file, with the interactive changes, so that `rerun` can replay them."""
+"""Recording: frames of a view in a file, with the user's changes, so that `rerun` can replay them."""
 
 import json
 import subprocess
@@ -16,13 +16,13 @@ from ..world import Scene, scene_as_stored
 from .sources import Running, Source
 
 DEEDS = "deeds.json"
-"""The file of a recording with the interactive changes since the start, if any."""
+"""Name of a recording's file with the changes since the start, if there are any."""
 FIRST_FRAME = "first_frame"
-"""The attribute of a recording's file with the index of its first frame in the simulation."""
+"""Attribute of a recording's file: the simulation's index of the first recorded frame."""
 
 
 class Recording:
-    """Frames of a running simulation, beginning now, in a new folder, by default a free out/NAME-live.
+    """Frames of a running simulation from now on, in a new folder, by default a free out/NAME-live.
 
     FileExistsError is raised if the folder exists.
     """
@@ -45,7 +45,7 @@ class Recording:
         self._writer.write(self._source.frame(), broken_at=self._source.broken_at())
 
     def close(self) -> str:
-        """End the recording, and write the interactive changes beside its frames; return a message."""
+        """End the recording, and write the user's changes to a file in its folder; return a message."""
         self._source.after_frame.remove(self._write)
         self._writer.close()
         deeds = self._source.handling.deeds
@@ -57,7 +57,7 @@ class Recording:
 
 
 def read_deeds(folder: Path) -> list[dict[str, Any]]:
-    """Return the interactive changes of a recording; raise ValueError if the file is damaged."""
+    """Return the user's changes in a recording; raise ValueError if their file is damaged."""
     path = folder / DEEDS
     if not path.exists():
         return []
@@ -71,7 +71,7 @@ def read_deeds(folder: Path) -> list[dict[str, Any]]:
 
 
 class Filming:
-    """The drawing of a recording's film in a separate process, while the view continues."""
+    """The process that draws a recording's film while the view continues."""
 
     def __init__(self, folder: Path, renderer: str = "auto") -> None:
         self.folder = folder
@@ -82,11 +82,11 @@ class Filming:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            start_new_session=True,  # Ctrl-C ends the view, but not the film
+            start_new_session=True,  # Ctrl-C then ends the view, but not the film
         )
 
     def ended(self) -> str | None:
-        """Return a message once the drawing has ended; None before."""
+        """Return a message once the drawing has ended; None until then."""
         if self._process.poll() is None:
             return None
         _, error = self._process.communicate()
@@ -96,7 +96,7 @@ class Filming:
 
 
 def save_picture(source: Source, scene: Scene, path: str | Path | None = None, renderer: str = "auto") -> Path:
-    """Draw the current frame into a PNG file, by default the next free out/NAME.png; return its path."""
+    """Draw the current frame to a PNG file, by default the next free out/NAME.png; return the path."""
     if path is None:
         Path("out").mkdir(exist_ok=True)
         path = _free_path(source.title or "view", ".png")

@@ -14,13 +14,13 @@ from .sources import Source
 
 COLOURS = ("look", "speed", "strain")
 ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", "sum": "#333a40"}
-"""Colours of curves of energies: those of `studies.plots`."""
+"""Colours of energy curves, as in `studies.plots`."""
 LEAST_SHARE = 0.05
-"""Least end of a colour scale, over the largest value so far."""
+"""Least end of a colour scale, as a fraction of the largest value so far."""
 LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}
 
 EASE, SAMPLE = 0.4, 1000
-"""Simulated time in which cameras follow the body [s]; number of its particles that are enough to find it."""
+"""Time constant with which cameras follow the body, in simulated time [s]; number of particles that locate it."""
 
 
 class Shown:
@@ -39,9 +39,9 @@ class Shown:
         self._largest = 0.0
 
     def torn(self, broken_at: NDArray, time: float) -> "Shown":
-        """Return a `Shown` with the times at which springs break [s]; the drawing omits them from then on.
+        """Return a `Shown` with the times at which springs break [s], after which the drawing omits them.
 
-        Return this object if no more springs are broken before `time` [s] than at the last call.
+        Return `self` if no further springs have broken before `time` [s] since the last call.
         """
         count = int((broken_at <= time).sum())
         if count == self._broken:
@@ -52,7 +52,7 @@ class Shown:
         return other
 
     def follow(self, frame: Frame) -> None:
-        """Move to a frame."""
+        """Show a frame."""
         self.frame = frame
         if not self.drawing.by_value:
             self.drawing.follow(frame.position, frame.time)
@@ -62,7 +62,7 @@ class Shown:
         largest = float(np.quantile(values, 0.99))
         self._largest = max(self._largest, largest)
         if largest > scale.full or largest < 0.2 * scale.full:
-            # The largest value so far keeps noise from filling the scale at rest.
+            # A scale relative to the largest value so far does not show noise of a body at rest.
             full = max(1.25 * largest, LEAST_SHARE * self._largest)
             self.drawing.scale = scale._replace(full=full or 1.0)
         self.drawing.follow(frame.position, frame.time, values)
@@ -79,10 +79,10 @@ class Shown:
 
 
 class Following:
-    """How far the cameras of a view have followed the body: `shift` [m], shape [3].
+    """How far a view's cameras have followed the body: `shift` [m], shape [3].
 
-    They move with the group `Look.follow`. Without a group and a target, they follow a body whose path is unknown
-    after it has left their initial view.
+    Cameras follow the group `Look.follow`. Without group and target, they follow a body of unknown path when it
+    leaves their initial view.
     """
 
     def __init__(self, source: Source) -> None:
@@ -95,12 +95,12 @@ class Following:
         self._low = self._high = middle = self._middle(frame)
         if self._moves and look.follow is None:
             seen, body = (in_space(one, np.float64) for one in (source.seen(), frame.position))
-            slack = np.ptp(body, axis=0) / 4  # less than half a body: one that is squashed moves no camera
+            slack = np.ptp(body, axis=0) / 4  # less than half a body, so that a squashed body moves no camera
             self._low = np.minimum(seen.min(axis=0) + slack, middle)
             self._high = np.maximum(seen.max(axis=0) - slack, middle)
 
     def follow(self, frame: Frame, *, held: bool) -> None:
-        """Follow the body: smoothly to a later frame, at once to an earlier one, not if `held` by the mouse."""
+        """Follow the body: smoothly to a later frame, at once to an earlier one, not while the mouse holds it."""
         passed, self._time = frame.time - self._time, frame.time
         before = np.zeros(3) if passed < 0 else self.shift
         middle = self._middle(frame) - before
@@ -109,5 +109,5 @@ class Following:
             self.shift = before + way * (1.0 if passed < 0 else 1.0 - math.exp(-passed / EASE))
 
     def _middle(self, frame: Frame) -> NDArray[np.float64]:
-        """Return the place of the body [m], shape [3]: the median, which stray pieces hardly change."""
+        """Return the body's position [m], shape [3]: a median, which stray pieces hardly change."""
         return np.median(in_space(frame.position[self._members], np.float64), axis=0)

@@ -1,4 +1,4 @@
-"""Sources of a view: a running simulation, or a trajectory that is played."""
+"""Sources of a view: a running simulation, or a trajectory that is replayed."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -18,10 +18,10 @@ from .handling import Handling
 MOST_SEEN = 200
 """Maximal number of frames of a trajectory that are read to place the camera."""
 ASPECT = 16 / 9
-"""Width over height of the picture for which the camera is placed; other pictures show nearly as much."""
+"""Width over height of the picture for which the camera is placed; others show nearly as much."""
 
 BELOW = 0.35
-"""Height shown by the first camera below a body without ground, which may fall, over the body's length."""
+"""Height below a body without ground, which may fall, in the first view; as a fraction of the body's length."""
 
 
 class Reading(NamedTuple):
@@ -42,9 +42,9 @@ class Reading(NamedTuple):
 class Running:
     """A running simulation of a scene that `within_reach` returned.
 
-    `parameters` are the scene's, by name; `attributes` are written into recordings: how the simulation was made.
-    `rebuild` builds the scene with other parameters, if it was built by a function. `after_frame` are called after
-    each frame.
+    `parameters` are the scene's, by name; `attributes` describe in recordings how the simulation was made.
+    `rebuild` builds the scene with other parameters, if a function has built it. Functions in `after_frame` are
+    called after each frame.
     """
 
     frame_count = None
@@ -77,7 +77,7 @@ class Running:
         return self._simulation.frame_index
 
     def seen(self) -> NDArray:
-        """Return what a camera should have in view while the body's path is unknown; see `surroundings`."""
+        """Return points to keep in view while the body's path is unknown; see `surroundings`."""
         return surroundings(self.scene, self.frame().position)
 
     def advance(self) -> bool:
@@ -88,13 +88,13 @@ class Running:
         return True
 
     def broken_at(self) -> NDArray | None:
-        """Return when springs broke [s], shape [connection_count]; None if none can."""
-        if not self.scene.system.tears:  # avoids a copy of other changed fields
+        """Return the times at which springs broke [s], shape [connection_count]; None if none can break."""
+        if not self.scene.system.tears:  # avoids copying other changed fields
             return None
         return self._simulation.stepping.changed_fields().get("broken_at")
 
     def seek(self, k: int) -> None:
-        """Do nothing: a simulation has only the current frame."""
+        """Do nothing, since a simulation has only the current frame."""
 
     def reading(self) -> Reading:
         """Return the energies and the largest strain."""
@@ -104,13 +104,13 @@ class Running:
         )
 
     def summary(self) -> str:
-        """Return the substeps, the precision, the device and the force algorithm."""
+        """Return substeps, precision, device and force algorithm as text."""
         choice, model = self._simulation.choice, self._simulation.model
         return f"{choice} · {model.precision} on {self._simulation.device}, {model.force_algorithm}"
 
 
 class Played:
-    """A trajectory that is played, with a scene of its system."""
+    """A trajectory that is replayed, with a scene of its system."""
 
     handling = rebuild = None
     parameters: Mapping[str, Any] = MappingProxyType({})
@@ -150,7 +150,7 @@ class Played:
         return self._trajectory.frame(self._k)
 
     def broken_at(self) -> NDArray | None:
-        """Return when springs broke [s], shape [connection_count]; None if none can."""
+        """Return the times at which springs broke [s], shape [connection_count]; None if none can break."""
         return np.asarray(self._trajectory.broken_at) if self.scene.system.tears else None
 
     def reset(self) -> None:
@@ -158,22 +158,22 @@ class Played:
         self._k = 0
 
     def seek(self, k: int) -> None:
-        """Go to frame k, or the nearest existing one."""
+        """Go to frame k, or to the nearest existing frame."""
         self._k = min(max(int(k), 0), self.frame_count - 1)
 
     def reading(self) -> None:
-        """Return None: a trajectory has no energies."""
+        """Return None, since a trajectory has no energies."""
 
     def summary(self) -> str:
-        """Return a text with the index of the frame."""
+        """Return the index of the frame as text."""
         return f"frame {self._k} of {self.frame_count - 1}"
 
 
 def surroundings(scene: Scene, position: NDArray) -> NDArray:
-    """Return points that a camera should have in view while the body's path is unknown [m], shape [any, d].
+    """Return points to keep in view while the body's path is unknown [m], shape [any, d].
 
-    These are the body, and its projection onto the ground, 1.5 times as large; without ground, a share of the
-    body's length below it.
+    The points are the body, and the body's projection onto the ground, 1.5 times as large; without ground, points
+    below the body at BELOW times its length.
     """
     low, high = position.min(axis=0), position.max(axis=0)
     size = float((high - low).max())

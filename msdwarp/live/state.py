@@ -1,4 +1,4 @@
-"""State: the source, texts and screens of a view."""
+"""State: the source, the texts and the screens of a view."""
 
 import queue
 import threading
@@ -20,10 +20,10 @@ from .sources import Reading, Source
 NOTICE_TIME = 1.5
 """Time for which a short notice is shown [s]."""
 ROOM = 0.8
-"""Zoom of the first camera: bodies move."""
+"""Zoom of the first camera, which leaves room since bodies move."""
 MOST_TRIANGLES = 100_000
-"""Maximal number of triangles for a page if a GPU can draw images: a million take 6 MB a frame, an image less than
-0.1 MB. A CPU takes longer to draw images than most links take for triangles."""
+"""Largest number of triangles sent to a page if a GPU can draw images: a million triangles take 6 MB per frame, an
+image below 0.1 MB. A CPU takes longer to draw an image than most links to transfer triangles."""
 
 
 class Screen(Protocol):
@@ -37,10 +37,10 @@ class Screen(Protocol):
         ...
 
     def open(self, view: Any) -> None:
-        """Start to show a `View`."""
+        """Start showing a `View`."""
 
     def stage(self) -> None:
-        """Show another scene or drawing: `view.shown` is new."""
+        """Show another scene or drawing, after `view.shown` was replaced."""
 
     def show(self) -> None:
         """Show the current frame of `view.shown`."""
@@ -49,15 +49,15 @@ class Screen(Protocol):
         """Show `view.notice`, `view.lines` and `view.readings`, and update sliders."""
 
     def poll(self) -> bool:
-        """Handle user input; return whether this is still open."""
+        """Handle user input; return whether the screen is still open."""
         ...
 
     def close(self) -> None:
-        """Close the window, or stop serving the page."""
+        """Close the window or stop serving the page."""
 
 
 class ViewState:
-    """The state of a view; the parameters are those of `View`."""
+    """The state of a view; parameters as for `View`."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class ViewState:
         self._begin(source, rebuild or source.rebuild)
 
     def _begin(self, source: Source, rebuild: Callable[..., Source] | None) -> None:
-        """Show another source from its start."""
+        """Show another source from its first frame."""
         before: Shown | None = getattr(self, "shown", None)
         self.source, self.rebuild = source, rebuild
         self.readings: deque[Reading] = deque(maxlen=300)
@@ -95,7 +95,7 @@ class ViewState:
         self._draw(COLOURS[0] if before is None else before.colour, wires=before is not None and before.wires)
 
     def _start_clock(self) -> None:
-        """Count the frames that real time requires from now on."""
+        """Restart the count of frames that are due in real time."""
         self._clock, self._frames_taken = time.perf_counter(), 0
 
     def _begin_to_run(self) -> None:
@@ -104,7 +104,7 @@ class ViewState:
         self._start_clock()
 
     def _draw(self, colour: str, *, wires: bool) -> None:
-        """Create the drawing of the source: in the colours named, or with `wires` its springs."""
+        """Create the drawing of the source in COLOURS[colour], or with `wires` of the springs."""
         scene, device = self.source.scene, self.source.device
         self.shown = Shown(scene, colour, wires=wires)
         large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
@@ -120,13 +120,13 @@ class ViewState:
             screen.stage()
 
     def _redraw(self, colour: str | None = None, *, wires: bool | None = None) -> None:
-        """Create another drawing of the source, by default with the same settings."""
+        """Create the drawing of the source again; settings that are None stay the same."""
         before = self.shown
         self._draw(before.colour if colour is None else colour, wires=before.wires if wires is None else wires)
         self._stage()
 
     def _change_to(self, other: Source, rebuild: Callable[..., Source] | None) -> str:
-        """Show another source, or if that fails the previous one; return the message of an ended recording."""
+        """Show another source, or the previous one if that fails; return the message of an ended recording."""
         before, hand = (self.source, self.rebuild), (self.hand, self.following)
         try:
             self._begin(other, rebuild)
@@ -139,19 +139,19 @@ class ViewState:
         return self._end_recording()
 
     def staged(self, size: tuple[int, int]) -> Stage:
-        """Return camera, lights and ground of the source, for pictures of this width and height in pixels."""
+        """Return camera, lights and ground for pictures of the source, of this width and height [pixels]."""
         room = 1.0 if self.source.scene.look.distance is not None else ROOM
         return Stage(self.source.scene, self.source.seen(), size, zoom=room * self._zoom)
 
     @property
     def _handling(self) -> Handling:
-        """The source's `Handling`; raise ValueError for a recording."""
+        """The source's `Handling`; raise ValueError if the source is a recording."""
         if self.source.handling is None:
             raise ValueError("this is a recording: it cannot be changed")
         return self.source.handling
 
     def _end_recording(self) -> str:
-        """End the recording, if there is one; return its message, to be appended to another message."""
+        """End the recording, if any; return its message, to be appended to another one."""
         if self.recording is None:
             return ""
         ended, self.recording = self.recording, None
@@ -160,7 +160,7 @@ class ViewState:
 
     @property
     def notice(self) -> str:
-        """A message about the last command, while it is shown."""
+        """The message about the last command, while it is displayed."""
         shown_for = NOTICE_TIME * (1 + len(self._notice) / 40)
         return self._notice if time.perf_counter() - self._noticed < shown_for else ""
 
@@ -169,7 +169,7 @@ class ViewState:
 
     @property
     def lines(self) -> list[str]:
-        """Time, speed, simulation settings and energies, as text."""
+        """Time, speed, simulation settings and energies as text."""
         pictures = "1 picture" if round(self._fps) == 1 else f"{self._fps:.0f} pictures"
         state = "paused" if self.paused else f"{self._ratio:.2g} of real time, {pictures} a second"
         lines = [f"{self.source.time:.2f} s, {state}", self.source.summary()]
@@ -181,7 +181,7 @@ class ViewState:
 
     @property
     def hint(self) -> str:
-        """What a newcomer should know."""
+        """A hint for new users."""
         return ("drag the body to pull it; " if self.source.handling is not None else "") + "h lists the keys"
 
     def keys(self) -> str:
@@ -189,7 +189,7 @@ class ViewState:
         return listed(list(self.scenes))
 
     def _move_hand(self) -> None:
-        """Move the targets of the mouse's springs, before a frame."""
+        """Move the targets of mouse springs before a frame."""
         if (grip := self.hand.grip) is None:
             return
         to = grip.pulled(self.source.frame().position, self.hand.target)

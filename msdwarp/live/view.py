@@ -17,13 +17,13 @@ BUDGET = 1 / 20
 READ_EVERY = 0.2
 """Time between readings of energies [s]."""
 AVERAGED = 10
-"""Number of pictures that speeds are averaged over."""
+"""Number of pictures over which speeds are averaged."""
 BEHIND = 0.25
-"""If simulated time lags behind by more than this [s], the view does not catch up."""
+"""If simulated time is behind by more than this [s], the view does not catch up."""
 
 
 def _message(error: BaseException) -> str:
-    """Return the message of an error, with its class unless it is about a request."""
+    """Return an error's message, preceded by its class unless the error is about a request."""
     explains = isinstance(error, ValueError | OSError | SimulationDiverged)
     return str(error) if explains and str(error) else f"{type(error).__name__}: {error}"
 
@@ -31,21 +31,21 @@ def _message(error: BaseException) -> str:
 class View(Commands):
     """An interactive view of a simulation or a trajectory.
 
-    Its loop executes commands, simulates the frames that are due, and shows the last one. It begins when somebody
-    watches, or with the command "pause". From other threads call only `post`, `press` and `close`.
+    A loop executes commands, simulates the frames that are due, and shows the last one. It starts when a screen is
+    watched, or after the command "pause". Other threads may call only `post`, `press` and `close`.
 
     Parameters
     ----------
     source
         The first source to show.
     screens
-        The windows and pages.
+        Windows and pages that show the view.
     scenes
-        The scenes of the keys 1 to 9, by name: functions that return a source.
+        Scenes for the keys 1 to 9, by name: functions that return a source.
     rebuild
         A function that builds the first scene with other parameters and returns a source.
     paused
-        Whether it starts paused.
+        Whether the view starts paused.
     renderer
         Renderer of snapshots and films: "auto", "raster", "raycast" or "opengl".
     zoom
@@ -54,17 +54,17 @@ class View(Commands):
     Attributes
     ----------
     source, shown
-        The current source, and its drawing.
+        The current source and the source's drawing.
     paused, speed
-        Whether it is paused; the playback speed (1 is real time).
+        Whether the view is paused; the playback speed (1 is real time).
     sends
-        Data that is sent to pages: "auto", "triangles" or "images".
+        What pages receive: "auto", "triangles" or "images".
     images
         Whether pages receive images instead of triangles.
     notice
-        A message about the last command, while it is shown; else empty.
+        The message about the last command, while it is displayed; else empty.
     readings
-        Energies of the last seconds.
+        Energies of the last few seconds.
     """
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
@@ -77,7 +77,7 @@ class View(Commands):
             self._stage()
             self._start_clock()
             while not self._ends.is_set() and not until():
-                open_yet = [screen.poll() for screen in opened]  # poll every screen
+                open_yet = [screen.poll() for screen in opened]  # polls every screen
                 if not all(open_yet):
                     break
                 began = time.perf_counter()
@@ -104,22 +104,22 @@ class View(Commands):
         self._thread.start()
 
     def close(self) -> None:
-        """End the loop, and wait for its thread if there is one. It may be called repeatedly, from any thread."""
+        """End the loop, and wait for its thread, if any; any thread may call this, repeatedly."""
         self._ends.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
 
     def post(self, command: str, **values: Any) -> None:
-        """Request a command, one of `COMMANDS`, with its values. It may be called from any thread."""
+        """Request a command, one of `COMMANDS`, with its values; any thread may call this."""
         self._requests.put((command, values))
 
     @property
     def waiting(self) -> int:
-        """The number of requested commands that are not done yet."""
+        """Number of requested commands that are not executed yet."""
         return self._requests.qsize()
 
     def press(self, key: str, *, shift: bool = False) -> bool:
-        """Request the action of a key, from any thread; return whether the key has one."""
+        """Request the action of a key, from any thread; return whether the key has an action."""
         if key in SCENES and not shift:
             self.post("scene", number=int(key))
             return True
@@ -129,7 +129,7 @@ class View(Commands):
         return bool(pressed)
 
     def _execute_commands(self) -> None:
-        """Execute the commands until now; later ones wait until frames have been simulated."""
+        """Execute the commands requested so far; later ones wait until frames have been simulated."""
         for _ in range(self.waiting):
             command, values = self._requests.get_nowait()
             try:
@@ -137,7 +137,7 @@ class View(Commands):
                 COMMANDS[command](self, **values)
             except SimulationDiverged as error:
                 self._failed(error)
-            except (Exception, SystemExit) as error:  # also from a scene's script: no request may end the view
+            except (Exception, SystemExit) as error:  # also a script's: no request may end the view
                 self._notify(_message(error))
 
     def _advance(self) -> bool:
@@ -153,7 +153,7 @@ class View(Commands):
                     self._pause(True)
                     break
                 taken += 1
-        except Exception as error:  # for example a full disk
+        except Exception as error:  # such as a full disk
             self._failed(error)
         self._frames_taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
@@ -161,9 +161,9 @@ class View(Commands):
         return taken > 0
 
     def _failed(self, error: BaseException) -> None:
-        """Pause, because a frame could not be simulated."""
+        """Pause because a frame could not be simulated."""
         if not isinstance(error, SimulationDiverged):
-            with suppress(Exception):  # the recording may have failed
+            with suppress(Exception):  # the recording itself may have failed
                 self._end_recording()
         self._pause(True)
         self._notify(f"{_message(error)} — press r to restart")
@@ -190,7 +190,7 @@ class View(Commands):
         self._last_shown, self._last_time, self._is_shown = now, frame.time, True
 
     def _tell(self, watched: bool) -> None:
-        """Read energies and update the texts of screens, a few times a second."""
+        """Read energies and update texts on screens a few times per second."""
         now = time.perf_counter()
         if not watched or now - self._last_reading < READ_EVERY:
             return

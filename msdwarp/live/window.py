@@ -20,25 +20,25 @@ SIZE = (1280, 800)
 CLOSES = ("escape", "q")
 """The keys that close the window."""
 ZOOM = 1.15
-"""A notch of the mouse wheel divides the camera's distance by this."""
+"""Factor by which one notch of the mouse wheel divides the camera's distance."""
 MOVES = {"left": "turn", "middle": "shift", "right": "shift"}
-"""Camera movements of the mouse buttons; the left one pulls the body if pressed on it."""
+"""Camera movement by mouse button; if pressed on the body, the left button pulls it instead."""
 PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
-"""Colours of the arrow of a pull, and of its edge."""
+"""Colours of the arrow that shows a pull, and of the arrow's edge."""
 MOUSE = """beside  drag: turn the camera
 wheel  nearer, farther
 right  drag: shift the camera
 q  close"""
-"""The mouse in the list of keys."""
+"""Use of the mouse, in the list of keys."""
 GAP = 14
-"""Distance of text from the edge of a window of 720 rows, in pixels."""
+"""Distance of texts from the edges in a window 720 rows high [pixels]."""
 
 
 class Window:
-    """A view in a window, initially of this size in pixels: a `Screen`.
+    """A view in a window: a `Screen`; `size` is the initial size [pixels].
 
-    The left mouse button pulls the body, and outside the body turns the camera. The middle and right buttons shift
-    the camera, and the wheel zooms. For keys see `KEYS`; escape and q close.
+    The left mouse button pulls the body if pressed on it, otherwise it turns the camera. The middle and right
+    buttons shift the camera, the wheel zooms. `KEYS` lists the keys; escape and q close the window.
     """
 
     takes_images = False
@@ -50,7 +50,7 @@ class Window:
         self._size, self._is_open = size, False
 
     def open(self, view: "View") -> None:
-        """Open the window; raise RuntimeError if there is no display, see `no_display`."""
+        """Open the window; raise RuntimeError if there is no display (see `no_display`)."""
         self._view, self._source = view, None
         self._source: Source | None
         self._drag_mode, self._pointer, self._is_stale = "", (0, 0), False
@@ -64,7 +64,7 @@ class Window:
         return self._is_open and self._screen.is_open
 
     def stage(self) -> None:
-        """Show another scene or drawing; the camera stays if the source does."""
+        """Show another scene or drawing; the camera stays if the source is the same."""
         view, screen = self._view, self._screen
         same, self._source = self._source is view.source, view.source
         if not same:
@@ -83,11 +83,11 @@ class Window:
         self._is_stale = False
 
     def poll(self) -> bool:
-        """Handle keys and the mouse; return whether the window is still open."""
+        """Handle keys and mouse; return whether the window is still open."""
         screen, view = self._screen, self._view
-        if self._drag_mode == "ask":  # by now the view has handled the request
+        if self._drag_mode == "ask":  # the view has handled the request by now
             self._drag_mode = "pull" if view.hand.grip is not None and view.hand.holder is self else "turn"
-        if self._is_stale:  # the view has a new frame
+        if self._is_stale:  # the view has shown a new frame
             self._draw_pull()
             screen.redraw()
             self._is_stale = False
@@ -100,7 +100,7 @@ class Window:
         return True
 
     def close(self) -> None:
-        """Close the window. It may be called again."""
+        """Close the window; repeated calls are allowed."""
         if self._is_open:
             self._is_open = False
             self._screen.close()
@@ -142,15 +142,15 @@ class Window:
             self._is_stale = True
 
     def _ray(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the ray through the mouse pointer: origin [m], direction, and the camera's direction."""
+        """Return the ray through the mouse pointer: origin [m], ray direction, camera's direction."""
         (width, height), (x, y) = self._screen.size, self._pointer
         return self._screen.orbit.ray((x + 0.5 - width / 2) / height, (y + 0.5 - height / 2) / height)
 
-    # Texts and panels over the scene.
+    # Texts and panels in front of the scene.
 
     @property
     def _pixel(self) -> float:
-        """The scale of texts and arrows: 1 in a window 720 rows high."""
+        """Scale of texts and arrows: 1 in a window 720 rows high."""
         return min(max(self._size[1] / 720, 0.8), 2.5)
 
     def tell(self) -> None:
@@ -164,7 +164,7 @@ class Window:
         self._paint("energies", last, lambda: overlay.energies(view.readings, unit), (gap, gap))
         scale, stops = view.shown.drawing.scale, view.shown.drawing.stops
         if scale is not None:
-            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # adapting scales end at uneven numbers
+            scale = scale._replace(full=float(f"{scale.full:.2g}"))  # ends of adapting scales are rounded
         self._paint("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
         row = max(20, int(0.8 * width / (15 * unit)))
         at = (None, gap + 0.16 * height)
@@ -175,9 +175,9 @@ class Window:
     def _paint(
         self, name: str, what: Any, paint: Callable[[], Image.Image | None], at: tuple[float | None, float]
     ) -> None:
-        """Show the image that `paint` returns as panel `name`, unless the panel shows `what` already.
+        """Show the image that `paint` returns as panel `name`, unless the panel already shows `what`.
 
-        `at` is its distance from the lower left corner, or if negative from the right or upper edge; None centres.
+        `at` is the distance from the lower left corner, or if negative from the right or upper edge; None centres.
         """
         size = self._screen.size
         if self._painted.get(name) == (what, size):
@@ -206,9 +206,9 @@ class Window:
 
 
 def arrow(start: NDArray, end: NDArray, unit: float, grow: float = 0.0) -> NDArray[np.float64]:
-    """Return triangles of a dot at `start` and an arrow to `end`, in pixels, shape [any, 3, 2].
+    """Return triangles of a dot at `start` and an arrow to `end` [pixels], shape [any, 3, 2].
 
-    `unit` is the scale, 1 in a window 720 rows high; both are wider by `grow` pixels on each side.
+    `unit` is the scale, 1 in a window 720 rows high; dot and arrow are wider by `grow` pixels on each side.
     """
     turns = np.linspace(0.0, 2.0 * np.pi, 25)
     rim = start + (5.0 * unit + grow) * np.stack([np.cos(turns), np.sin(turns)], axis=-1)

@@ -3,13 +3,13 @@
 **The springs.** Provot (Deformation constraints in a mass-spring model to describe rigid cloth behaviour, Graphics
 Interface 1995) joins second neighbours. If three particles of a line, l apart, bend by the angle θ, the outer two
 come closer by δ = 2 l (1 − cos θ/2), about l θ²/4. A spring between them that is at rest in the flat sheet stores
-k δ²/2, of fourth order in the curvature θ/l: against small loads it gives no stiffness.
+k δ²/2, of fourth order in the curvature θ/l: for small loads it gives no stiffness.
 
-So here that spring is compressed and pushes with P, and the two springs between neighbours have an additional
+So here this spring is compressed and pushes with P, and the two springs between neighbours have an additional
 tension P: in the flat sheet the forces on each particle balance. When bent, the line stores P δ, of second order:
 linear bending. The spring's stiffness is P/(6 l), so its rest length is 8 l, four times its length. Then P δ + k
-δ²/2 is P l θ²/4 up to terms in θ⁶, and the moment is P l θ/2, proportional to the angle: it is lower than that by
-0.4 % at θ = 1.2, by 3 % at 2 and by 15 % at π, folded flat.
+δ²/2 is P l θ²/4 up to terms in θ⁶, and the moment is P l θ/2, proportional to the angle: the exact moment is lower
+by 0.4 % at θ = 1.2, by 3 % at 2 and by 15 % at π, folded flat.
 
 **From the flexural rigidity D [N m].** A line along n stores P l θ²/4, θ = l w_nn, for a deflection w. There is
 one such angle at each particle, so that an area s² of a sheet stores P l³ w_nn²/4 in each direction. The energy of
@@ -21,17 +21,17 @@ for the diagonals p and q and ν = 1/3, which is also Poisson's ratio of the she
 4 D s²/(3 l³): 4/3 D/s along axes and √2/3 D/s along diagonals, where l = √2 s. With 4 neighbours there are only
 axes: P = 2 D/s, ν = 0, and nothing resists twist.
 
-**Error.** Curvatures are differences of second order: a strip of N cells between its clamp and its end sags by
-theory within 1/N² of it. The clamp is between two rows of particles. A margin lacks half of the angles along it:
+**Error.** Curvatures are differences of second order: the sag of a strip with N cells between clamp and end is
+within 1/N² of theory. The clamp is between two rows of particles. A margin lacks half of the angles along it:
 with a material a strip n cells wide is too soft by at most 1/(3 n), one cell wide (n = 1) by 1/4 of a beam's E
 t³/12. With constants, which are equal up to the margin, it is too stiff by 1/(3 n) with 8 neighbours and 1/n with
 4. In its plane a sheet is stiffer along a line by 4 P/(6 l), (t/s)²/9 of its own springs with a material.
 
-**Limits.** Bending resistance needs rest lengths that differ from those of the flat sheet:
-`System.set_rest_shape`, new rest lengths, or a yield strain below 3/4 (the strain of these springs when flat)
-remove it. The measured largest strain is that of the other connections, unless something yields. The elastic
-energy of a flat sheet is not 0: with 8 neighbours it is 12 D per inner particle. The energy that bending adds is
-that of the plate.
+**Limits.** Bending resistance needs rest lengths unlike those of the flat sheet: `System.set_rest_shape`,
+new rest lengths, or a yield strain below 3/4 (the strain of these springs when flat) remove the resistance.
+The measured largest strain excludes these springs, unless something yields. The elastic energy of a flat sheet
+is not 0: with 8 neighbours it is 12 D per inner particle. The energy that bending adds equals the energy of
+the plate.
 """
 
 import math
@@ -44,17 +44,17 @@ from ..bodies import Material, System
 from .grid import ends_of, lattice_directions, second_cells, whole_cells
 
 _SLACK = 4.0
-"""Rest length of a spring to a second neighbour, over its length in the flat sheet."""
+"""Ratio of a second-neighbour spring's rest length to its length in the flat sheet."""
 _LEAST = 0.5
-"""Under the tension, connections between neighbours keep at least this share of their rest length."""
+"""Under tension, connections between neighbours keep at least this fraction of their rest length."""
 
 
 def flexural_rigidity(
     bending: float | str | None, material: Material | None, thickness: float, diagonals: bool, dim: int
 ) -> float:
-    """Return the requested flexural rigidity D [N m], 0 if it is None.
+    """Return the requested flexural rigidity D [N m]; 0 for None.
 
-    Raises ValueError if it is invalid, there is no material to take it from, or nothing can leave the plane.
+    Raises ValueError if it is invalid, needs a missing material, or the sheet cannot leave the plane.
     """
     if bending is None:
         return 0.0
@@ -78,14 +78,14 @@ def resisting_bending(
 ) -> System:
     """Return a flat sheet with springs to second neighbours; see the module's docstring.
 
-    `flat` is the sheet without these springs, made by `lattice`; `mask` are its lattice points with particles; the
+    `flat` is the sheet without these springs, made by `lattice`; `mask` are the lattice points with particles; the
     rigidity D [N m] is above 0. Such a spring exists if both connections that it spans exist, so that none bridges
-    a hole or a notch. Its damper has the ratio b/k of these connections. It acts along the chord, so it damps
+    a hole or notch. Its damper has the same ratio b/k as these connections. It acts along the chord, so it damps
     bending of a flat sheet only to second order.
 
     In a `solid` sheet (of a material) each spring is weighted by the fraction of whole cells beside it, and forces
-    balance up to the margin. Otherwise constants are equal within a direction, so that the stencil can be used;
-    the outermost cells, with half of the springs to second neighbours, then contract by P/k.
+    balance up to the margin. Otherwise constants are equal within a direction, so that a stencil can be used;
+    outermost cells, with half of the springs to second neighbours, then contract by P/k.
 
     Raises ValueError if connections are too weak for the tension.
     """
@@ -137,17 +137,17 @@ def resisting_bending(
 def _turns(
     flat: System, name: str, step: tuple[int, ...], mask: NDArray[np.bool_], *, solid: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the connections before and after each point where a line along `step` can bend, and their weights.
+    """Return (connections before, connections after, weights) at each point where a line along `step` can bend.
 
-    A weight is the fraction of cells beside both connections that are whole; unless `solid` it is 1.
+    A weight is the fraction of whole cells among those beside both connections; it is 1 unless `solid`.
     """
     part = flat.directions[0][name]
-    beginning = np.full(mask.shape, -1)  # the connection that starts at each point
+    beginning = np.full(mask.shape, -1)  # connection that starts at each point, −1 for none
     points = np.argwhere(mask.T)[:, ::-1]
     beginning[tuple(points[flat.connections[part, 0]].T)] = np.arange(part.start, part.stop)
     here, _ = ends_of([2 * s for s in step], mask.shape)
     middle = tuple(slice(one.start + s, max(one.start, one.stop) + s) for one, s in zip(here, step, strict=True))
-    first, second = beginning[here].T, beginning[middle].T  # x varies fastest, as everywhere
+    first, second = beginning[here].T, beginning[middle].T  # x varies fastest, as in all arrays
     share = second_cells(whole_cells(mask), step).T if solid else np.ones(first.shape)
     there = (first >= 0) & (second >= 0) & (share > 0)
     return first[there], second[there], share[there]

@@ -1,7 +1,7 @@
-"""Grids: number the points of a regular lattice, join neighbours, and find cells, pieces and surfaces.
+"""Grids: number the points of a regular lattice, join neighbours, find cells, pieces and surfaces.
 
-A grid is given by its mask: which of its points are particles, shape [nx, ny] or [nx, ny, nz]. Particles are
-numbered x fastest, then y, then z, without gaps.
+A grid is given by a mask, True for points that are particles, shape [nx, ny] or [nx, ny, nz]. Particles are
+numbered without gaps, x fastest, then y, then z.
 """
 
 import itertools
@@ -16,7 +16,7 @@ from ..bodies import Surface, pieces
 
 def check_memory(name: str, value: object, count: int, dim: int, neighbours: int) -> None:
     """Raise ValueError if positions, connections and rest lengths of `count` particles do not fit into memory."""
-    count = min(count, 10**300)  # floats end at about 10**308
+    count = min(count, 10**300)  # floats overflow at about 10**308
     joined = count * neighbours // 2
     size = count * (8 * dim + 4) + joined * (2 * 4 + 8)
     checks.fits(
@@ -40,7 +40,7 @@ def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...
 
 
 def particle_numbers(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
-    """Return each point's particle, shape [nx, ny, nz]; values where the mask is False are meaningless."""
+    """Return each point's particle index, shape [nx, ny, nz]; values where the mask is False are meaningless."""
     if mask is None:
         return np.arange(np.prod(shape), dtype=np.int32).reshape(shape[::-1]).T
     return (np.cumsum(mask.T, dtype=np.int32) - 1).reshape(shape[::-1]).T
@@ -52,10 +52,10 @@ def lattice_connections(
     mask: NDArray[np.bool_] | None = None,
     whole: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.int32], dict[str, slice]]:
-    """Join every particle of a grid with its neighbour in each direction, direction after direction.
+    """Join every particle of a grid with its neighbour in each direction; return (connections, slices).
 
-    Returns the connections, shape [connection_count, 2], and the slice of each direction. Without a mask
-    every point is a particle. With the mask's whole cells, particles are joined only if they share a whole cell.
+    Connections have shape [connection_count, 2], direction by direction; `slices` has the slice of each. Without
+    a mask every point is a particle. Given `whole` cells, only particles of a common whole cell are joined.
     """
     index = particle_numbers(shape, mask).T  # z, y, x
     ends = {}
@@ -71,13 +71,13 @@ def lattice_connections(
     for name, (first, second) in ends.items():
         slices[name] = slice(start, start + first.size)
         start += first.size
-        pairs = connections[slices[name]].reshape(*first.shape, 2)  # a view: written in place
+        pairs = connections[slices[name]].reshape(*first.shape, 2)  # a view that is written in place
         pairs[..., 0], pairs[..., 1] = first, second
     return connections, slices
 
 
 def ends_of(step: Sequence[int], shape: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Return the points of a grid that have a neighbour one step further, and the neighbours, as slices."""
+    """Return (points of a grid that have a neighbour one step further, these neighbours) as slices."""
     here = tuple(slice(max(0, -s), min(n, n - s)) for s, n in zip(step, shape, strict=True))
     there = tuple(slice(max(0, s), min(n, n + s)) for s, n in zip(step, shape, strict=True))
     return here, there
@@ -91,9 +91,9 @@ def whole_cells(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def cell_corners(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the particles at the corners of whole cells in VTK's order, shape [any, 8], or [any, 4] in a sheet.
+    """Return the particles at the corners of whole cells in VTK's order, shape [cell_count, 8], or 4 in a sheet.
 
-    Cells are in the order of the particles at their first corners.
+    Cells are in the order of their first corners.
     """
     index = particle_numbers(mask.shape, mask)
     around = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -103,30 +103,30 @@ def cell_corners(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> NDArray[n
 
 
 def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8]:
-    """Return the number of whole cells around each connection along a step, in the order of `ends_of`.
+    """Return the number of whole cells around each connection along a step, ordered as by `ends_of`.
 
-    The step 0 stands for the points themselves.
+    The step 0 gives the number around each point.
     """
     count = whole.astype(np.uint8)
     for axis, s in enumerate(step):
-        if s == 0:  # between the cells on both sides; along the other axes there is one cell between the ends
+        if s == 0:  # between the cells on both sides; along other axes the connection spans one cell
             count = np.insert(count, 0, 0, axis) + np.insert(count, count.shape[axis], 0, axis)
     return count
 
 
 def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the fraction of cells around each connection along a step that are whole, from 0 to 1.
+    """Return the fraction of whole cells among those around each connection along a step, from 0 to 1.
 
-    The order is that of `lattice_connections` with whole cells; for the step 0 that of the particles.
+    Connections are ordered as by `lattice_connections` with whole cells; the step 0 gives the particles instead.
     """
     count = _cells_of(whole, step).T
     return count[count > 0] / 2.0 ** (len(step) - np.count_nonzero(step))
 
 
 def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the fraction of cells beside a connection over two steps that are whole along both, from 0 to 1.
+    """Return the fraction, from 0 to 1, of cells beside a double step that are whole along both steps.
 
-    The order is that of `ends_of`: the points of a plane grid that have a neighbour two steps further.
+    Ordered as by `ends_of`: points of a plane grid that have a neighbour two steps further.
     """
     here, there = ends_of(step, whole.shape)
     count = _cells_of(whole[here] & whole[there], step)
@@ -134,22 +134,22 @@ def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.fl
 
 
 def first_loose(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> tuple[int, ...] | None:
-    """Return the first point of a mask that is no corner of a whole cell, if there is one."""
+    """Return the first point of a mask that is no corner of a whole cell; None if there is none."""
     loose = mask & (_cells_of(whole, (0,) * mask.ndim) == 0)
     return tuple(map(int, np.argwhere(loose.T)[0][::-1])) if loose.any() else None
 
 
 def count_pieces(particle_count: int, connections: NDArray[np.int32]) -> int:
-    """Return the number of pieces into which connections join the particles."""
+    """Return the number of pieces that particles and connections form."""
     return int(np.count_nonzero(pieces(particle_count, connections) == np.arange(particle_count)))
 
 
 def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) -> Surface | None:
-    """Return the outward squares of whole cells that have no adjacent whole cell.
+    """Return the outward squares between whole cells and missing cells; None if there is no whole cell.
 
-    In three dimensions the faces' six directions are adjacent in one texture, three columns of two rows:
-    −x, +x, −y in the lower row and +y, −z, +z in the upper one, each a plane view of the whole grid. In two
-    dimensions the cells themselves face up, and share one view. Without any whole cell there is no surface.
+    In three dimensions one texture contains the six faces in three columns and two rows: −x, +x, −y in the lower
+    row and +y, −z, +z in the upper one, each a plane view of the whole grid. In two dimensions cells themselves
+    face up, and share one view.
     """
     index = particle_numbers(shape, mask)
     whole = np.ones([n - 1 for n in shape], dtype=bool) if mask is None else whole_cells(mask)
@@ -164,10 +164,10 @@ def grid_surface(shape: Sequence[int], mask: NDArray[np.bool_] | None = None) ->
         first, second = (axis + 1) % 3, (axis + 2) % 3
         order = (axis, first, second) if outwards else (axis, second, first)  # seen from outside: a × b
         points, cells = index.transpose(order), whole.transpose(order)
-        if mask is None:  # squares are only in the outermost layer
+        if mask is None:  # squares exist only in the outermost layer
             points, squares = points[-1:] if outwards else points[:1], cells[:1]
         else:
-            # Each layer of particles has a layer of squares, between the cells on both sides of it.
+            # Each layer of particles has a layer of squares, which separate the cells on both sides.
             cells = np.pad(cells, ((1, 1), (0, 0), (0, 0)))
             squares = cells[:-1] & ~cells[1:] if outwards else cells[1:] & ~cells[:-1]
         particle, uv, triangle = _squares(points, squares)

@@ -1,4 +1,4 @@
-"""Bodies joined to each other, or to themselves, by connections between their particles."""
+"""Joining: connections between particles of two bodies, or of one."""
 
 import itertools
 from typing import Any
@@ -10,11 +10,11 @@ from .. import checks
 from ..bodies import CONNECTION_FIELDS, System, joined, particles_meant
 
 NOW = "now"
-"""The value of `rest_length` for the current distance."""
+"""Value of `rest_length` that means the current distance."""
 ROUNDING = 1e-9
-"""Relative tolerance of a reach: 3 × 0.1 counts as within 0.3."""
+"""Relative tolerance of a distance limit: 3 × 0.1 counts as within 0.3."""
 _MOST_CELLS = 1 << 20
-"""Maximal number of cells along an axis in the search for near particles."""
+"""Maximal number of cells per axis in the search for near particles."""
 _MOST_AT_ONCE = 1 << 22
 """Approximate number of distances that are computed together."""
 
@@ -32,8 +32,8 @@ def join(
 ) -> System:
     """Return two bodies as one system, with connections between them added at the end.
 
-    These are ordinary connections, included in energies, files, pictures and the stable step. Lattices keep the
-    fast stencil algorithm; the added connections are in a small extra table.
+    The added connections are ordinary ones, included in energies, files, pictures and the stable step. Lattices
+    keep the fast stencil; the added connections are in a small table beside it.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def join(
         Join each particle of one body with the nearest particle of the other, if that is within this distance [m].
         If several are equally near, the first is used.
     pairs
-        Join these particles of a and b (or of a and a), shape [any, 2]; instead of `within`.
+        Join these particles of a and b (or of a and a), shape [any, 2]; in place of `within`.
     on
-        The particles of a and of b that `within` may join, each the name of a group, indices or a mask; None is
-        all. Without `b` both are required.
+        The particles of a and of b that `within` may join, each a group's name, indices or a mask; None is all.
+        Without `b` both are required.
     stiffness
         Spring constants k [N/m], one or shape [pair_count].
     damping
-        Damper constants b by the bodies' law of damping, [N s/m] if that is linear; one or shape [pair_count].
+        Damper constants b by the bodies' law of damping, [N s/m] if linear; one or shape [pair_count].
     rest_length
         Lengths at which the springs exert no force [m], one or shape [pair_count]; "now" uses the current
         distances.
@@ -60,7 +60,7 @@ def join(
     ValueError
         If neither or both of `within` and `pairs` are given, no particles are near enough, a pair has the same
         particle twice or is out of range, a number is out of range, or particles coincide and `rest_length` is
-        "now", so that the spring has no direction. Also if the bodies cannot be added: see `System`.
+        "now", so that a spring has no direction. Also if the bodies cannot be added: see `System`.
     """
     checks.instance("a", a, System, "box((3, 3, 3))")
     if b is not None:
@@ -112,7 +112,7 @@ def _pairs(pairs: ArrayLike, of_a: int, of_b: int) -> NDArray[np.int32]:
 
 
 def _distances(system: System, connections: NDArray[np.int32], found: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the distances of pairs [m]; raise ValueError if two coincide, so that a spring has no direction."""
+    """Return the distances of pairs [m]; raise ValueError if two particles coincide: no direction."""
     first, second = np.moveaxis(system.position[connections], 1, 0)
     together = (first == second).all(axis=1)
     if together.any():
@@ -125,7 +125,7 @@ def _distances(system: System, connections: NDArray[np.int32], found: NDArray[np
 
 
 def _near(a: System, b: System | None, within: float, on: tuple[Any, Any]) -> NDArray[np.int32]:
-    """Return the pairs of particles that are nearest to each other, from either side, in order."""
+    """Return the pairs that join each particle with the nearest one of the other body, in order."""
     if not isinstance(on, tuple | list) or len(on) != 2:
         raise ValueError(
             f"on is {checks.repr_short(on)}; it must be two, of a and of b, such as ('left', 'right')"
@@ -147,11 +147,11 @@ def _near(a: System, b: System | None, within: float, on: tuple[Any, Any]) -> ND
 
 
 def nearest(x: NDArray[np.float64], y: NDArray[np.float64], within: float) -> NDArray[np.int64]:
-    """Return the index of the nearest point y [m] to each point x, shape [x_count]; −1 if none is within reach.
+    """Return the index of the nearest point y [m] to each point x, shape [x_count]; −1 if all y are too far.
 
-    Of several equally near points it is the first. Points y are sorted into cells as large as the reach, so that
-    near points are in adjacent cells. Cells along the last coordinate follow each other, so that three form one
-    range.
+    Of several equally near points it is the first. Points y are sorted into cells of size `within`, so that near
+    points are in adjacent cells. Cells along the last coordinate have successive numbers, so that three cells form
+    one range.
     """
     found, least = np.full(len(x), -1), np.full(len(x), np.inf)
     reach = within * (1 + ROUNDING)
@@ -159,7 +159,7 @@ def nearest(x: NDArray[np.float64], y: NDArray[np.float64], within: float) -> ND
         return found
     low, high = y.min(axis=0) - reach, y.max(axis=0) + reach
     edge = np.maximum(reach, (high - low) / _MOST_CELLS)
-    shape = tuple(np.floor((high - low) / edge).astype(np.int64) + 3)  # one more at each end
+    shape = tuple(np.floor((high - low) / edge).astype(np.int64) + 3)  # one more cell at each end
 
     def cells_of(points: NDArray[np.float64]) -> NDArray[np.int64]:
         return np.floor((points - low) / edge).astype(np.int64) + 1

@@ -1,4 +1,4 @@
-"""Shapes: bodies whose particles lie on a regular lattice, centred at the origin."""
+"""Lattices: bodies whose particles lie on a regular lattice, centred at the origin."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,9 +26,9 @@ from .grid import (
 def _section(
     material: Material | None, constants: Mapping[str, Any], sections: Mapping[str, float | None]
 ) -> float:
-    """Return the cross section of a chain [m²] or the thickness of a sheet [m]; 1 without a material, or if solid.
+    """Return a chain's cross section [m²] or a sheet's thickness [m]; 1 without material or for a solid.
 
-    Raises ValueError unless a lattice has either constants only, or a material with all its sections.
+    Raises ValueError unless a lattice has either constants only, or a material with all its dimensions.
     """
     given, why = sections, "without a material it must be left out"
     if material is not None:
@@ -57,7 +57,7 @@ def _lattice(
     mask: NDArray[np.bool_] | None = None,
     bending: float | str | None = None,
 ) -> System:
-    """Return the lattice of `shape` points, or those where a mask is True, in a space of `dim` coordinates."""
+    """Return the lattice of `shape` points, or of points where a mask is True, with `dim` coordinates."""
     spacings = _spacings(spacing, len(shape))
     rigidity = flexural_rigidity(bending, material, section, diagonals, dim)
     if (material is not None or rigidity) and len(set(spacings)) > 1:
@@ -77,7 +77,7 @@ def _lattice(
         position[..., k] = coordinates
     position = position.reshape(-1, dim) if mask is None else position[mask.T]
     directions = lattice_directions(len(shape), diagonals=diagonals)
-    # A material fills whole cells, and so does not join particles across a gap.
+    # A material fills whole cells, so particles are not joined across a gap.
     whole = None if material is None or mask is None else whole_cells(mask)
     if mask is not None and whole is not None and (loose := first_loose(mask, whole)):
         raise ValueError(
@@ -89,7 +89,7 @@ def _lattice(
     rest_length = np.empty(len(connections))
     for name, step in directions.items():
         along = [one for one, s in zip(spacings, step, strict=True) if s]
-        longest = max(along)  # factored out, so that equal spacings give exactly 1, √2 or √3 times that
+        longest = max(along)  # factored out, so that for equal spacings lengths are exactly 1, √2 or √3 times it
         rest_length[slices[name]] = longest * np.sqrt(sum((one / longest) ** 2 for one in along))
     for name, values in {"position": position, "rest_length": rest_length}.items():
         checks.within(name, values, checks.FINITE)  # a large spacing may overflow
@@ -108,7 +108,7 @@ def _lattice(
 def _constants_of(
     material: Material, section: float, mask: NDArray[np.bool_], spacing: float, diagonals: bool
 ) -> dict[str, Any]:
-    """Return mass, stiffness and damping, summed over adjacent cells, and the cells of a material's lattice."""
+    """Return a material lattice's mass, stiffness and damping, each summed over adjacent cells, and its cells."""
     whole, axes = whole_cells(mask), mask.ndim
     by_axes = material.cell_stiffness(axes, spacing, section, diagonals=diagonals)
     steps = lattice_directions(axes, diagonals=diagonals).values()
@@ -142,7 +142,7 @@ def _cells_of(
 
 
 def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
-    """Return the spacing along each axis, from one number or from one number for each axis."""
+    """Return the spacing along each axis, given one number, or one for each axis."""
     if axes == 1 or not (isinstance(spacing, list | tuple) or np.ndim(spacing) > 0):
         return (checks.positive("spacing", cast(float, spacing)),) * axes
     each = cast(Sequence[float], spacing)
@@ -154,7 +154,7 @@ def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
 
 
 def _check_shape(shape: Sequence[int], axes: int, neighbours: int) -> None:
-    """Check the number of particles along each axis, and the memory for them and their connections."""
+    """Check the number of particles along each axis, and that particles and connections fit into memory."""
     if not isinstance(shape, Sequence) or len(shape) != axes:
         raise ValueError(f"shape is {shape!r}; it must be {axes} numbers of particles")
     for k, n in enumerate(shape):
@@ -228,8 +228,8 @@ def sheet(
     bending
         Bending resistance: the flexural rigidity D [N m], or "material" for D = E t³ / (12 (1 − ν²)). By default
         there is none. It uses springs between second neighbours, which push while connections between neighbours
-        pull; `msdwarp.shapes.bending` derives both and the error. Arrays of stiffness and damping apply to the
-        other connections only.
+        pull; `msdwarp.shapes.bending` derives both, and the error. Arrays of stiffness and damping apply only to
+        the connections between neighbours.
     dim
         Number of coordinates: 2 or 3.
     """
@@ -305,8 +305,8 @@ def lattice(
         26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
     material, mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`. A
-        material fills the complete cells, those with particles at all corners. Every particle must belong to one,
-        and particles without a common cell are not connected.
+        material fills the complete cells, which have particles at all corners. Every particle must belong to a
+        complete cell, and particles without a common cell are not connected.
     thickness
         Thickness of a sheet [m]; only with a material.
     bending

@@ -1,4 +1,4 @@
-"""Bodies of any shape: a closed mesh, filled with a lattice that carries it."""
+"""Bodies of any shape: a closed mesh as surface, filled with a lattice whose particles move it."""
 
 import itertools
 import math
@@ -14,9 +14,9 @@ from ..runtime import in_turn, start_warp
 from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enough, held
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]
-"""Points [m], texture coordinates if there are any, and triangles."""
+"""(points [m], texture coordinates or None, triangles)."""
 _SAME = 1e-6
-"""Points closer than this, over the mesh's longest extent, are merged: errors of single precision are smaller."""
+"""Points closer than this fraction of the mesh's longest extent are merged; float32 errors are smaller."""
 _SHARP = math.cos(math.radians(30))
 """If triangles at a point meet at more than this angle, coincident vertices keep separate normals."""
 
@@ -32,17 +32,17 @@ def from_mesh(
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
-    """Return a body that fills a closed mesh with particles, at the place of the mesh.
+    """Return a body that fills a closed mesh with particles, at the position of the mesh.
 
     The particles are the corners of the lattice cells whose centre is inside the mesh. Parts thinner than a cell
-    are also filled, one cell thick, so that they do not fall off. Gaps narrower than a cell may be filled or
+    are also filled, one cell thick, so that they stay connected. Gaps narrower than a cell may be filled or
     bridged by connections. The mesh is drawn as the surface; its edges are halved until none is longer than two
     spacings, so that it can bend.
 
     Texture coordinates of the mesh are kept. Without them u is |angle| / π around the vertical axis through the
-    middle of its bounding box, 0 at +x and 1 at −x, and v the height, from 0 at the bottom to 1 at the top.
-    Coincident vertices, as along the seam of a texture, have a common normal, unless the surface bends there by
-    more than 30°.
+    middle of the bounding box, 0 at +x and 1 at −x, and v is the height, from 0 at the bottom to 1 at the top.
+    Coincident vertices, such as along the seam of a texture, have a common normal, unless the surface bends there
+    by more than 30°.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def from_mesh(
         A PyVista surface, or (points [m] of shape [n, 3], triangles of shape [m, 3]). Every edge must have two
         triangles, and all triangles must have the same orientation, inwards or outwards.
     spacing
-        Distance of neighbouring particles along an axis [m]. Either it or `across` is given.
+        Distance of neighbouring particles along an axis [m]. Give either `spacing` or `across`.
     across
         Number of cells along the mesh's longest extent.
     neighbours, material, mass, stiffness, damping
@@ -120,10 +120,10 @@ def _used(points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles
 def _closed(
     points: NDArray[np.float64], triangles: NDArray[np.intp], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return (points, triangles) of a closed mesh, facing outwards; raise ValueError if it is not closed.
+    """Return (points, triangles) of a closed mesh, facing outwards; raise ValueError if the mesh is not closed.
 
-    Points nearer to each other than the tolerance are merged; triangles that then have only two corners are left
-    out.
+    Points nearer to each other than the tolerance are merged; triangles that then have only two distinct corners
+    are dropped.
     """
     one = _coincident(points, tolerance)
     corners = one[triangles]
@@ -141,7 +141,7 @@ def _closed(
             f"mesh is not closed: of its {len(edges)} edges {wrong.sum()} have not two triangles, such as that "
             f"from {a} to {b} [m from its middle] with {times[first]}"
         )
-    # Neighbours with the same orientation have their common edge in opposite directions.
+    # Neighbours with the same orientation traverse their common edge in opposite directions.
     disagree = np.bincount(edge.ravel(), weights=forwards.ravel()) != 1
     if disagree.any():
         raise ValueError(
@@ -157,10 +157,10 @@ def _closed(
 
 
 def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
-    """Return the first point that coincides with each point, shape [any].
+    """Return the index of the first point that coincides with each point, shape [any].
 
-    Points in one cell of a grid coincide. Two near points may be in different cells, but then they share a cell of
-    a grid that is shifted by half a cell along the right axes.
+    Points in one cell of a grid coincide. Two near points may be in different cells, but are then in one cell of
+    a grid that is shifted by half a cell along some axes.
     """
     if tolerance == 0:
         tolerance = 1.0
@@ -181,8 +181,8 @@ def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.int
 
 @in_turn
 def _filled(points: NDArray[np.float64], triangles: NDArray[np.intp], shape: Sequence[int]) -> NDArray[np.bool_]:
-    """Return the mask of cells, of size 1 around the origin, with their centre inside a closed mesh."""
-    import warp as wp  # which no other shape needs
+    """Return the mask of unit cells around the origin whose centres are inside a closed mesh."""
+    import warp as wp  # imported here, since no other shape needs it
 
     from ..kernels.filling import find_depths
 
@@ -214,14 +214,14 @@ def _subdivided(
 def halved(
     points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.intp], longest: float
 ) -> Mesh:
-    """Return a mesh with its edges that are longer than `longest` [m] halved, once."""
+    """Return a mesh after halving once each edge longer than `longest` [m]."""
     edges, edge, _ = sides_of(triangles)
     long = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1) > longest
     middle = np.where(long, len(points) + np.cumsum(long) - 1, -1)[edge]
     points = np.concatenate([points, points[edges[long]].mean(axis=1)])
     if uv is not None:
         uv = np.concatenate([uv, uv[edges[long]].mean(axis=1)])
-    # Turn each triangle a, b, c so that of its middles ab, bc, ca those that there are come first.
+    # Rotate each triangle a, b, c so that existing midpoints come first among those of ab, bc, ca.
     count = np.count_nonzero(middle >= 0, axis=1)
     lone = np.where(count == 2, np.argmin(middle >= 0, axis=1) + 1, np.argmax(middle >= 0, axis=1))
     turn = (np.arange(3) + lone[:, None]) % 3
@@ -238,7 +238,7 @@ def halved(
 
 
 def _shared_normals(points: NDArray[np.float64], triangles: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the vertex whose normal each vertex uses: one at the same point with nearly the same normal."""
+    """Return the vertex whose normal each vertex uses: one at the same point, with nearly the same normal."""
     corner = points[triangles]
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal = np.zeros_like(points)
@@ -249,7 +249,7 @@ def _shared_normals(points: NDArray[np.float64], triangles: NDArray[np.intp]) ->
     normal_of = np.arange(len(points))
     left = np.arange(len(points))
     while len(left):
-        # The first that is left in each place, and those there that agree with it, share its normal.
+        # The first remaining vertex at each point defines the normal; others that agree with it use it.
         _, first, group = np.unique(place[left], return_index=True, return_inverse=True)
         leader = left[first][group]
         agrees = (np.einsum("vi,vi->v", normal[left], normal[leader]) > _SHARP) | (left == leader)

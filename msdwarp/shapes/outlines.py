@@ -1,4 +1,4 @@
-"""Sheets of any outline, carried by a lattice."""
+"""Cloths: sheets of any outline, embedded in a lattice."""
 
 import math
 
@@ -10,9 +10,9 @@ from ..bodies import Material, System
 from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enough, held
 
 _FINER = 4
-"""Spacing of a cloth's lattice over the spacing of its drawn grid."""
+"""Ratio of a cloth's lattice spacing to the spacing of its drawn grid."""
 _CORNER = math.radians(15)
-"""If an outline turns by more than this, the drawn margin has a corner there, too."""
+"""Where an outline turns by more than this angle, the drawn margin has a corner."""
 
 
 def cloth(
@@ -31,9 +31,9 @@ def cloth(
     """Return a sheet with any outline in the x-y plane, facing up.
 
     The particles are the corners of the lattice cells whose centre is inside the outline. Parts narrower than a
-    cell are also filled, one cell wide, so that they do not fall off. The drawn surface is a grid four times as
-    fine, with its border moved onto the outline. Its texture coordinates grow with x and y from 0 to 1 over the
-    bounding box.
+    cell are also filled, one cell wide, so that they stay connected. The drawn surface is a grid four times as
+    fine, its border moved onto the outline. Texture coordinates grow with x and y from 0 to 1 over the bounding
+    box.
 
     Parameters
     ----------
@@ -72,13 +72,13 @@ def cloth(
 
 
 def _polygon(outline: ArrayLike) -> NDArray[np.float64]:
-    """Return the corners of a simple polygon, shape [n, 2]; raise ValueError if it is not simple."""
+    """Return the corners of a simple polygon, shape [n, 2]; raise ValueError if the polygon is not simple."""
     corners = checks.array("outline", outline)
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ValueError(f"outline has shape {corners.shape}; it must be (n, 2)")
     checks.within("outline", corners, checks.FINITE)
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
-        corners = corners[:-1]  # closed already
+        corners = corners[:-1]  # the last corner repeats the first
     if len(corners) < 3:
         raise ValueError(f"outline has {len(corners)} corners; it must have at least 3")
     side = np.roll(corners, -1, axis=0) - corners
@@ -89,10 +89,10 @@ def _polygon(outline: ArrayLike) -> NDArray[np.float64]:
     if back.any():
         raise ValueError(f"outline turns back on itself at outline[{np.argmax(back)}]")
     for i in range(len(corners) - 2):
-        j = np.arange(i + 2, len(corners) - (i == 0))  # the sides that have no corner in common with side i
+        j = np.arange(i + 2, len(corners) - (i == 0))  # sides without a common corner with side i
         a, b = corners[i], corners[i] + side[i]
         c, d = corners[j], corners[(j + 1) % len(corners)]
-        # Both have the other's ends not on the same side, and their bounding boxes meet, if they are in line.
+        # Sides cross if each separates the other's ends; if they are in line, if their bounding boxes meet.
         parted = _cross(b - a, c - a) * _cross(b - a, d - a) > 0
         parted |= _cross(d - c, a - c) * _cross(d - c, b - c) > 0
         parted |= ((np.minimum(a, b) > np.maximum(c, d)) | (np.maximum(a, b) < np.minimum(c, d))).any(axis=1)
@@ -111,7 +111,7 @@ def _cross(a: NDArray, b: NDArray) -> NDArray:
 
 def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return the mask of a grid's points inside a polygon, shape [nx, ny]."""
-    end = np.roll(corners, -1, axis=0)  # a ray from an inside point crosses an odd number of sides
+    end = np.roll(corners, -1, axis=0)  # a ray from a point inside crosses an odd number of sides
     inside = np.empty((len(x), len(y)), dtype=bool)
     for j, height in enumerate(y):
         meets = (corners[:, 1] > height) != (end[:, 1] > height)
@@ -122,7 +122,7 @@ def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.
 
 
 def _cells_of(corners: NDArray[np.float64], shape: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the mask of unit cells around the origin that fill a polygon: with centres inside, or `held`."""
+    """Return the mask of unit cells around the origin that fill a polygon: centres inside, or `held`."""
     ends = np.append(corners, corners[:1], axis=0)
     along = np.insert(np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1)), 0, 0.0)
     samples = np.linspace(0, along[-1], math.ceil(along[-1] / SAMPLED) + 1)
@@ -133,15 +133,15 @@ def _cells_of(corners: NDArray[np.float64], shape: NDArray[np.int64]) -> NDArray
 def _fitted(
     corners: NDArray[np.float64], cells: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return (points, triangles) of the chosen unit cells, with margin points moved onto the polygon `corners`."""
+    """Return (points, triangles) of the chosen unit cells; margin points are moved onto the polygon `corners`."""
     around = np.pad(cells, 1).astype(int)
-    around = around[:-1, :-1] + around[1:, :-1] + around[:-1, 1:] + around[1:, 1:]  # cells at each point
+    around = around[:-1, :-1] + around[1:, :-1] + around[:-1, 1:] + around[1:, 1:]  # number of cells at each point
     number = np.cumsum(around.ravel() > 0).reshape(around.shape) - 1
     place = np.argwhere(around > 0)
     points = place - np.array(cells.shape) / 2
     margin = np.flatnonzero(around[tuple(place.T)] < 4)
     points[margin] = _nearest_of(corners, points[margin])
-    # Each corner of the polygon, the sharpest first, moves the nearest of these points onto itself.
+    # Each corner of the polygon, sharpest first, takes the nearest of these points.
     side = np.roll(corners, -1, axis=0) - corners
     before = np.roll(side, 1, axis=0)
     turn = np.abs(np.arctan2(_cross(before, side), (before * side).sum(axis=1)))
@@ -152,7 +152,7 @@ def _fitted(
             margin = np.delete(margin, np.argmin(distance))
     i, j = np.nonzero(cells)
     a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
-    # A square is halved along the diagonal that makes the smaller triangle larger.
+    # A square is halved along the diagonal for which the smaller triangle is larger.
     ways = np.array([[[a, b, c], [a, c, d]], [[a, b, d], [b, c, d]]])  # [way, triangle, corner, square]
     p, q, r = (points[ways[:, :, k]] for k in range(3))
     better = np.argmax(_cross(q - p, r - p).min(axis=1), axis=0)
@@ -160,7 +160,7 @@ def _fitted(
 
 
 def _nearest_of(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest point of a polygon to each point, shape [any, 2]."""
+    """Return the nearest point on a polygon's sides to each point, shape [any, 2]."""
     side = np.roll(corners, -1, axis=0) - corners
     result = np.empty_like(points)
     for start in range(0, len(points), 256):

@@ -12,11 +12,11 @@ from .lattices import chain
 def rod(count: int, spacing: float, *, radius: float, material: Material, dim: int = 3) -> System:
     """Return a straight round rod along x, centred at the origin, that resists stretching and bending.
 
-    It is a `chain` whose particles resist, in threes, that they turn out of line. With E of the material, the
-    stiffness of a connection is E A/a and that of an angle E I/a, for A = π r² and I = π r⁴/4. Angles are damped
-    with the same time as connections. Twist is not modelled: a rod does not feel how its ends are turned about its
-    axis, and its shape at rest is straight. (Twist needs a material frame for each edge, whose angle spreads along
-    the whole rod: no sum of forces of near particles.)
+    It is a `chain` with an angle at each inner particle, which resists bending. With E of the material, the
+    stiffness of a connection is E A/a and of an angle E I/a, for A = π r² and I = π r⁴/4. Angles are damped with
+    the same time as connections. Twist is not modelled: turning an end about the rod's axis has no effect, and the
+    rest shape is straight. (Twist needs a material frame for each edge, whose angle spreads along the whole rod:
+    it is no sum of forces between near particles.)
 
     Parameters
     ----------

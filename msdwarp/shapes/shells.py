@@ -27,15 +27,15 @@ def shell(
     mass
         Total mass [kg], distributed by area: a third of each triangle's mass at each corner.
     stiffness, damping
-        Of each connection along an edge [N/m], [N s/m].
+        Constants of each connection along an edge [N/m], [N s/m].
     bending
-        Stiffness of the connections across edges [N/m]; 0: none.
+        Stiffness of the connections across edges [N/m]; 0 for none.
 
     Returns
     -------
     System
-        Its surface has the mesh's triangles and texture coordinates. Without texture coordinates it uses longitude
-        and latitude about the middle.
+        Its surface has the mesh's triangles and texture coordinates. If the mesh has none, these are longitude and
+        latitude about the middle.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def shell(
     )
     if checks.non_negative("bending", bending) == 0.0 or not len(across):
         return system
-    count = len(across)  # constants are stored for each, by which the digests of scenes know them
+    count = len(across)  # constants are stored for each connection, since digests of scenes depend on that
     return join(system, pairs=across, stiffness=np.full(count, bending), damping=np.zeros(count))
 
 
 def edges_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the edges of triangles, each once, and the opposite corners across shared edges, shape [any, 2]."""
+    """Return (edges of triangles, each once; opposite corners across shared edges), shape [any, 2] each."""
     edges, side, _ = sides_of(triangles)
     far, side = np.roll(triangles, 1, axis=1).T.ravel(), side.T.ravel()
     order = np.argsort(side, kind="stable")
@@ -79,7 +79,7 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
     Parameters
     ----------
     radius
-        Its radius [m].
+        Radius [m].
     subdivisions
         Number of times each triangle is divided into four, 0 to 7.
     """
@@ -89,7 +89,7 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
     corners = [(-1, tall), (1, tall), (-1, -tall), (1, -tall)]
     points = np.array([np.roll((a, b, 0.0), k) for k in range(3) for a, b in corners])
     apart = np.linalg.norm(points[:, None] - points, axis=-1)
-    near = np.isclose(apart, 2.0)  # an edge of the icosahedron
+    near = np.isclose(apart, 2.0)  # neighbours along an edge of the icosahedron
     triangles = np.array([three for three in combinations(range(12), 3) if near[np.ix_(three, three)].sum() == 6])
     a, b, c = (points[triangles[:, k]] for k in range(3))
     outwards = np.einsum("td,td->t", np.cross(a, b), c)
@@ -102,7 +102,7 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
 
 
 def _longitude_and_latitude(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return texture coordinates of points, by their directions from the middle."""
+    """Return texture coordinates of points from their directions, as seen from the middle."""
     off = points - (points.min(axis=0) + points.max(axis=0)) / 2
     distance = np.maximum(np.linalg.norm(off, axis=1), 1e-300)
     longitude = np.arctan2(off[:, 1], off[:, 0]) / (2 * np.pi) + 0.5

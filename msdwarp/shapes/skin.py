@@ -1,4 +1,4 @@
-"""Skins: a drawn surface, carried by a lattice of cells."""
+"""Skins: drawn surfaces embedded in a lattice of cells."""
 
 import itertools
 import math
@@ -18,15 +18,15 @@ from .lattices import lattice
 def embed(
     points: ArrayLike, number: NDArray, whole: NDArray[np.bool_], spacing: float, corner: ArrayLike
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return points as mixtures of the corners of lattice cells: (particle, weights), shape [any, 2^d] each.
+    """Return points as weighted means of lattice cells' corners: (particle, weights), shape [any, 2^d] each.
 
-    A point is interpolated, linearly along each axis, in the cell that contains it. If this cell is not whole,
-    because a particle is missing at a corner, the point is extrapolated from the nearest whole cell. Raises
-    ValueError if no cell is whole, or a point is not finite.
+    A point is interpolated, linearly along each axis, in the cell that contains it. If a particle is missing at a
+    corner of this cell, the point is extrapolated from the nearest whole cell. Raises ValueError if no cell is
+    whole, or a point is not finite.
 
-    `number` is the particle at each lattice point, shape [nx, ny] or [nx, ny, nz], and `corner` the position of
-    the first [m]. `whole` is the mask of cells with a particle at every corner, one fewer along each axis. If
-    points [m] have more coordinates than the lattice, the first ones count.
+    `number` is the particle at each lattice point, shape [nx, ny] or [nx, ny, nz]; `corner` is the position of the
+    first lattice point [m]. `whole` is the mask of cells with a particle at each corner, one fewer per axis.
+    If points [m] have more coordinates than the lattice, only the first ones are used.
     """
     dim = number.ndim
     place = (np.asarray(points, dtype=np.float64)[:, :dim] - np.asarray(corner)) / spacing
@@ -34,7 +34,7 @@ def embed(
     if not whole.any():
         raise ValueError("whole is False everywhere; there must be a cell to embed points in")
     cell, _ = nearest_cells(place, whole)
-    inside = place - cell  # 0 … 1 within the cell
+    inside = place - cell  # relative position in the cell, 0 … 1
     particle = np.empty((len(place), 2**dim), dtype=np.int32)
     weights = np.ones((len(place), 2**dim))
     for k, step in enumerate(itertools.product((0, 1), repeat=dim)):
@@ -47,12 +47,12 @@ def embed(
 def nearest_cells(
     place: NDArray[np.float64], cells: NDArray[np.bool_], within: float = np.inf
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the cell nearest to each place, shape [any, d], and its distance in cells, shape [any].
+    """Return (cell nearest to each place, shape [any, d]; the place's distance from it in cells, shape [any]).
 
-    The distance is 0 inside, and inf if no cell was found. A cell beyond `within` need not be the nearest.
+    The distance is 0 inside a cell, and inf if no cell was found. Beyond `within` a nearer cell may exist.
 
-    The cells around a place's own cell are searched shell by shell. Cells of shell r + 1 are at least r away, so a
-    cell found within r is the nearest. For a place outside the grid the search starts at the margin.
+    Cells around a place's own cell are searched in shells. Cells in shell r + 1 are at least r away, so a cell
+    found within r is the nearest. For a place outside the grid the search starts at the margin.
     """
     last = np.array(cells.shape) - 1
     own = np.clip(np.floor(place), 0, last).astype(np.intp)
@@ -77,12 +77,12 @@ def nearest_cells(
 
 
 AWAY, SAMPLED = 0.6, 0.4
-"""The largest distance of the skin from the nearest cell, and the distance of its samples, both in cells."""
+"""Largest distance of the skin from the nearest cell; distance between samples of the skin; in cells."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A surface to be drawn, before particles carry it."""
+    """A surface to draw, before it is embedded in a lattice."""
 
     points: NDArray[np.float64]
     """Vertices [m], shape [vertex_count, d]."""
@@ -95,10 +95,10 @@ class Skin:
 
 
 def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) -> System:
-    """Return the lattice of some cells' corners, centred at the origin, that carries a skin.
+    """Return a lattice with particles at the corners of cells, centred at the origin, with an embedded skin.
 
-    `cells` is a mask of shape [nx, ny] or [nx, ny, nz], `kind` are keywords of `lattice`. Raises ValueError like
-    `lattice`, and if there is no cell or there are several pieces.
+    `cells` is a mask of shape [nx, ny] or [nx, ny, nz], `kind` are keyword arguments of `lattice`. Raises
+    ValueError as `lattice` does, and if there is no cell or there are several pieces.
     """
     if not cells.any():
         raise ValueError(f"spacing is {spacing:g}; it must be smaller: no cell of that size has its centre inside")
@@ -106,7 +106,7 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) 
     for axis in range(cells.ndim):
         mask = np.insert(mask, 0, False, axis) | np.insert(mask, mask.shape[axis], False, axis)
     whole = whole_cells(mask)
-    # The particles of a cell are joined along its edges, so connections along axes determine the pieces.
+    # A cell's particles are joined along its edges, so connections along the axes determine the pieces.
     joined, _ = lattice_connections(mask.shape, lattice_directions(mask.ndim, diagonals=False), mask, whole)
     pieces = count_pieces(int(np.count_nonzero(mask)), joined)
     if pieces > 1:
@@ -121,13 +121,13 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) 
 
 
 def cell_centres(shape: ArrayLike, spacing: float) -> list[NDArray[np.float64]]:
-    """Return x, y (and z) of the centres of a grid of cells around the origin, broadcastable to its shape."""
+    """Return x, y (and z) of the centres of cells around the origin, broadcastable to the grid's shape."""
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in np.asarray(shape)]
     return list(np.meshgrid(*axes, indexing="ij", sparse=True))
 
 
 def fine_enough(spacing: float, sizes: Mapping[str, float]) -> float:
-    """Return the spacing; raise ValueError unless it is positive and at most each of the sizes."""
+    """Return the spacing; raise ValueError unless it is positive and at most each named size."""
     spacing = checks.positive("spacing", spacing)
     for name, size in sizes.items():
         if spacing > size:
@@ -136,19 +136,19 @@ def fine_enough(spacing: float, sizes: Mapping[str, float]) -> float:
 
 
 def cells_along(length: float, spacing: float) -> int:
-    """Return the number of cells that cover a length, corrected for rounding: ten tenths are not more than one."""
+    """Return the number of cells that cover a length; rounding errors do not add a cell (ten tenths make one)."""
     return math.ceil(length / spacing * (1 - 1e-12))
 
 
 def held(cells: NDArray[np.bool_], samples: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return unit cells around the origin, and further cells that keep thin parts of a body connected.
+    """Return unit cells around the origin, with further cells that keep thin parts of a body connected.
 
-    First, cells are added for samples of the body's skin that are further than AWAY from every cell so far (where
-    the body is thick, a plane skin is at most ½ from a cell with its centre inside). Then the cell of a sample is
-    added where the cells around it are not connected otherwise.
+    First, cells are added at samples of the body's skin that are further than AWAY from every cell (where the body
+    is thick, a plane skin is at most ½ from a cell with its centre inside). Then a sample's cell is added if the
+    cells around it would not be connected without it.
 
-    Cells are connected if they share a corner, as cells of samples less than a cell apart do. Samples, of shape
-    [any, d], are SAMPLED apart, and AWAY + SAMPLED is 1, so that no gap is left.
+    Cells that share a corner are connected, as are the cells of two samples less than a cell apart. Samples, shape
+    [any, d], are SAMPLED apart, and AWAY + SAMPLED is 1, so that no gap remains.
     """
     shape, dim = np.array(cells.shape), cells.ndim
     place = samples + shape / 2
@@ -158,11 +158,11 @@ def held(cells: NDArray[np.bool_], samples: NDArray[np.float64]) -> NDArray[np.b
     touched[tuple(at.T)] = True
     filled[tuple(at[distance > AWAY].T)] = True
 
-    steps = np.array(list(np.ndindex((3,) * dim)))  # to the cells around, in a grid with a margin
+    steps = np.array(list(np.ndindex((3,) * dim)))  # steps to the surrounding cells, in a grid with a margin
     adjacent = (np.abs(steps[:, None] - steps) <= 1).all(axis=-1).astype(np.float32)
     left = np.argwhere(touched & ~filled)
     around = np.pad(filled, 1)[tuple(np.moveaxis(left[:, None] + steps, -1, 0))]  # [cell left, cell around it]
-    reached = around & (np.cumsum(around, axis=1) == 1)  # from the first of them on
+    reached = around & (np.cumsum(around, axis=1) == 1)  # starting with the first of them
     for _ in steps:
         reached = around & (reached.astype(np.float32) @ adjacent > 0)
     filled[tuple(left[(reached != around).any(axis=1)].T)] = True

@@ -1,4 +1,4 @@
-"""Solids of revolution: a lattice, and a smooth surface around it that the lattice carries."""
+"""Solids of revolution: a lattice with an embedded smooth surface."""
 
 import itertools
 import math
@@ -12,7 +12,7 @@ from ..bodies import Material, System
 from .skin import Skin, cell_centres, cells_along, embedded, fine_enough
 
 _AROUND = 64
-"""Least number of vertices around a solid, so that a coarse one looks round too."""
+"""Minimal number of vertices around a solid, so that a coarse solid also looks round."""
 
 
 def ball(
@@ -25,11 +25,11 @@ def ball(
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
-    """Return a ball, its centre at the origin.
+    """Return a ball with its centre at the origin.
 
-    Its particles are the corners of the lattice cells whose centre is inside. Its texture is like a map of the
-    globe: u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards, and v the latitude, 0 at the south pole
-    (−z) and 1 at the north pole.
+    Particles are the corners of the lattice cells whose centre is inside. The texture is like a map of the globe:
+    u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards; v is the latitude, 0 at the south pole (−z), 1
+    at the north pole.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def ball(
     columns = _columns(radius, spacing)
     latitude = np.linspace(-math.pi / 2, math.pi / 2, columns // 2 + 1)
     ring = radius * np.cos(latitude)
-    ring[[0, -1]] = 0.0  # the poles, which rounding would miss
+    ring[[0, -1]] = 0.0  # exactly 0 at the poles, despite rounding
     skin = _revolved(ring, radius * np.sin(latitude), columns, (0, 1, 0, 1), smooth=True)
 
     x, y, z = cell_centres([cells_along(2 * radius, spacing)] * 3, spacing)
@@ -65,10 +65,10 @@ def cylinder(
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
-    """Return an upright cylinder, its centre at the origin.
+    """Return an upright cylinder with its centre at the origin.
 
-    Its particles are the corners of the lattice cells whose centre is inside. The lower half of its texture shows
-    the side: u goes around eastwards, 0 and 1 at −x, and v from 0 at the bottom to ½ at the top. The upper half
+    Particles are the corners of the lattice cells whose centre is inside. The lower half of the texture shows the
+    side: u goes around eastwards, 0 and 1 at −x, and v from 0 at the bottom to ½ at the top. The upper half
     has two discs, the bottom on the left (u along y, v along x) and the top on the right (u along x, v along y).
     The rims are sharp.
 
@@ -109,12 +109,12 @@ def cone(
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
-    """Return an upright cone, its apex up, the centre of its height at the origin.
+    """Return an upright cone with apex up; the origin is at half its height.
 
-    Its particles are the corners of the lattice cells whose centre is inside. One column of cells is centred on
-    the axis and ends less than a spacing below the apex. The lower half of its texture shows the side: u goes
-    around eastwards, 0 and 1 at −x, and v from 0 at the base to ½ at the apex. The upper half has the base, a disc
-    on the left (u along y, v along x). Rim and apex are sharp.
+    Particles are the corners of the lattice cells whose centre is inside. One column of cells is centred on the
+    axis and ends less than a spacing below the apex. The lower half of the texture shows the side: u goes around
+    eastwards, 0 and 1 at −x, and v from 0 at the base to ½ at the apex. The upper half has the base, a disc on the
+    left (u along y, v along x). Rim and apex are sharp.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def cone(
         _revolved(ring, z, columns, (0, 1, 0, 0.5)),
     )
 
-    wide = cells_along(2 * radius, spacing) | 1  # odd: with cells on the axis
+    wide = cells_along(2 * radius, spacing) | 1  # odd, so that a column is on the axis
     x, y, z = cell_centres((wide, wide, cells_along(height, spacing)), spacing)
     cells = (np.hypot(x, y) < radius * (half - z) / height) & (np.abs(z) < half)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
@@ -143,21 +143,21 @@ def cone(
 
 
 def _columns(radius: float, spacing: float) -> int:
-    """Return the number of vertices around a solid: a multiple of 4, no more than a spacing apart."""
+    """Return the number of vertices around a solid: a multiple of 4, at most a spacing apart."""
     return max(_AROUND, 4 * math.ceil(math.tau * radius / spacing / 4))
 
 
 def _revolved(
     ring: NDArray, z: NDArray, columns: int, tile: tuple[float, float, float, float], *, smooth: bool = False
 ) -> Skin:
-    """Return the surface that a line sweeps around the z axis, facing outwards where it rises.
+    """Return the surface that a line sweeps around the z axis; it faces outwards where the line rises.
 
-    The points of the line are at the distances `ring` from the axis [m] and at the heights z. Only the first and
-    the last may be on the axis: there every column has a vertex of its own, halfway between its sides, and if the
-    surface is `smooth` these have a common normal. `tile` is its part of the texture, from and to, of u and of v.
+    Points of the line are at distances `ring` from the axis [m] and at heights z. Only the first and the last may
+    be on the axis: there each column has its own vertex, halfway between its sides; if the surface is `smooth`
+    these have a common normal. `tile` is the part of the texture: u from and to, v from and to.
     """
     angle = math.tau * np.arange(columns) / columns - math.pi
-    cosine, sine = (np.append(values, values[0]) for values in (np.cos(angle), np.sin(angle)))  # exactly closed
+    cosine, sine = (np.append(values, values[0]) for values in (np.cos(angle), np.sin(angle)))  # closes exactly
     points, uv, index, normal_of, count = [], [], [], [], 0
     for r, (radius, height) in enumerate(zip(ring, z, strict=True)):
         pole = radius == 0
@@ -165,7 +165,7 @@ def _revolved(
         vertex = np.arange(len(u))
         points.append(np.stack([radius * cosine[vertex], radius * sine[vertex], np.full(len(u), height)], axis=1))
         uv.append(np.stack([u, np.full(len(u), r / (len(ring) - 1))], axis=1))
-        own = vertex * (not smooth) if pole else vertex % columns  # the seam: the last is the first
+        own = vertex * (not smooth) if pole else vertex % columns  # seam: the last has the first's normal
         normal_of.append(count + own)
         index.append(count + vertex)
         count += len(u)
@@ -196,7 +196,7 @@ def _disc(radius: float, z: float, rows: int, columns: int, *, up: bool) -> Skin
 
 
 def _together(*skins: Skin) -> Skin:
-    """Return several skins as one, with sharp edges where they meet."""
+    """Return several skins as one; edges where they meet are sharp."""
     first = np.cumsum([0] + [len(skin.points) for skin in skins])
     return Skin(
         np.concatenate([skin.points for skin in skins]),

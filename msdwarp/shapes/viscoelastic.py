@@ -1,4 +1,4 @@
-"""Viscoelastic bodies: a share of each spring's force relaxes."""
+"""Viscoelastic bodies: a fraction of each spring's force relaxes."""
 
 from typing import Any
 
@@ -8,23 +8,23 @@ from .. import checks
 from ..bodies import System
 
 MOST = 0.99
-"""Largest change of a relaxing spring's rest length, as a share: it is never reached at usual strains."""
+"""Largest relative change of a relaxing spring's rest length, which usual strains do not reach."""
 
 
 def viscoelastic(system: System, share: float = 0.5, relaxation_time: float = 1.0) -> System:
-    """Return a body that is a standard linear solid: after a strain its force relaxes by a share.
+    """Return a body that is a standard linear solid: at constant strain a fraction of its force relaxes.
 
-    Beside each spring of stiffness k (1 − share) stands a Maxwell element: a spring of stiffness k share in series
-    with a dashpot. It is a connection that yields from the start, so that its rest length follows its length with
-    the relaxation time τ. A small held strain ε has the force k l0 ε (1 − share + share exp(−t/τ)).
+    Parallel to each spring, of stiffness k (1 − share), is a Maxwell element: a spring of stiffness k share
+    and a dashpot in series. The element is a connection that yields from the start: its rest length approaches its
+    length with the time constant τ. A small constant strain ε has the force k l0 ε (1 − share + share exp(−t/τ)).
 
     Parameters
     ----------
     system
-        The body; the dampers of its connections stay. It loses its lattice directions, so that forces are gathered
-        from a table.
+        The body; the dampers of its connections stay. The result has no lattice directions, so that forces are
+        gathered from a table.
     share
-        Share of the stiffness that relaxes, between 0 and 1.
+        Fraction of the stiffness that relaxes, between 0 and 1.
     relaxation_time
         τ [s].
 

@@ -14,9 +14,9 @@ from ..bodies import Material, System
 from .meshes import from_mesh
 
 _BY_PYVISTA = frozenset((".vtu", ".vtk", ".vtp", ".stl", ".ply", ".obj"))
-"""Files that PyVista reads itself."""
+"""Suffixes of files that PyVista reads itself."""
 _NEAR = math.sqrt(3) / 2
-"""A particle is in a group if it is no farther from the named part than half of a cell's diagonal, in spacings."""
+"""A particle is in a group if its distance from the named part is at most this, in spacings: half a diagonal."""
 
 
 def from_volume(
@@ -33,17 +33,17 @@ def from_volume(
 ) -> System:
     """Return a body that fills a mesh of solid cells, such as a mesh generator's file, with particles.
 
-    The outer surface of the solid cells, or of the triangles if there are none, is filled as by `from_mesh`.
-    The lattice has exactly the material that it is given. Springs along the edges of the file's tetrahedra would
-    not: fitted to a material as well as possible, bars of tetrahedra were up to 22 % too soft, finer ones no less.
+    The outer surface of the solid cells, or of the triangles if there are none, is filled as by `from_mesh`. The
+    lattice represents the material exactly. Springs along the edges of the file's tetrahedra could not: fitted to
+    a material as well as possible, bars of tetrahedra were up to 22 % too soft, and finer meshes were no better.
 
     Named parts of the file, such as Gmsh's physical groups or the sets of a .inp file, are groups of the body. A
-    particle belongs to a part that is at most half of a cell's diagonal away.
+    particle belongs to a part that is at most half a cell's diagonal away.
 
     Parameters
     ----------
     mesh
-        The path of a file, or a PyVista mesh. Files other than those of VTK, .stl, .ply and .obj (.msh, .inp,
+        The path of a file, or a PyVista mesh. Files except VTK's, .stl, .ply and .obj (such as .msh, .inp,
         .med, .mesh ...) are read by meshio: `pip install 'msdwarp[meshes]'`.
     spacing, across, neighbours, material, mass, stiffness, damping
         As for `from_mesh`.
@@ -77,7 +77,7 @@ def from_volume(
 
 
 def _read(path: Path) -> tuple[Any, dict[str, Any]]:
-    """Return a PyVista mesh of all cells, and one of each named part."""
+    """Return (PyVista mesh of all cells, mesh of each named part by name)."""
     pyvista = importlib.import_module("pyvista")
     if not path.is_file():
         raise ValueError(f"mesh is {str(path)!r}; it must be the path of a mesh file, and there is none")
@@ -88,9 +88,9 @@ def _read(path: Path) -> tuple[Any, dict[str, Any]]:
         if meshio is None:
             return pyvista.read(path).cast_to_unstructured_grid(), {}
         read = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio raises its own errors, and ends the process for some files
+    except (Exception, SystemExit) as error:  # meshio raises its own errors, and exits for some files
         raise ValueError(f"mesh is {str(path)!r}, which cannot be read as a mesh: {error}") from error
-    named, parts = _named_cells(read), {}  # PyVista takes the sets out
+    named, parts = _named_cells(read), {}  # taken first, since PyVista removes the sets
     grid = pyvista.from_meshio(read)
     for name, chosen in named.items():
         if len(chosen):
@@ -102,11 +102,11 @@ def _read(path: Path) -> tuple[Any, dict[str, Any]]:
 
 
 def _named_cells(read: Any) -> dict[str, NDArray[np.int64]]:
-    """Return the cells of each set of a meshio mesh, and of each of Gmsh's physical groups."""
+    """Return the cells of each set of a meshio mesh, and of each Gmsh physical group, by name."""
     starts = np.cumsum([0, *(len(block.data) for block in read.cells)])[:-1]
     found: dict[str, list[NDArray]] = {}
     for name, by_block in read.cell_sets.items():
-        if ":" not in name:  # "gmsh:bounding_entities" is none
+        if ":" not in name:  # "gmsh:bounding_entities" is no set
             chosen = [np.zeros(0, dtype=np.int64) if one is None else np.asarray(one) for one in by_block]
             found[name] = [first + one for first, one in zip(starts, chosen, strict=False)]
     tags = read.cell_data.get("gmsh:physical", [])
@@ -118,7 +118,7 @@ def _named_cells(read: Any) -> dict[str, NDArray[np.int64]]:
 
 def _outside(grid: Any) -> Any:
     """Return the outer surface of a mesh's solid cells, or of its triangles if it has none."""
-    # Versions of PyVista differ in how they want its own function called.
+    # PyVista's own function has different arguments in different versions.
     skin_of = importlib.import_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
     wrap = importlib.import_module("pyvista").wrap
     kinds, first = np.unique(grid.celltypes, return_index=True)
@@ -134,7 +134,7 @@ def _outside(grid: Any) -> Any:
 
 def _distances(part: Any, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the distance of each point from a mesh [m], 0 inside its solid cells."""
-    if getattr(part, "n_verts", -1) == part.n_cells:  # points only
+    if getattr(part, "n_verts", -1) == part.n_cells:  # a part of points only
         numbers = [part.find_closest_point(one) for one in x]
         return np.linalg.norm(part.points[numbers] - x, axis=1)
     _, nearest = part.find_closest_cell(x, return_closest_point=True)

@@ -1,6 +1,6 @@
-"""`Simulation` advances a system frame by frame, `Ensemble` many at once.
+"""`Simulation` advances a system frame by frame, `Ensemble` many worlds at once.
 
-Also divergence errors, checkpoints, and transfer of frames to the host.
+Further contents: divergence errors, checkpoints, and transfer of frames to the host.
 """
 
 from .arguments import frame_count as frame_count

@@ -25,7 +25,7 @@ def frame_count(duration: float, fps: float) -> int:
 
 
 def given_substeps(substeps: int | str) -> int | None:
-    """Return the requested number of substeps, or None for "auto"; raise ValueError for anything else."""
+    """Return the requested number of substeps, None for "auto"; raise ValueError for any other value."""
     if isinstance(substeps, str):
         if substeps != "auto":
             raise ValueError(f"substeps is {substeps!r}; it must be a whole number or 'auto'")

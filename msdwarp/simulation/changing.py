@@ -1,4 +1,4 @@
-"""Changing: changes of a simulation between two frames."""
+"""Changing: changes of a simulation between frames."""
 
 import warnings
 from abc import abstractmethod
@@ -34,7 +34,7 @@ class Changing(PresentWorld):
     """The properties of a simulation that can change between two frames."""
 
     _surroundings: dict[str, Any]
-    """Arguments of `assemble` for gravity, colliders, loads, probes and the device."""
+    """Arguments of `assemble` that describe the surroundings: gravity, colliders, loads, probes, device."""
     _active_loads: tuple[Load, ...]
     """The current loads, as given."""
     _step_controller: StepController | None
@@ -58,8 +58,8 @@ class Changing(PresentWorld):
         return self._surroundings["gravity"]
 
     def _assembled(self) -> tuple[Assembly, State]:
-        """Return another assembly of the scene, and its present state."""
-        # At the start velocities are as given; later they are shifted by half a substep from the method's own.
+        """Return a new assembly of the scene, and its current state."""
+        # At the start velocities are as given; later the method's velocities are shifted by half a substep.
         if self.stepping.at_start:
             assembly = assemble(self.system, **self._surroundings)
             return assembly, starting_state(self.system, assembly, 0, self.time, self.fps)
@@ -73,7 +73,7 @@ class Changing(PresentWorld):
             self._apply(self._due[0])
         except UnstableStep as error:
             raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
-        del self._due[0]  # not before the change has succeeded
+        del self._due[0]  # removed only after the change has succeeded
 
     def _restore_contact(self, arrays: Mapping[str, NDArray]) -> None:
         """Restore the contacts between bodies from a checkpoint (`BodyContact.checkpoint`)."""
@@ -89,7 +89,7 @@ class Changing(PresentWorld):
 
     @abstractmethod
     def _update_choice(self) -> None:
-        """Choose the substeps again, for the current state."""
+        """Choose the substeps for the current state."""
 
     @in_turn
     def change(
@@ -109,21 +109,21 @@ class Changing(PresentWorld):
         A mass of inf pins a particle. A new velocity may add energy, which does not count as divergence. Automatic
         substeps and the automatic algorithm are chosen again.
 
-        *Cost.* A new constant gravity takes about a millisecond, and so do loads if only their numbers change (the
+        *Cost.* A new constant gravity takes about a millisecond, and so do loads if only their values change (the
         vector of a `Force`, the velocity and coefficients of `Wind`). New velocities are copied; with `Wind` the
-        stability limit is also recomputed. A new kernel is needed, and compiled the first time, for the first
-        damper, the first pinned particle, or many more kinds of connections.
+        stability limit is also recomputed. The first damper, the first pinned particle and many more kinds of
+        connections each need a new kernel, which is compiled when first used.
 
         Parameters
         ----------
         loads
-            All loads from now on. Previous loads that are among them continue unchanged. For new ones the current
-            state is the start. Contact between bodies stays the same, unless a `Contact` is among them.
-            Checkpoints do not include them.
+            All loads from now on. Previous loads among them continue unchanged. New loads start from the
+            current state. Contact between bodies stays the same, unless `loads` has a `Contact`. Checkpoints do
+            not include loads.
         contact
             Contact between bodies from now on; () turns it off. Checkpoints do not include it.
         colliders
-            All obstacles from now on, such as the same ones with another friction. Checkpoints do not include
+            All obstacles from now on, such as the same obstacles with another friction. Checkpoints do not include
             them.
         group, set_rest_shape, unpin, gravity, parameters
             See `msdwarp.at`.
@@ -158,37 +158,37 @@ class Changing(PresentWorld):
 
     @in_turn
     def settle(self, tolerance: float | None = None, *, substeps: int = 200_000) -> Settled:
-        """Lead the system to static equilibrium, where it stays at rest; the time does not change.
+        """Move the system to static equilibrium, where it stays at rest; the time does not change.
 
         Fast inertial relaxation (FIRE; see `msdwarp.kernels.integrators.fire`) finds a minimum of the energy under
-        the present loads, contact and obstacles, many times faster than motion dies away. Functions of time act as
-        they do now. Velocities are 0 afterwards. Where friction or several minima leave a choice, the
-        equilibrium is the one that is reached first. Automatic substeps are chosen again.
+        the current loads, contact and obstacles, many times faster than damping stops motion. Functions of time
+        keep their current values. Velocities are 0 afterwards. If friction or several minima allow several
+        equilibria, the result is the first that is reached. Automatic substeps are chosen again.
 
         Parameters
         ----------
         tolerance
-            Largest force that may be left on a free particle [N]. By default a thousandth of the mean weight of a
+            Largest force that may remain on a free particle [N]. By default a thousandth of the mean weight of a
             particle, or without gravity 1e-4 of the largest force at the start.
         substeps
-            Substeps after which it ends in any case.
+            Maximal number of substeps.
 
         Returns
         -------
         found
-            The force that is left, the tolerance, the number of substeps, and whether it has `converged`.
+            The remaining force, the tolerance, the number of substeps, and whether the result has `converged`.
 
         Warns
         -----
         SettleWarning
-            If the force that is left is above the tolerance.
+            If the remaining force is above the tolerance.
 
         Raises
         ------
         ValueError
             If an argument is out of range, or the system has no springs.
         SimulationDiverged
-            If a number is no longer finite. Nothing changes then, in this case as in the others.
+            If a number is no longer finite. Nothing changes then, as for a ValueError.
         """
         system, found = settled(
             self.snapshot(),
@@ -256,9 +256,9 @@ class Changing(PresentWorld):
             self._step_controller.add_energy(self.stepping, added)
 
     def _energy(self) -> float:
-        """Return the energy that the method conserves [J]; 0 without a step controller.
+        """Return the energy that the method conserves [J]; 0 without a step controller, which alone needs it.
 
-        If velocities lag, changes of velocities or forces also change it by a term proportional to the step.
+        If velocities lag, a change of velocities or forces adds a term proportional to the step.
         """
         return 0.0 if self._step_controller is None else self.stepping.balance().energy
 
@@ -266,7 +266,7 @@ class Changing(PresentWorld):
         """Replace the loads, in place if they differ only in values."""
         check_supports_contact(self.integrator, given)
         before = self._surroundings["loads"]
-        # Previous loads stay bound to the state in which they began.
+        # Loads that are kept stay bound to the state in which they began.
         bound_loads = {id(one): load for one, load in zip(self._active_loads, before, strict=True)}
         after = [bound_loads.get(id(one), one) for one in given]
         replacements = differ_in_values(before, after)
@@ -282,10 +282,10 @@ class Changing(PresentWorld):
                 self.stepping.exchange(replacements)
                 added = self._energy() - energy
                 self._update_choice()
-            except (UnstableStep, ValueError):  # some effects may have taken the new values
+            except (UnstableStep, ValueError):  # some effects may already have taken new values
                 self.stepping.exchange({new: old for old, new in replacements.items()})
                 raise
-            if controller is not None and pulled:  # the energy of mouse springs jumps when the mouse moves
+            if controller is not None and pulled:  # the energy of a mouse spring jumps when the mouse moves
                 controller.begin(self.stepping, above)
             elif controller is not None:
                 controller.add_energy(self.stepping, added)
@@ -294,7 +294,7 @@ class Changing(PresentWorld):
 
 
 def check_supports(method: Integrator, system: System) -> None:
-    """Raise ValueError if the method solves for the forces of linear springs, and these have another law."""
+    """Raise ValueError if the method needs linear springs, but the system's springs have another law."""
     if method.solves and system.spring != LINEAR_SPRING:
         raise ValueError(
             f"integrator is {method}, and spring is {system.spring!r}; with such springs it must be an explicit "
@@ -303,6 +303,6 @@ def check_supports(method: Integrator, system: System) -> None:
 
 
 def check_supports_contact(method: Integrator, loads: Sequence[Load]) -> None:
-    """Raise ValueError if bodies may touch, and the method's steps are too long for contact."""
+    """Raise ValueError if bodies may touch, but the method's steps are too long for contact."""
     if not method.supports_contact and any(isinstance(one, Contact) for one in loads):
         raise ValueError(f"integrator is {method}; where bodies touch it must be another, such as Leapfrog()")

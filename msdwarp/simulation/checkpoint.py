@@ -1,7 +1,7 @@
-"""Checkpoints: arrays and numbers from which a simulation continues bit for bit.
+"""Checkpoints: arrays and values from which a simulation continues bit for bit.
 
-`saved` has the state, the effects, the system, the substeps and the baseline. `Simulation.checkpoint` adds what
-the simulation itself keeps: frame index, changes, gravity, method, history of substeps, step controller.
+`saved` returns the state, the effects, the system, the substeps and the baseline. `Simulation.checkpoint` adds the
+frame index, changes, gravity, the method, the history of substeps and the step controller.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +27,7 @@ _REST_VOLUME = "system.cells.rest_volume"
 
 
 def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Return the arrays of the state, the effects and the system, and the numbers of the substeps."""
+    """Return (arrays of state, effects and system; values of the substeps and the baseline)."""
     arrays = {name: to_host(array) for name, array in _state_arrays(stepping).items()}
     for effect in stepping.assembly.all:
         arrays |= effect.checkpoint()
@@ -35,7 +35,7 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
 
 
 def saved_worlds(stepping: Stepping) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
-    """Return arrays and numbers like `saved` for each world of an ensemble, without the fields of its system."""
+    """Return arrays and values, as `saved` does, for each world of an ensemble, without its system's fields."""
     moving = {name: stepping.model.by_world(to_host(array)) for name, array in _state_arrays(stepping).items()}
     baselines = np.stack(np.broadcast_arrays(*stepping.watch.baseline), axis=-1)
     found = []
@@ -47,7 +47,7 @@ def saved_worlds(stepping: Stepping) -> list[tuple[dict[str, NDArray], dict[str,
 
 
 def saved_system(system: System) -> dict[str, NDArray]:
-    """Return the fields of a system that can change."""
+    """Return the fields of a system that can change during a run."""
     absent = () if system.tears else TEARING_FIELDS
     names = (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent))
     arrays = {f"system.{name}": np.array(stored(getattr(system, name))) for name in names}
@@ -55,14 +55,14 @@ def saved_system(system: System) -> dict[str, NDArray]:
 
 
 def _saved_choice(choice: StepChoice, baseline: Iterable[float]) -> dict[str, Any]:
-    """Return the numbers of the substeps and the energy baseline."""
+    """Return the values of the substeps and the energy baseline."""
     numbers: dict[str, Any] = {f"rates.{name}": value for name, value in choice.rates._asdict().items()}
     numbers |= {name: getattr(choice, name) for name in ("limit", "least", "substeps", "refinement")}
     return numbers | {"baseline": [float(one) for one in baseline]}
 
 
 def check_same(numbers: Numbers, **own: Any) -> None:
-    """Raise ValueError unless a checkpoint holds these values."""
+    """Raise ValueError unless the values `own` of a simulation equal the values in a checkpoint."""
     for name, value in own.items():
         if checks.member("checkpoint", numbers, name) != value:
             raise ValueError(f"checkpoint is of another {name}: {numbers[name]}; here it is {value}")
@@ -73,14 +73,14 @@ def restored_system(start: System, arrays: Arrays) -> System:
     fields = {}
     for names, count in ((PARTICLE_FIELDS, start.particle_count), (CONNECTION_FIELDS, start.connection_count)):
         for name in names:
-            if name in TEARING_FIELDS and f"system.{name}" not in arrays:  # an older version, or nothing tears
+            if name in TEARING_FIELDS and f"system.{name}" not in arrays:  # older version, or nothing tears
                 fields[name] = DEFAULTS[name]
                 continue
             values = checks.member("checkpoint", arrays, f"system.{name}")
             if np.ndim(values) == 0 or len(values) not in (1, count):
                 raise ValueError(f"checkpoint is of another system: its {name} has shape {np.shape(values)}")
             fields[name] = values[0] if len(values) < count else values
-    # System checks that no spring breaks at its initial length, so the limits are set before the later state.
+    # System checks that no spring breaks at its initial length, so limits are set before the later state.
     breaking = {name: fields.pop(name) for name in TEARING_FIELDS}
     for changed in (breaking, fields):
         if any((getattr(start, name) != value).any() for name, value in changed.items()):
@@ -95,7 +95,7 @@ def restored_system(start: System, arrays: Arrays) -> System:
 
 
 def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
-    """Return the substeps that a checkpoint holds; raise ValueError if a number is missing or invalid."""
+    """Return the substeps stored in a checkpoint; raise ValueError if a value is missing or invalid."""
     known = {f"rates.{name}": value for name, value in Rates._field_defaults.items()} | dict(numbers)
     rates = Rates(*(_non_negative(known, f"rates.{name}") for name in Rates._fields))
     limit = _non_negative(numbers, "limit")
@@ -107,9 +107,9 @@ def restored_choice(numbers: Numbers, fps: float) -> StepChoice:
 
 
 def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int]]]:
-    """Return the frame index, the number of scheduled changes made, and the substep history.
+    """Return (frame index, number of scheduled changes made, substep history).
 
-    The history is empty for older checkpoints. Raises ValueError if a number is missing or invalid.
+    Older checkpoints have no history: it is then empty. Raises ValueError if a value is missing or invalid.
     """
     frame_index, changes = (
         checks.count(name, checks.member("checkpoint", numbers, name), 0) for name in ("frame_index", "changes")
@@ -122,7 +122,7 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
 
 
 def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change]) -> Any:
-    """Return the gravity of a checkpoint: set by the user, or by the scheduled changes `made` so far."""
+    """Return a checkpoint's gravity, which the user or one of the scheduled changes `made` so far has set."""
     if "gravity" in numbers:
         return numbers["gravity"]
     return next((one.gravity for one in reversed(made) if one.gravity is not None), start)
@@ -134,7 +134,7 @@ def saved_drives(loads: Sequence[Load], model: Model) -> dict[str, NDArray]:
 
 
 def restored_loads(loads: Sequence[Load], system: System, arrays: Arrays) -> tuple[Load, ...]:
-    """Return the loads with drives of the particles still driven; raise ValueError for other drives."""
+    """Return the loads; drives hold only the particles in the checkpoint. Raise ValueError for other drives."""
     if not any(isinstance(one, Driven) for one in loads):
         return tuple(loads)
     kept = np.zeros(system.particle_count, dtype=bool)
@@ -146,7 +146,7 @@ def restored_loads(loads: Sequence[Load], system: System, arrays: Arrays) -> tup
 
 
 def restored_baseline(numbers: Numbers) -> Baseline | None:
-    """Return the energy baseline; None for older checkpoints."""
+    """Return the energy baseline; None if an older checkpoint has none."""
     if "baseline" not in numbers:
         return None
     found = numbers["baseline"]
@@ -184,7 +184,7 @@ def restore_arrays(stepping: Stepping, arrays: Arrays) -> None:
 
 
 def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
-    """Return the effects whose state a checkpoint holds.
+    """Return the effects whose state is in a checkpoint.
 
     Older versions did not sum the work of moving obstacles, and had no contact of surfaces with obstacles.
     """
@@ -194,7 +194,7 @@ def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
 
 
 def _state_arrays(stepping: Stepping) -> dict[str, wp.array]:
-    """Return the arrays that one substep passes to the next, by name."""
+    """Return the arrays that a substep passes to the next, by name."""
     state = stepping.state.state_in
     arrays = {"x": state.x, "v": state.v} | {f"carried.{k}": array for k, array in enumerate(state.method_state)}
     if stepping.model.compensated:

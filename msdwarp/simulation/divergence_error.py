@@ -1,6 +1,6 @@
 """The error of a run that cannot continue: where, when and why.
 
-`engine/diagnostics/divergence_monitor.py` detects divergence; in ensembles `kernels/reductions/frozen_worlds.py`.
+`engine/diagnostics/divergence_monitor.py` detects it; in ensembles `kernels/reductions/frozen_worlds.py` does.
 """
 
 from typing import NamedTuple
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from ..bodies import System
 
 INSIDE_MATTERS = 1.0
-"""Up to this time [s] an initial overlap with an obstacle or a body explains a divergence."""
+"""Until this time [s] an initial overlap with an obstacle or body is assumed to cause a divergence."""
 
 
 class Divergence(NamedTuple):
-    """Place of a divergence within a frame."""
+    """Where in a frame a run has diverged."""
 
     position: NDArray
     """Positions before the first bad substep [m], shape [particle_count, d]."""
     substep: int
-    """The first bad substep, from 1."""
+    """The first bad substep, counted from 1."""
     particle: int
     """The first particle concerned."""
 
@@ -31,15 +31,15 @@ class SimulationDiverged(RuntimeError):
     time: float
     """Time of the divergence [s]."""
     substep: int
-    """The substep of its frame, from 1."""
+    """Number of the substep in its frame, counted from 1."""
     particle: int
     """The first particle concerned."""
     connection: int | None
     """The particle's most strained connection just before; None if it has none."""
     strain: float
-    """The strain of that connection."""
+    """The strain of this connection."""
     substeps_needed: int
-    """Substeps per frame that are stable for the last good frame; 0 if no number is."""
+    """Substeps per frame that are stable for the last good frame; 0 if no number of substeps is."""
 
     def __init__(self, message: str, **details: float | None) -> None:
         super().__init__(message)
@@ -58,9 +58,9 @@ def describe(
 ) -> SimulationDiverged:
     """Return the exception for a frame of `substeps` substeps of `dt` [s] that diverged.
 
-    `system` and `time` [s] are from the frame's start, and `needed` is the least stable number of substeps
+    `system` and `time` [s] are from the frame's start, and `needed` is the least number of substeps that is stable
     there, or 0. `inside` is a message about an initial overlap, which is then the cause. `gained` is the
-    unexplained rise of energy as a share of its scale, if that ended the run.
+    unexplained rise of energy as a fraction of its scale, if this rise ended the run.
     """
     position, substep, particle = divergence
     connection, strain, stretched = None, float("nan"), ""

@@ -25,7 +25,7 @@ from .simulation import Simulation
 from .stepping import Stepping
 
 STATUS = ("running", "not finite", "energy")
-"""Names of the numbers in `WorldStatus.status`."""
+"""Names of the values 0, 1 and 2 of `WorldStatus.status`."""
 SYSTEM_FIELDS = ("stiffness", "damping", "rest_length", "mass", "position", "velocity")
 
 
@@ -35,11 +35,11 @@ class Ensemble(Differentiable):
     World w equals a `Simulation` of the scene with the w-th entry of each parameter and the same number of
     substeps: to the last bit with the algorithm gather, and on the CPU with every algorithm; to rounding with the
     stencil on a GPU. An entry is a value that `System.replace` accepts: for stiffness, damping, rest_length and
-    mass a number for all, or one for each connection or particle. To scale the scene's values, multiply:
+    mass one number for all, or one for each connection or particle. To scale the scene's values, multiply:
     `factors[:, None] * system.stiffness`. An array may have fewer entries than there are worlds, if their number
     divides the number of worlds: world w uses entry w mod (number of entries).
 
-    A world that diverges stops at the end of its last good frame and says so in `status`; the others continue.
+    A world that diverges stops at the end of its last good frame, with the reason in `status`; others continue.
 
     Parameters
     ----------
@@ -56,16 +56,16 @@ class Ensemble(Differentiable):
     velocity
         Initial velocities [m/s], shape [entries, d] (all free particles) or [entries, particle_count, d].
     gravity
-        [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or one number.
+        [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or a single number.
     friction
-        Of the obstacles, shape [entries] (the same for all) or [entries, collider_count].
+        Friction of the obstacles, shape [entries] (the same for all) or [entries, collider_count].
     colliders, loads
         With a `System`: obstacles, loads, and contact between bodies.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. All worlds have the same number of substeps; "auto" is the largest that a world needs.
     force_algorithm
-        As for `Simulation`; "auto" is the stencil or gather on a GPU, and scatter on the CPU: these repeat bit for
-        bit.
+        As for `Simulation`; "auto" is the stencil or gather on a GPU, and scatter on the CPU: with these, results
+        repeat bit for bit.
     threads
         Number of threads that compute all substeps of a frame of a world in one launch: a power of 2, on the CPU
         1; None for a launch for each stage of each substep; or "auto". This affects speed only.
@@ -131,11 +131,11 @@ class Ensemble(Differentiable):
         self._base = system.replace(**alike)
         by_world = {name: value for name, value in given.items() if name not in alike}
         by_world |= {"friction": friction}
-        if gravity is None or np.ndim(gravity) == 0:  # the ndim of a function is 0, too
+        if gravity is None or np.ndim(gravity) == 0:  # a function also has ndim 0
             own_gravity = own_gravity if gravity is None else gravity
         else:
             by_world["gravity"] = gravity
-            own_gravity = 0.0 if callable(own_gravity) else own_gravity  # else it would act beside that of worlds
+            own_gravity = 0.0 if callable(own_gravity) else own_gravity  # else both gravities would act
         if friction is not None and not self._colliders:
             raise ValueError("friction is given; there must be colliders then")
         self._rows = parameter_rows(self._base, len(self._colliders), self.worlds, by_world)
@@ -173,7 +173,7 @@ class Ensemble(Differentiable):
 
     @property
     def threads(self) -> int | None:
-        """Threads that compute all substeps of a world in one launch; None if each stage is a launch."""
+        """Number of threads that compute all substeps of a world in one launch; None if each stage is a launch."""
         blocks = self.stepping.stepper.blocks
         return None if blocks is None else blocks[1]
 
@@ -187,7 +187,7 @@ class Ensemble(Differentiable):
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.
 
-        Its dimensions are world, frame and those of the observed quantities. Its coordinates are the time of each
+        Dimensions: world, frame and the dimensions of the observed quantities. Coordinates: the time of each
         frame, the parameters that are one number per world, `status` and `diverged_at`. With h5netcdf installed
         `to_netcdf` saves it.
 
@@ -245,29 +245,29 @@ class Ensemble(Differentiable):
 
     @in_turn
     def _world_status(self) -> WorldStatus:
-        """Return the status of each world."""
+        """Return the status of the worlds."""
         assert self.stepping.frozen is not None
         return self.stepping.frozen.found()
 
     @property
     def status(self) -> NDArray[np.str_]:
-        """Status of each world: "running", "not finite" or "energy" (it exceeded its limit and the work done)."""
+        """Status of each world: "running", "not finite" or "energy" (above its limit plus external work)."""
         return np.array(STATUS)[self._world_status().status]
 
     @property
     def held_back(self) -> NDArray[np.float64]:
-        """The furthest that contact held a particle of each world back in a substep of the last frame [m]."""
+        """Largest distance by which contact held a particle back in a substep of the last frame, by world [m]."""
         return self._held_back().copy()
 
     @property
     def diverged_at(self) -> NDArray[np.float64]:
-        """End of the last good frame of each diverged world [s], where it stopped; NaN for the others."""
+        """Time at which each diverged world stopped, the end of its last good frame [s]; NaN for the others."""
         frames = self._world_status().good_frames
         return np.where(frames >= 0, frames / self.fps, np.nan)
 
     @property
     def diverged_particle(self) -> NDArray[np.int32]:
-        """The first particle of each world that was no longer finite; −1 if there is none."""
+        """The first non-finite particle of each world; −1 if there is none."""
         return self._world_status().particle
 
     @in_turn
@@ -312,7 +312,7 @@ class Ensemble(Differentiable):
         return alone
 
     def _assembled(self) -> tuple[Assembly, State]:
-        """Return another assembly of the worlds, and their present state."""
+        """Return a new assembly of the worlds, and their current state."""
         assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
         state = starting_state(self._base, assembly, 0, self.time, self.fps)
         if not self.stepping.at_start:
@@ -323,10 +323,10 @@ class Ensemble(Differentiable):
 
     @in_turn
     def checkpoints(self) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
-        """Return the state of each world, with which `Simulation.restore` continues it bit for bit.
+        """Return the state of each world, from which `Simulation.restore` continues the world bit for bit.
 
         The simulation must have the world's parameters and the ensemble's `integrator`, `fps`, `substeps`,
-        precision and algorithm, like that of `simulation_of`. A diverged world has the state in which it stopped.
+        precision and algorithm, as from `simulation_of`. A diverged world has the state in which it stopped.
         """
         frames = self._world_status().good_frames
         shared = {"fps": self.fps, "integrator": repr(self.integrator), "changes": 0}
@@ -348,9 +348,9 @@ class Ensemble(Differentiable):
 
     @in_turn
     def diagnose(self, world: int) -> SimulationDiverged:
-        """Return why a world diverged, as `Simulation` would report it: the substep, the particle, the connection.
+        """Return why a world diverged, as `Simulation` would report it: substep, particle and connection.
 
-        The frame in which it diverged is simulated again for that world alone.
+        The frame that diverged is simulated again for that world alone.
 
         Raises
         ------

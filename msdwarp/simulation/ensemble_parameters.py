@@ -12,7 +12,7 @@ from ..world import Collider, Gravity, Load, Scene, with_contact
 
 NOT_NEGATIVE: checks.Limit = (lambda v: v >= 0, "at least 0")
 MORE_LIMITS = {"friction": (checks.FINITE, NOT_NEGATIVE), "gravity": (checks.FINITE,)}
-"""Limits of parameters that are not fields of `System`."""
+"""Checks of parameters that are not fields of `System`."""
 
 
 def parameter_rows(
@@ -39,7 +39,7 @@ def parameter_rows(
 
 
 def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return rows of a shape. Rows given in a short form are broadcast without copies."""
+    """Return rows of a given shape. A short form is broadcast without copies."""
     full, allowed = f"[rows, {', '.join(map(str, shape))}]", ""
     given, short = values, values.ndim == len(shape)
     if name == "gravity":
@@ -53,7 +53,7 @@ def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> 
     elif name != "position":
         allowed = "[rows] or "
         given = values[:, None] if short else values
-    # A short form has length 1 along the axes that it leaves out.
+    # A short form has length 1 along axes that are left out.
     fits = given.ndim == 1 + len(shape) and all(
         own == each or (own == 1 and given is not values) for own, each in zip(given.shape[1:], shape, strict=True)
     )
@@ -67,7 +67,7 @@ def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> 
 def _without_pinned(
     velocity: NDArray[np.float64], mass: NDArray[np.float64], all_alike: bool
 ) -> NDArray[np.float64]:
-    """Return velocities that are 0 for pinned particles; raise ValueError if one was given another."""
+    """Return velocities, set to 0 for pinned particles; raise ValueError if a pinned one was given another."""
     if not np.isinf(mass).any():
         return velocity
     each = np.arange(np.lcm(len(velocity), len(mass)))

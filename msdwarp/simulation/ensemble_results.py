@@ -15,7 +15,7 @@ from ..world import FORCE, FRAME, POSITION, STRAIN, STRESS, VELOCITY, Probe
 
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
-"""Observations of all particles: the field of `Frame`, and its unit."""
+"""Observations of all particles: the field of `Frame`, and the unit."""
 UNITS = {POSITION: "m", VELOCITY: "m/s", FORCE: "N", STRAIN: "", STRESS: "Pa"}
 """Quantities that probes of an ensemble may measure, and their units."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
@@ -30,9 +30,9 @@ class GroupMean:
     ----------
     function
         A `wp.func` (x, v, i) of a particle's position [m] and velocity [m/s], vectors of float64 such as
-        `wp.vec3d`, and its number. It returns a `wp.float64`, or a vector of several.
+        `wp.vec3d`, and the particle's index. It returns a `wp.float64`, or a vector of several.
     on
-        The group: its name, indices, or a mask; None for all particles. All have equal weight.
+        The group: a name, indices, or a mask; None for all particles. All have equal weight.
     width
         Length of the vector that the function returns; 0 if it returns one number.
 
@@ -74,7 +74,7 @@ class Observation:
 
 @in_turn
 def observations(ensemble: Any, observe: Mapping[str, Any]) -> list[Observation]:
-    """Return the observations requested of an `Ensemble`; raise ValueError, with its name, for an invalid one."""
+    """Return the requested observations of an `Ensemble`; raise ValueError naming an invalid one."""
     found = []
     for name, what in checks.mapping("observe", observe).items():
         checks.instance("a name in observe", name, str, "'top'")
@@ -86,7 +86,7 @@ def observations(ensemble: Any, observe: Mapping[str, Any]) -> list[Observation]
 
 
 def _observation(ensemble: Any, name: str, what: Any) -> Observation:
-    """Return one observation."""
+    """Return one requested observation."""
     model, state = ensemble.model, ensemble.state
     if isinstance(what, Probe):
         checks.one_of("what", what.what, UNITS)

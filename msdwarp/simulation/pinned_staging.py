@@ -1,4 +1,4 @@
-"""PinnedStaging: copies arrays of a device to the host."""
+"""PinnedStaging: copies arrays from a device to the host."""
 
 import threading
 from typing import Any
@@ -13,7 +13,7 @@ from ..runtime import CAPTURE_LOCK, record
 class PinnedStaging:
     """Copies arrays from a GPU through pinned memory, by one recorded graph.
 
-    `array.numpy()` allocates host memory and waits for the device, once per array. That takes longer than a frame
+    `array.numpy()` allocates host memory and waits for the device for each array, which takes longer than a frame
     of a small body.
     """
 
@@ -27,7 +27,7 @@ class PinnedStaging:
         """Locked while the pinned memory is in use, since two threads may read frames."""
 
     def host_copies(self, *arrays: wp.array) -> list[NDArray]:
-        """Return copies of arrays, after the device has written them. All calls need equal shapes and types."""
+        """Return host copies after the device has written the arrays; all calls need equal shapes and types."""
         device = wp.get_device(arrays[0].device)
         if not device.is_cuda:
             return [to_host(array) for array in arrays]
@@ -52,5 +52,5 @@ class PinnedStaging:
 
 
 def to_host(array: wp.array) -> NDArray:
-    """Return a copy on the host; on the CPU `numpy()` alone would share memory with the array."""
+    """Return a copy on the host; on the CPU `numpy()` alone would share the array's memory."""
     return np.array(array.numpy())

@@ -16,7 +16,7 @@ from .stepping import Stepping
 
 
 class Present:
-    """The properties that a simulation and an ensemble share.
+    """Properties common to simulations and ensembles.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class Present:
     frame_index: int
 
     def __del__(self) -> None:
-        """Free the device memory at a time when no thread records a graph."""
+        """Free device memory when no thread records a graph."""
         release_in_turn(self.__dict__)
 
     def _held_back(self) -> NDArray[np.float64]:
-        """Return the largest displacement that contact prevented in each world in the last frame [m]."""
+        """Return the largest distance by which contact held a particle back, by world, in the last frame [m]."""
         contact = self.assembly.body_contact
         return np.zeros(self.model.worlds) if contact is None else contact.held_back
 
@@ -50,7 +50,7 @@ class Present:
         allow_unstable: bool,
         energy_limit: float,
     ) -> None:
-        """Check and store the arguments about time steps."""
+        """Check and store the arguments that concern time steps."""
         self.fps = checks.positive("fps", fps)
         self._method = SymplecticEuler() if integrator is None else integrator
         checks.instance("integrator", self._method, Integrator, "Leapfrog()")
@@ -60,19 +60,19 @@ class Present:
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
 
     def _choose(self, rates: Rates) -> StepChoice:
-        """Return the substeps for these rates; raise UnstableStep if the requested ones are too few."""
+        """Return the substeps for these rates; raise UnstableStep if the requested substeps are too few."""
         if self._forced is not None and self._allow_unstable:
             return choose_forced(rates, self._method, self.fps, self._forced)
         return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
 
     @property
     def assembly(self) -> Assembly:
-        """The system on its device, and the effects that act on it."""
+        """The system on the device, with the effects that act on it."""
         return self.stepping.assembly
 
     @property
     def model(self) -> Model:
-        """The system on its device."""
+        """The system on the device."""
         return self.stepping.model
 
     @property
@@ -87,12 +87,12 @@ class Present:
 
     @property
     def choice(self) -> StepChoice:
-        """The number of substeps of a frame, and the reason; in an ensemble the largest that a world needs."""
+        """The number of substeps per frame and its reason; in an ensemble the largest that a world needs."""
         return self.stepping.choice
 
     @property
     def substeps(self) -> int:
-        """Integrator steps per frame; with automatic substeps, the number in the last frame."""
+        """Integrator steps per frame; if automatic, the number in the last frame."""
         return self.choice.substeps
 
     @property
@@ -114,8 +114,8 @@ class Present:
     def positions(self) -> wp.array:
         """Current positions [m]: a Warp array on the device, which later steps overwrite.
 
-        It has vectors, shape [particle_count]; `Renderer.image` can draw it without a copy to the host. In an
-        ensemble it has the vectors of all worlds; each world begins `model.stride` after the previous one.
+        Vectors, shape [particle_count]; `Renderer.image` can draw them without a copy to the host. In an ensemble
+        the array has the vectors of all worlds; each world begins `model.stride` after the previous one.
         """
         return self.state.x
 
@@ -138,7 +138,7 @@ class PresentWorld(Present):
 
     @property
     def system(self) -> System:
-        """The system as last uploaded: at the start, or at the last change."""
+        """The system as last uploaded, at the start or at the last change."""
         return self.stepping.model.system
 
     @property
@@ -158,9 +158,9 @@ class PresentWorld(Present):
 
     @property
     def held_back(self) -> float:
-        """The furthest that contact held a particle back in a substep of the last frame [m]; 0 without contact.
+        """Largest distance by which contact held a particle back in a substep of the last frame, or 0 [m].
 
-        If impulses between bodies do not suffice, paths are shortened, which does not conserve momentum.
+        If impulses between bodies do not suffice, displacements are shortened, which does not conserve momentum.
         """
         return float(self._held_back()[0])
 
@@ -168,14 +168,14 @@ class PresentWorld(Present):
     def contact_force(self) -> NDArray:
         """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].
 
-        It is averaged over the last frame: the sum of the contact impulses, divided by the frame's duration. It is
-        0 before the first frame, and after a change that uploads the system again. Obstacles do not push pinned or
-        driven particles.
+        The mean over the last frame: the sum of contact impulses, divided by the frame's duration. It is 0 before
+        the first frame, and after a change that uploads the system again. Obstacles do not push pinned or driven
+        particles.
 
         Raises
         ------
         ValueError
-            If the simulation was made without `contact_forces=True` and without a probe of such forces.
+            If the simulation was made without `contact_forces=True` and without a probe of contact forces.
         """
         summed, model = self.stepping.contact_forces, self.model
         if summed is None:

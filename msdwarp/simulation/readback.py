@@ -17,8 +17,8 @@ from .simulation import Simulation
 class Readback:
     """Copies frames of a simulation to the host while it continues.
 
-    On a GPU a frame is first copied on the device, before the simulation overwrites it; that copy goes to the host
-    on a separate stream. On the CPU it is copied at once.
+    On a GPU a frame is first copied on the device, before the simulation overwrites it; this copy is sent to the
+    host on a separate stream. On the CPU a frame is copied once.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Readback:
         self._stream = wp.Stream(device) if device.is_cuda else None
         self._order: wp.array | None = None
         self._ordered_model: Model | None = None
-        # Last in, first out: on the CPU, memory that is never used is never allocated.
+        # Last in, first out: on the CPU, unused buffers are then never allocated.
         self._free: queue.LifoQueue[_Buffers] = queue.LifoQueue()
         for _ in range(depth):
             self._free.put(_Buffers(simulation.model, strain, contact_forces))
@@ -65,7 +65,7 @@ class Readback:
     @in_turn
     def _fill(self, buffers: "_Buffers") -> None:
         """Start the copy of the current frame."""
-        stepping = self._simulation.stepping  # read each time: changes of a simulation replace it
+        stepping = self._simulation.stepping  # read again, because a change of the simulation replaces it
         state = stepping.state
         arrays = buffers.on_device
         wp.copy(arrays["position"], state.x)
@@ -92,25 +92,25 @@ class Readback:
 
 
 class Taken:
-    """A frame in transfer to the host, in memory of the readback."""
+    """A frame in transfer to the host, in a buffer of the readback."""
 
     def __init__(self, simulation: Simulation, buffers: "_Buffers", free: "queue.LifoQueue[_Buffers]") -> None:
         self._time, self._buffers, self._free = simulation.time, buffers, free
         self.substeps = simulation.substeps
-        """Substeps of the frame; at the start, of the first frame."""
+        """Substeps per frame in this frame; at time 0, in the first frame."""
         self._released = False
 
     def arrived(self) -> tuple[Frame, NDArray | None]:
-        """Wait for the frame, in any thread; return it, equal to `Simulation.frame` at its time, and the strain.
+        """Wait for the frame, in any thread; return it, as `Simulation.frame` does, and the strain.
 
         The strain of the system's connections, shape [connection_count], is computed in float64 from the device's
         arrays, and rounded to the simulation's precision; None if not requested. After `release` later frames
-        overwrite the arrays. Raises RuntimeError if the device has failed meanwhile.
+        overwrite these arrays. Raises RuntimeError if the device has failed meanwhile.
         """
         self._buffers.wait()
         arrays = self._buffers.on_host
         position, velocity = arrays["position"], arrays["velocity"]
-        if "position_compensation" in arrays:  # subtract the rounding errors of the sums
+        if "position_compensation" in arrays:  # subtract the rounding errors of sums
             position = position.astype(np.float64) - arrays["position_compensation"]
             velocity = velocity.astype(np.float64) - arrays["velocity_compensation"]
         return Frame(self._time, position, velocity), arrays.get("strain")
@@ -124,10 +124,10 @@ class Taken:
         return self._buffers.on_host.get("broken_at")
 
     def contact_force(self) -> NDArray | None:
-        """Wait for the frame, and return the contact force on each particle [N]; None if it was not requested.
+        """Wait for the frame, and return the contact force on each particle [N]; None if not requested.
 
-        It equals `Simulation.contact_force` in this frame, shape [particle_count, d]. After `release` later frames
-        overwrite the array.
+        Equal to `Simulation.contact_force` after this frame, shape [particle_count, d]. After `release` later
+        frames overwrite the array.
         """
         self._buffers.wait()
         return self._buffers.on_host.get("contact_force")
@@ -140,7 +140,7 @@ class Taken:
 
 
 class _Buffers:
-    """Memory for a frame, on the device and on the host; on the CPU they are the same."""
+    """Buffers for a frame, on the device and on the host; on the CPU both are the same."""
 
     def __init__(self, model: Model, strain: bool, contact_forces: bool) -> None:
         n, device = model.particle_count, model.device
@@ -155,13 +155,13 @@ class _Buffers:
             kinds["broken_at"] = (model.connection_count, wp.float32)
         self.on_device = {name: wp.empty(*kind, device=device) for name, kind in kinds.items()}
         self._host = self.on_device
-        if device.is_cuda:  # only copies to pinned memory run in parallel with kernels
+        if device.is_cuda:  # only copies to pinned memory can run in parallel with kernels
             self._host = {name: wp.empty(*kind, device="cpu", pinned=True) for name, kind in kinds.items()}
             self._complete, self._sent = wp.Event(device), wp.Event(device)
         self.on_host = {name: array.numpy() for name, array in self._host.items()}
 
     def send(self, stream: wp.Stream) -> None:
-        """Copy to the host on `stream`, after the device's own stream has written everything."""
+        """Start the copy to the host on `stream`, after the device's own stream has written everything."""
         stream.device.stream.record_event(self._complete)
         stream.wait_event(self._complete)
         for name, array in self.on_device.items():

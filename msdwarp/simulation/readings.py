@@ -11,9 +11,9 @@ from ..world import FRAME, SUBSTEP, Probe, probes_by
 
 
 class Readings(Mapping[str, Series]):
-    """Time series by probe name: a reading for each frame, or substep, since the start.
+    """Time series by probe name: a reading for each frame or substep since the start.
 
-    After `Simulation.restore` they begin with the frame after the checkpoint.
+    After `Simulation.restore` series begin with the frame after the checkpoint.
     """
 
     def __init__(self, probes: Mapping[str, Probe], dim: int) -> None:
@@ -24,14 +24,14 @@ class Readings(Mapping[str, Series]):
     def add(self, time: float, seconds: float, rows: Mapping[str, NDArray[np.float64]]) -> None:
         """Add the readings of a frame of `seconds` that ended at `time` [s].
 
-        The rows of a probe are evenly spaced in time; the last one is at the end of the frame.
+        A probe's rows are evenly spaced in time; the last row is at the end of the frame.
         """
         for name, values in rows.items():
             before = np.arange(len(values) - 1, -1, -1) / len(values)
             self._frames[name].append(Series(time - seconds * before, values))
 
     def last(self, every: str = FRAME) -> NDArray[np.float64]:
-        """Return the last frame's readings of the probes by frame, or by substep, side by side.
+        """Return the last frame's readings of all probes read by frame, or by substep, as columns.
 
         Column 0 is the time [s]. Shape [readings in a frame, 1 + widths]; [0, 0] without any probe.
         """
@@ -39,7 +39,7 @@ class Readings(Mapping[str, Series]):
         return np.column_stack([last[0].times, *(one.values for one in last)]) if last else np.zeros((0, 0))
 
     def __getitem__(self, name: str) -> Series:
-        """Return the series of a probe; raise KeyError if there is none of this name."""
+        """Return the series of a probe; raise KeyError if no probe has this name."""
         if name not in self._frames:
             raise KeyError(
                 f"there is no probe {checks.repr_short(name)}; there are {', '.join(self._frames) or 'none'}"

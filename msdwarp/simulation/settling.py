@@ -1,4 +1,4 @@
-"""Settling: moves a system to static equilibrium by FIRE, much faster than its motion would die away."""
+"""Settling: moves a system to static equilibrium by FIRE, much faster than damping stops its motion."""
 
 import math
 from collections.abc import Mapping
@@ -15,28 +15,28 @@ from .divergence_error import SimulationDiverged
 from .stepping import Stepping
 
 SUBSTEPS = 64
-"""Substeps of a frame at the start: between two frames the residual force is read."""
+"""Substeps of a frame at first; the residual force is read between frames."""
 SHARE_OF_WEIGHT = 1e-3
-"""The default tolerance, as a fraction of the mean weight of a particle."""
+"""Default tolerance as a fraction of the mean weight of a particle."""
 SHARE_OF_START = 1e-4
-"""The default tolerance without gravity, as a fraction of the largest force in the first frame."""
+"""Default tolerance without gravity, as a fraction of the largest force in the first frame."""
 SAFETY = 0.6
 """Fraction of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`."""
 REFRESH = 8
 """Frames after which the stable substep is computed again."""
 NEAR = 0.9
-"""A needed number of substeps above this fraction of the current number changes nothing."""
+"""If the needed substeps exceed this fraction of the current number, the number is kept."""
 
 
 class Settled(NamedTuple):
-    """How a system has settled."""
+    """Result of settling a system."""
 
     residual: float
-    """The largest force that is left on a free particle [N]."""
+    """Largest remaining force on a free particle [N]."""
     tolerance: float
-    """The largest force that was allowed [N]."""
+    """Largest allowed residual force [N]."""
     substeps: int
-    """Substeps of FIRE."""
+    """Number of substeps of FIRE."""
 
     @property
     def converged(self) -> bool:
@@ -44,7 +44,7 @@ class Settled(NamedTuple):
         return self.residual <= self.tolerance
 
     def __str__(self) -> str:
-        """Describe it in a line."""
+        """Describe the result in a line."""
         within = "within" if self.converged else "above"
         return (
             f"settled in {self.substeps} substeps: the largest force left is {self.residual:.3g} N, {within} the "
@@ -62,10 +62,10 @@ def settled(
     threads: int | str,
     time: float,
 ) -> tuple[System, Settled]:
-    """Return a system in equilibrium under the loads of a `time` [s], at rest, and how it has settled.
+    """Return (system in equilibrium and at rest, result of settling), under the loads at a `time` [s].
 
-    `surroundings` are arguments of `assemble`. FIRE runs in float64 and without dampers, which change no
-    equilibrium, for at most `most` substeps. See `Simulation.settle`.
+    `surroundings` are arguments of `assemble`. FIRE runs for at most `most` substeps, in float64 and without
+    dampers, since these do not change equilibria. See `Simulation.settle`.
     """
     tolerance = None if tolerance is None else checks.positive("tolerance", tolerance)
     most = checks.count("substeps", most, 1)

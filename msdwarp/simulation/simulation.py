@@ -83,8 +83,8 @@ class Simulation(Changing, Differentiable):
         Accept a step beyond the stability limit.
     energy_limit
         The run counts as diverged if its energy has grown by this multiple of a scale, times
-        `StepChoice.energy_swing`. The scale is the initial energy plus the energy of a fall by the system's own
-        size. With inf a run ends only if a number is not finite, and automatic substeps are not adapted.
+        `StepChoice.energy_swing`. The scale is the initial energy plus the energy of a fall by the system's size.
+        With inf a run ends only if a number is not finite, and automatic substeps are not adapted.
     device
         Name of a Warp device. By default the first CUDA device, or the CPU if there is none.
     precision
@@ -97,12 +97,12 @@ class Simulation(Changing, Differentiable):
         Number of thread blocks and threads per block that compute all substeps of a frame in one launch: a pair,
         or "auto". None: each stage of each substep is a launch. This affects speed only.
     threads
-        Number of CPU threads; "auto" uses one for each core, or a single one for small bodies. The environment
+        Number of CPU threads; "auto" uses one for each core, or one thread for small bodies. The environment
         variable MSDWARP_THREADS sets the maximum. This affects speed only: results are the same to the last bit.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes
-        Sensors by name; see `msdwarp.Probe`. Their values are in `readings`.
+        Sensors by name; see `msdwarp.Probe`. The measured values are in `readings`.
     contact_forces
         Compute the contact force on each particle, for `contact_force`, pictures and files.
 
@@ -120,7 +120,7 @@ class Simulation(Changing, Differentiable):
     """
 
     start: Settled | None = None
-    """How the scene settled before the start; None if it did not have to."""
+    """Result of settling the scene before the start; None if the scene is not settled."""
 
     @in_turn
     def __init__(
@@ -196,7 +196,7 @@ class Simulation(Changing, Differentiable):
         return simulation
 
     def __reduce__(self) -> NoReturn:
-        """Refuse copies and pickles: memory and graphs of the device cannot be copied."""
+        """Refuse copying and pickling, since memory and graphs on the device cannot be copied."""
         raise TypeError("a Simulation cannot be copied or pickled; use checkpoint and restore")
 
     def __repr__(self) -> str:
@@ -222,10 +222,10 @@ class Simulation(Changing, Differentiable):
         self._step_controller = StepController() if automatic else None
         self._load(self._initial)
         self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
-        """Pairs of a time [s] and the number of substeps of a frame from then on."""
+        """Pairs of a time [s] and the substeps per frame from this time on."""
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
-        """Upload a system and prepare to advance it by the given substeps, or choose them."""
+        """Upload a system, and prepare to advance it by the given substeps, or by newly chosen ones."""
         assembly, controller = assemble(system, **self._surroundings), self._step_controller
         if self.time > 0.0:
             assembly.take_over(self.assembly, self.state.x, self.state.v)
@@ -255,26 +255,26 @@ class Simulation(Changing, Differentiable):
         Raises
         ------
         SimulationDiverged
-            If numbers are no longer finite, or the energy has grown without a cause (and, with automatic substeps,
-            more of them did not help). The simulation is then back at the last good frame.
+            If numbers are no longer finite, or the energy has grown without a cause (and more automatic substeps
+            did not help). The simulation is then back at the end of the last good frame.
 
         Warns
         -----
         EnergyDriftWarning
             Once per run, if the energy has risen by rounding errors (automatic substeps only).
         StrainWarning
-            Once per run, if a body whose Poisson's ratio is below that of springs is strained so much that it may
-            stay distorted (automatic substeps only).
+            Once per run, if a body whose Poisson's ratio is below the ratio of springs alone is strained so much
+            that it may stay distorted (automatic substeps only).
         """
         count = checks.count("frames", frames, 1)
         try:
             for left in reversed(range(count)):
                 self._step(left > 0)
-        finally:  # if anything was raised, the next frame may have been launched
+        finally:  # if an exception was raised, the next frame may have been launched
             self.stepping.discard_ahead()
 
     def _step(self, continues: bool) -> None:
-        """Advance by a frame; `continues` is whether another one follows immediately."""
+        """Advance by a frame; `continues`: another frame follows immediately."""
         while self._due and self._due[0].is_due(self.frame_index, self.fps):
             self._apply_scheduled_change()
         if self._refresh:
@@ -308,7 +308,7 @@ class Simulation(Changing, Differentiable):
         return self._choose(rate_bounds(self.system, self.assembly, self.state))
 
     def _update_choice(self) -> None:
-        """Choose the substeps again, for the current state."""
+        """Choose the substeps for the current state."""
         choice = self._stable_choice()
         if self._step_controller is not None:
             self.stepping = self._step_controller.follow(self.stepping, choice)
@@ -316,7 +316,7 @@ class Simulation(Changing, Differentiable):
             self.stepping = self.stepping.with_choice(choice)
 
     def _divergence(self, gained: float | None = None) -> SimulationDiverged:
-        """Return the error for the last frame, and go back to its start."""
+        """Return the error for the last frame, after going back to its start."""
         divergence = self.stepping.locate_divergence()
         rates = rate_bounds(self.system, self.assembly, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
@@ -344,7 +344,7 @@ class Simulation(Changing, Differentiable):
 
     @in_turn
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
-        """Return arrays, and numbers and names, from which `restore` continues this frame bit for bit."""
+        """Return arrays, and values, from which `restore` continues this frame bit for bit."""
         arrays, numbers = checkpoint.saved(self.stepping)
         arrays |= checkpoint.saved_drives(self._loads, self.model)
         own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}
@@ -381,7 +381,7 @@ class Simulation(Changing, Differentiable):
         self._step_controller = self._step_controller and StepController()
         self.frame_index = frame_index
         self.readings = Readings(self._surroundings["probes"], system.dim)
-        if reusable:  # a sweep restores many worlds: an upload for each would take as long as a new simulation
+        if reusable:  # in a sweep, an upload for each restored world would take as long as a new simulation
             self.stepping.begin_at(self.time)
         else:
             self._load(system, choice)
@@ -392,5 +392,5 @@ class Simulation(Changing, Differentiable):
         self.substep_history = chosen or [(0.0, self.substeps)]
         if baseline is not None:
             self.stepping.watch.compare_with(baseline)
-        if controller is not None:  # older checkpoints have none: the controller starts here
+        if controller is not None:  # older checkpoints have no controller: it starts here
             self._step_controller = controller

@@ -43,17 +43,17 @@ from .track import Track, Tracks, can_judge_late
 class Stepping:
     """The worlds on a device, the method that advances them, and the substeps of a frame.
 
-    Any change of these creates a new `Stepping`, so callers never see a partial change. In an ensemble worlds that
-    diverge are frozen, and the others continue.
+    A change of any of these creates a new `Stepping`, so callers never see a partial change. In an ensemble
+    diverged worlds are frozen, and the others continue.
 
-    `state` has velocities at the time of the positions. `choices` are the substeps that each world needs, or one
-    choice for equal worlds: all take the largest number, `choice`, to which `integrator` is fitted. For
-    `energy_limit` and `blocks` see `Simulation`; in an ensemble `blocks` is the number of threads of a world. With
+    `state` has velocities at the time of the positions. `choices` has the substeps that each world needs, or one
+    entry for equal worlds; all worlds use the largest number, `choice`, to which `integrator` is fitted. For
+    `energy_limit` and `blocks` see `Simulation`; in an ensemble `blocks` is the number of threads per world. With
     `watch_energy` a `StepController` reads the energy balance of frames. `baseline` is the reference for energies,
-    by default that of the state, whose time is `time` [s].
+    by default the energy of `state`, at `time` [s].
 
     `frozen` freezes worlds; it is None outside of ensembles. `contact_forces` sums the contact forces of a frame;
-    None if nobody reads them.
+    None if no probe or caller needs them.
     """
 
     def __init__(
@@ -100,10 +100,10 @@ class Stepping:
         self._balance_graph: Any = None
         self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
-        """Numbers of frames and of balances that are launched before the next ones are recorded."""
+        """Numbers of frames, and of balances, to launch directly before later ones are recorded."""
         small = is_told_by_frames(dynamics)
         self._can_sum_balance, self.sum_balance = watch_energy and small, True
-        """Whether frames can sum their energy balance, and whether the next ones do; else a request sums it."""
+        """Whether frames can sum the energy balance; whether the next ones do, instead of `balance_of_frame`."""
         self.runs_ahead = small and can_judge_late(
             self.assembly, forces, self._frame_sensors, self._substep_sensors
         )
@@ -119,11 +119,11 @@ class Stepping:
 
     @property
     def graph(self) -> Any:
-        """The graph that recorded the first frame; None before."""
+        """The graph recorded first; None before."""
         return next(iter(self._tracks.first.graphs.values()), None)
 
     def with_choice(self, choice: StepChoice) -> Self:
-        """Return a `Stepping` with other substeps that replaces this one and continues from the current state."""
+        """Return a `Stepping` with other substeps, which replaces this one and continues from its state."""
         own = self.integrator
         if own.staggered or not self.at_start:
             self._velocities.change_lag(own.lag * choice.step)
@@ -136,12 +136,12 @@ class Stepping:
         return self._time == 0.0
 
     def set_gravity(self, gravity: ArrayLike) -> None:
-        """Set a constant gravity [m/s²]. Only graphs recorded with the old one are recorded again."""
+        """Set a constant gravity [m/s²]. Graphs that contain the old gravity are recorded again."""
         weight_before, energy_before = weight(self.model), potential(self.model, self.state)
         with self._synchronized_velocities():
             self.model.fall(gravity)
             self.dynamics.scene.gravity = self.model.gravity
-        # Recording costs more than a launch. It pays only if no other change follows soon.
+        # Recording takes longer than a launch, and pays only if no other change follows soon.
         self._unrecorded, self._unsummed = 1, 4
         added_energy = potential(self.model, self.state) - energy_before
         self._shift_baseline(added_energy, max(0.0, weight(self.model) - weight_before) * size(self.state))
@@ -153,34 +153,34 @@ class Stepping:
         with self._synchronized_velocities():
             before = self.state.v.numpy()[chosen].astype(np.float64)
             self.state.throw(velocity, chosen)
-        mass = np.broadcast_to(self.model.mass, len(chosen))[chosen]  # of free particles
+        mass = np.broadcast_to(self.model.mass, len(chosen))[chosen]  # finite: none is pinned
         added_energy = 0.5 * float(mass @ (velocity[chosen] ** 2 - before**2).sum(axis=1))
         self._shift_baseline(added_energy, max(0.0, added_energy))
 
     def _shift_baseline(self, energy: float, scale: float) -> None:
-        """Add `energy` [J] to the baseline's energy, and `scale` [J] to its scale of energies."""
+        """Add `energy` [J] to the baseline's energy, and `scale` [J] to its scale."""
         baseline = self.watch.baseline
         self.watch.compare_with(Baseline(baseline.energy + energy, baseline.scale + scale))
 
     def exchange(self, replacements: Mapping[Load, Load]) -> None:
-        """Replace loads by others that differ only in values, given as {old: new}."""
+        """Replace loads (keys) by loads that differ only in values (values)."""
         work, x = self.assembly.external_work, self.state.x
         with self._synchronized_velocities():
             done = 0.0 if work is None else work.totals(x, self.state.v)
             for effect in self.assembly.all:
                 effect.exchange(replacements)
             self.dynamics.hold(self._time)
-            if work is not None:  # the work done so far does not change
+            if work is not None:  # the work done so far stays the same
                 work.before += done - work.totals(x, self.state.v)
         pulls = [one for one in replacements.values() if isinstance(one, MouseSpring)]
-        if pulls:  # each move of the mouse adds the energy that its springs store
+        if pulls:  # each move of the mouse adds the energy stored by its springs
             energy, scale = Baseline.of(self.assembly, self.state)
             positions = x.numpy()
             self.watch.compare_with(Baseline(energy, scale + sum(one.stored(positions) for one in pulls)))
 
     @contextmanager
     def _synchronized_velocities(self) -> Iterator[None]:
-        """Shift velocities to the time of the positions; on exit back, with the forces at that moment."""
+        """Shift velocities to the time of the positions; on exit shift them back, with the forces at exit."""
         v = self.velocity()
         if v is not self.state.v:
             wp.copy(self.state.v, v)
@@ -192,8 +192,8 @@ class Stepping:
     def advance(self, time: float, next_time: float | None = None) -> bool:
         """Advance by the frame that begins at `time` [s]; return False if it diverged.
 
-        If another frame follows immediately, at `next_time` [s], the host prepares it while the device works, and
-        if possible launches it before it judges the current one. Omit `next_time` if the caller acts between the
+        If another frame follows immediately, at `next_time` [s], the host prepares it while the device works and
+        may launch it before testing the current frame. Omit `next_time` if the caller acts between the two
         frames, since functions of time may then return other values.
         """
         if not self._tracks.advance():
@@ -204,11 +204,11 @@ class Stepping:
             self.dynamics.prepare(next_time)
             if self.runs_ahead and not self._unrecorded:
                 ahead = self._tracks.other()
-                with suppress(Exception):  # raised again when that frame begins, if ever
+                with suppress(Exception):  # raised again when that frame begins, if it does
                     self._take_frame(next_time, ahead)
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
-        # All effects are asked. If a neighbour list was too short or too old, the frame is repeated.
+        # The sum calls every effect. If a neighbour list was too short or too old, the frame is repeated.
         while sum(effect.is_void() for effect in self.assembly.all):
             self.go_back()
             self._take_frame(time, track)
@@ -254,18 +254,18 @@ class Stepping:
         track.found.mark()
 
     def _forget_outdated(self) -> None:
-        """Drop graphs whose arrays, arguments or kernels have been replaced."""
+        """Drop graphs with replaced arrays, arguments or kernels."""
         if self._generation != self.model.generation:
             self._tracks.forget_graphs()
             self._balance_graph, self._generation = None, self.model.generation
 
     def begin_at(self, time: float) -> None:
-        """Set the time [s] of the state, which the caller writes next."""
+        """Set the time [s] of the state that the caller writes next."""
         self._time = self._frame_start = time
         self.dynamics.hold(time)
 
     def reset_baseline(self) -> None:
-        """Compare energies with those of the current state from now on."""
+        """From now on compare energies with the energies of the current state."""
         self.watch.compare_with(Baseline.of(self.assembly, self.state))
 
     def go_back(self) -> None:
@@ -299,7 +299,7 @@ class Stepping:
             self._substep_sensors.launch(v, substep)
 
     def balance(self) -> EnergyBalance:
-        """Return the energy balance of the current state, summed by separate launches."""
+        """Return the energy balance of the current state, computed by separate launches."""
         sums = self._energy_sums = self._energy_sums or self._new_energy_sums()
         self._forget_outdated()
         found = self._tracks.first.found
@@ -313,14 +313,14 @@ class Stepping:
         return sums.balance(found.read())
 
     def balance_of_frame(self) -> EnergyBalance:
-        """Return the energy balance at the end of the last frame; sum it now if the frame did not."""
+        """Return the energy balance at the end of the last frame; compute it now if the frame did not."""
         if self._tracks.current.sums_balance and self._energy_sums is not None:
             return self._energy_sums.balance(self.watch.told)
         self.discard_ahead()
         return self.balance()
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
-        """Return the last frame's readings by probe name: evenly spaced rows, the last at the frame's end."""
+        """Return the last frame's readings by probe name: evenly spaced rows, the last row at the frame's end."""
         found = {}
         for sensors in filter(None, (self._frame_sensors, self._substep_sensors)):
             found |= sensors.read()
@@ -352,7 +352,7 @@ class Stepping:
     def frame(self, time: float) -> Frame:
         """Return the current positions and velocities, in an ensemble of shape [worlds, particle_count, d]."""
         position, velocity = self._staging.host_copies(self.state.x, self.velocity())
-        if self.model.compensated:  # subtract the rounding errors of the sums
+        if self.model.compensated:  # subtract the rounding errors of sums
             position = position.astype(np.float64) - self.state.compensation.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
         return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))

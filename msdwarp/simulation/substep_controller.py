@@ -12,63 +12,63 @@ from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
 from .stepping import Stepping
 
 SHARE = 0.02
-"""Allowed rise of the energy above its minimum, as a share of the scale.
+"""Allowed rise of the energy above its minimum, as a fraction of the scale.
 
-The conserved energy fluctuates by less if steps are short enough for a strongly stretched body. Otherwise it rises
-by more within a second.
+Rounding and a sufficiently short step cause smaller fluctuations of the conserved energy, even in a strongly
+stretched body. With a longer step it rises by more within a second.
 """
 MOST_SWING = 0.04
-"""Allowed difference of the conserved energy from the physical energy, as a share of the scale.
+"""Allowed difference between the conserved and the physical energy, as a fraction of the scale.
 
-Physical energy that moves to the fastest modes grows by 1/(1 − h²λ/4), a factor 2.8 at 0.8 of the limit, though
-the conserved energy stays the same.
+The physical energy of the fastest modes is larger by a factor 1/(1 − h²λ/4), 2.8 at 0.8 of the limit, although the
+conserved energy stays the same.
 """
 ENOUGH_FOR_SWING = 8.0
-"""At this refinement the swing due to the step is 1/64 of the original; the rest comes from contact and loads."""
+"""At this refinement the swing due to the step is 1/64 of the original; contact and loads cause the rest."""
 MOST_GAINED = 0.08
-"""A run ends when its energy has risen above the floor by this share of the scale."""
+"""A run ends when its energy has risen above the floor by this fraction of the scale."""
 ROUNDED = 1e-4
-"""Rounding errors stay below this share of their allowance, unless they add up: ten times that of a single one."""
+"""Rounding errors exceed this fraction of the allowance only if they add up; one error is a tenth of it."""
 MOST_REFINEMENT = 64.0
 """The largest refinement that is tried."""
 SAME = 0.7
-"""A rise that keeps more than this share when the step is halved is physical. At order 1 half is kept."""
+"""If halving the step keeps more than this fraction of a rise, the rise is physical. Order 1 keeps half."""
 SLOW = 0.25
-"""A frame that used less than this share of the allowance did not cause the rise; earlier frames did."""
+"""A frame that used less than this fraction of the allowance did not cause the rise; earlier frames did."""
 LONGEST_INTERVAL = 64
 """Maximal number of frames between two checks. A check costs as much as a few substeps."""
 OFTEN = 8
-"""At intervals shorter than this each frame on a GPU sums its energy balance."""
+"""At shorter intervals than this, each frame on a GPU sums its energy balance."""
 LARGE_STRAIN = 0.3
 """Above this strain the stability limit of small motions is unreliable, and every frame is checked."""
 FRAGILE_STRAIN = 0.4
-"""Above this strain of some connection a body with a negative modulus of volume may stay distorted."""
+"""Above this strain of a connection a body with cells of negative modulus may stay distorted."""
 PATIENCE = 60
 """Quiet frames before fewer substeps are tried."""
 MOST_PATIENCE = 4096
-"""Patience doubles, up to this, when fewer substeps were too few."""
+"""Maximal patience. It doubles when fewer substeps were too few."""
 EASING = 1.25
-"""Divisor of the substeps when fewer are tried."""
+"""Divisor of the substeps when fewer substeps are tried."""
 KEPT = 0.9
-"""From this share of the substeps on, fewer that are required change nothing: frames would be recorded again."""
+"""If the required substeps are at least this fraction of the current, these are kept: recording is slow."""
 
 
 class StepControlFailed(Exception):
-    """No number of substeps is enough: the frame diverges, or the energy still rises."""
+    """Raised if no number of substeps is enough: the frame diverges, or the energy still rises."""
 
     def __init__(self, stepping: Stepping, gained: float | None = None) -> None:
         super().__init__()
         self.stepping = stepping
         """The stepping of the last attempt."""
         self.gained = gained
-        """The rise of energy as a share of its scale; None if the frame diverged."""
+        """The rise of energy as a fraction of its scale; None if the frame diverged."""
 
 
 _STORED = {"quiet_frames": "calm", "coarsen_after": "patience", "rechoose": "anew"}
 
 
 def _stored(name: str) -> str:
-    """Return the name of a field in checkpoints, the same as in version 0.1, whose files still load."""
+    """Return the name of a field in checkpoints, as in version 0.1, whose files still load."""
     return f"pace.{_STORED.get(name, name)}"
 
 
@@ -78,24 +78,24 @@ class StepController:
 
     After a frame it checks the energy that the method conserves, minus external work. This energy can only fall.
     If it has risen above its minimum by more than `SHARE` of its scale, the run goes back to the frame's start and
-    takes twice the substeps. After quiet frames it tries fewer. Checks become rare while nothing new happens.
-    Decisions ignore wall-clock time, so runs repeat and resume to the last bit.
+    doubles the substeps. After quiet frames it tries fewer substeps. Checks become rare while energies stay in
+    their known range. Decisions ignore wall-clock time, so runs repeat and resume to the last bit.
     """
 
     refinement: float = 1.0
-    """Factor on the substeps that stability requires."""
+    """Factor by which substeps exceed the number that stability requires."""
     least: float = 0.0
-    """The least energy since the last rise [J]; the next rise counts from here."""
+    """The least energy since the last rise [J]: the reference for the next rise."""
     floor: float = 0.0
-    """The least energy so far, plus accepted gains that physics explains [J]."""
+    """The least energy so far, plus accepted physical gains [J]."""
     scale: float = 0.0
-    """Largest energy of motion and stretching so far [J]."""
+    """Largest kinetic and elastic energy so far, with a small weight for motion of the whole body [J]."""
     rounding: float = 0.0
-    """The part of the scale for rounding to float32 [J]; 0 if almost all is rounding, as for a body at rest."""
+    """The part of the scale that allows for float32 rounding [J]; 0 if it is nearly all, as in a body at rest."""
     low: float = 0.0
-    """Least kinetic and gravitational energy at a check [J]."""
+    """Least kinetic plus gravitational energy minus work at a check [J]."""
     high: float = 0.0
-    """Largest kinetic and gravitational energy at a check [J]."""
+    """Largest kinetic plus gravitational energy minus work at a check [J]."""
     strain: float = 0.0
     """Largest strain when the stability limit was computed."""
     interval: int = 1
@@ -110,23 +110,23 @@ class StepController:
     """Whether substeps are chosen again before the next frame: the refinement or the strain has changed."""
 
     def __post_init__(self) -> None:
-        """Begin without warnings."""
+        """Start without warnings."""
         self.warnings: dict[type[Warning], str] = {}
-        """Warnings by kind."""
+        """Messages of pending warnings, by class of warning."""
 
     def saved(self) -> dict[str, float]:
-        """Return the numbers for a checkpoint."""
+        """Return the fields' values for a checkpoint."""
         return {_stored(field.name): getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def restored(cls, numbers: Mapping[str, Any]) -> Self | None:
-        """Return the controller that a checkpoint holds, or None; raise ValueError if a number is invalid."""
+        """Return the controller stored in a checkpoint, or None; raise ValueError if a value is invalid."""
         if "pace.refinement" not in numbers:
             return None
         values = {}
         for field in fields(cls):
             name = _stored(field.name)
-            if field.name == "rounding" and name not in numbers:  # an older checkpoint
+            if field.name == "rounding" and name not in numbers:  # from an older checkpoint
                 continue
             value = values[field.name] = checks.member("checkpoint", numbers, name)
             if isinstance(field.default, bool):
@@ -140,9 +140,9 @@ class StepController:
         return cls(**values)
 
     def begin(self, stepping: Stepping, above: float = 0.0) -> None:
-        """Begin, or continue after a change, from a state whose energy is `above` the floor [J]."""
+        """Start, or continue after a change, from a state whose energy is `above` the floor [J]."""
         balance, model, state = stepping.balance(), stepping.model, stepping.state
-        # Rounding errors of ten seconds add up to several hundred times a single one.
+        # Rounding errors of ten seconds add up to several hundred times one error.
         fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(model, state)
         self.scale = fall + rounding
         separable = model.precision != "float64" and max(fall, balance.inner) > ROUNDED * rounding
@@ -153,12 +153,12 @@ class StepController:
         self._update_extremes(balance)
 
     def set_gravity(self, stepping: Stepping, added: float) -> None:
-        """Continue under another gravity, which has added energy [J]."""
+        """Continue with another gravity, which has added energy [J]."""
         self.add_energy(stepping, added)
         self.scale = max(self.scale, 0.05 * weight(stepping.model) * size(stepping.state))
 
     def add_energy(self, stepping: Stepping, added: float) -> None:
-        """Continue after a change that has added energy [J] but has not moved particles."""
+        """Continue after a change that has added energy [J] without moving particles."""
         self.least, self.floor, self.low, self.high = (
             one + added for one in (self.least, self.floor, self.low, self.high)
         )
@@ -179,8 +179,8 @@ class StepController:
         """Advance by the frame that begins at `time` [s]; return the `Stepping` that has advanced.
 
         `stable_choice` returns the substeps that stability requires in the current state. `next_time` is as for
-        `Stepping.advance`. If no number of substeps is enough, StepControlFailed is raised, with the state of the
-        last attempt.
+        `Stepping.advance`. Raises StepControlFailed, with the state of the last attempt, if no number of substeps
+        is enough.
         """
         if self.rechoose:
             stepping.discard_ahead()
@@ -188,7 +188,7 @@ class StepController:
             with suppress(UnstableStep):  # otherwise keep the old substeps
                 stepping = self.follow(stepping, stable_choice())
         usual, rises = self.refinement, list[float]()
-        # If checks are rare, balances are needed only near the next one: in this frame or the one after it.
+        # If checks are rare, balances are needed only near the next check: in this frame or the one after.
         stepping.sum_balance = self.interval < OFTEN or self.since + 2 >= self.interval
         fine = stepping.advance(time, next_time)
         self.since += 1
@@ -198,7 +198,7 @@ class StepController:
         while True:
             balance = stepping.balance_of_frame() if fine else None
             if balance is not None and self._is_acceptable(balance):
-                if start is not None:  # the refinement has handled this rise: the next one counts from here
+                if start is not None:  # the refinement has handled this rise; the next rise counts from here
                     self.least = max(self.least, balance.energy - SLOW * self._allowed(balance))
                 return self._accept(stepping, balance)
             if balance is not None and start is not None:
@@ -219,7 +219,7 @@ class StepController:
     def follow(self, stepping: Stepping, choice: StepChoice) -> Stepping:
         """Return the `Stepping` with the substeps of the stable `choice` times the refinement.
 
-        A number that is only a little smaller than the current one is not adopted.
+        A number that is only slightly smaller than the current one is ignored.
         """
         choice, now = choice.refined(self.refinement), stepping.choice.substeps
         if KEPT * now <= choice.substeps < now:
@@ -227,24 +227,24 @@ class StepController:
         return self._with_choice(stepping, choice)
 
     def _is_due(self, stepping: Stepping) -> bool:
-        """Return whether the frame is checked: by count, or because its energies are new."""
+        """Return whether the frame is checked: after the interval, or because its energies are out of range."""
         free, margin = stepping.watch.energy, 0.05 * self.scale
         if self.since >= self.interval or not self.low - margin <= free <= self.high + margin:
             return True
-        return free > self.least + self._allowed()  # elastic energy only adds to it
+        return free > self.least + self._allowed()  # true without elastic energy, which only adds to `free`
 
     def _is_acceptable(self, balance: EnergyBalance) -> bool:
-        """Return whether the conserved energy has risen little, and differs little from the physical energy."""
+        """Return whether the conserved energy has risen little and differs little from the physical energy."""
         if balance.swing > MOST_SWING * self._scale_of(balance) and self.refinement < ENOUGH_FOR_SWING:
             return False
         return balance.energy <= self.least + self._allowed(balance)
 
     def _allowed(self, balance: EnergyBalance | None = None) -> float:
-        """Return by how much the energy may exceed its least value so far [J]."""
+        """Return the allowed rise of the energy above its least value so far [J]."""
         return SHARE * self._scale_of(balance)
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:
-        """Return the scale of energies [J]: at least the external work, which has an error of first order."""
+        """Return the scale of energies [J]: at least the external work, whose error is of first order."""
         return self.scale if balance is None else max(self.scale, abs(balance.work))
 
     def _accept_gain(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
@@ -256,7 +256,7 @@ class StepController:
         return self._accept(stepping, balance)
 
     def _accept(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
-        """Accept a frame: record its energies, and decide when to check and to choose substeps again."""
+        """Accept a frame: record its energies; decide when to check and choose substeps again."""
         self._update_extremes(balance)
         self._check_rounding(stepping, balance)
         cells = stepping.model.system.cells
@@ -272,14 +272,14 @@ class StepController:
         self.interval = min(2 * self.interval, LONGEST_INTERVAL) if quiet else 1
         if self.refinement > 1.0 and self.quiet_frames >= self.coarsen_after:
             self.refinement, self.quiet_frames = max(1.0, self.refinement / EASING), 0
-        # The stability limit depends on the strain: compute it again after a large change.
+        # The stability limit depends on the strain: compute the limit again after a large change.
         stretched = not 0.5 * self.strain - 0.05 <= balance.strain <= 1.2 * self.strain + 0.05
         if stretched or self.refinement != stepping.choice.refinement:
             self.strain, self.rechoose = balance.strain, True
         return stepping
 
     def _check_rounding(self, stepping: Stepping, balance: EnergyBalance) -> None:
-        """Warn if a large rise of energy is allowed only because it may be rounding."""
+        """Warn if a large rise of energy is allowed only because rounding may cause it."""
         gained = balance.energy - self.floor
         without_rounding = max(self.scale - self.rounding, balance.inner + 0.05 * balance.kinetic)
         if max(MOST_GAINED * without_rounding, ROUNDED * self.rounding) < gained < self.rounding:
@@ -294,13 +294,13 @@ class StepController:
         """Update the least and the largest energies."""
         self.least, self.floor = min(self.least, balance.energy), min(self.floor, balance.energy)
         self.low, self.high = min(self.low, balance.free), max(self.high, balance.free)
-        # Motion of the whole body has a small weight: it is not internal energy.
+        # Motion of the whole body has a small weight, since it is not internal energy.
         self.scale = max(self.scale, balance.inner + 0.05 * balance.kinetic, abs(balance.work))
 
     def _refine(
         self, stepping: Stepping, stable_choice: Callable[[], StepChoice]
     ) -> tuple[Stepping, EnergyBalance]:
-        """Go back to the frame's start and at least double the substeps; return the stepping and its balance."""
+        """Go back to the frame's start and at least double the substeps; return (stepping, its energy balance)."""
         stepping.go_back()
         try:
             choice = stable_choice()
@@ -316,7 +316,7 @@ class StepController:
         return stepping, stepping.balance()
 
     def _with_choice(self, stepping: Stepping, choice: StepChoice) -> Stepping:
-        """Return the `Stepping` with another choice, and correct for the change of the conserved energy."""
+        """Return the `Stepping` with another choice; correct energies for the change of the conserved energy."""
         if choice.substeps == stepping.choice.substeps:
             stepping.choice = choice
             return stepping
@@ -332,7 +332,7 @@ class StepController:
 
 
 def _is_physical(stepping: Stepping, rises: list[float]) -> bool:
-    """Return whether a rise is not due to the step: much of it remains when the step is halved repeatedly.
+    """Return whether a rise of energy is not due to the step: much of it remains each time the step is halved.
 
     An isolated body has no source of energy. A fixed obstacle is a source if a body starts inside it.
     """

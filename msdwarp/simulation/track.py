@@ -1,4 +1,4 @@
-"""Tracks: memory of two frames, so that the next one can be launched before the current one is judged."""
+"""Tracks: memory for two frames, so that the next frame can be launched before the current one is tested."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,22 +8,22 @@ import warp as wp
 from ..engine import Assembly, Backup, Effect, Found, State
 
 _READ_AFTER_FRAME = ("energies_and_powers", "is_void")
-"""Methods of effects by which the host reads the current state, or the last frame."""
+"""Methods of effects with which the host reads the current state or the last frame."""
 
 
 class Track:
     """A frame's backup, found sums and recorded graphs; consecutive frames alternate between two tracks."""
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
-        self.backup = Backup(assembly, state, others)  # the state at the start of the frame
-        self.found = Found(state.model)  # the check of the state at its end
-        # The recorded frames, by whether they sum their energy balance, and by their search intervals:
+        self.backup = Backup(assembly, state, others)  # a copy of the state at the frame's start
+        self.found = Found(state.model)  # sums over the state at the frame's end
+        # Recorded graphs of the frame, by whether they sum the energy balance, and by search intervals:
         self.graphs: dict[tuple, Any] = {}
-        self.sums_balance = False  # whether the last launched frame did so
+        self.sums_balance = False  # whether the last launched frame did
 
 
 class Tracks:
-    """The tracks of a run. Frames that were not launched ahead use the `first`.
+    """The tracks of a run. Frames that are not launched ahead use the track `first`.
 
     `current` is the track of the last frame; `ahead` is the next frame's track, if it has been launched.
     """
@@ -34,25 +34,25 @@ class Tracks:
         self.ahead: Track | None = None
 
     def advance(self) -> bool:
-        """Go to the next frame; return whether it is already launched."""
+        """Go to the next frame; return whether it has been launched."""
         launched = self.ahead is not None
         self.current, self.ahead = self.ahead or self.first, None
         return launched
 
     def other(self) -> Track:
-        """Return the track for the frame after the current one."""
+        """Return the track of the frame after the current one."""
         if not self._second:
             self._second.append(Track(self._assembly, self._state))
         return self._second[0] if self.current is self.first else self.first
 
     def forget_graphs(self) -> None:
-        """Drop all recorded frames."""
+        """Drop all recorded graphs."""
         for track in (self.first, *self._second):
             track.graphs.clear()
 
 
 def can_judge_late(assembly: Assembly, *measurements: Any) -> bool:
-    """Return whether the sums in `Found` suffice after a frame: the host reads no effect and no measurement."""
+    """Return whether the sums in `Found` are enough to test a frame: the host reads no effect or measurement."""
     kinds = {type(one) for one in assembly.all}
     read = (getattr(kind, name) is not getattr(Effect, name) for kind in kinds for name in _READ_AFTER_FRAME)
     return not any(read) and all(one is None for one in measurements)

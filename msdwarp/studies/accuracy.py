@@ -1,4 +1,4 @@
-"""Accuracy: the error of a method on a scene, and the cheapest method with an error under a tolerance."""
+"""Accuracy: the error of a method on a scene, and the fastest method with an error under a tolerance."""
 
 import math
 import time
@@ -25,9 +25,9 @@ class Measurement(NamedTuple):
     precision: str
     substeps: int
     error: float
-    """Largest error of a frame: root mean square of the particles' position errors over the system's size."""
+    """Largest error of a frame: root mean square of particles' position errors divided by the system's size."""
     seconds: float
-    """Time to simulate one second [s]; NaN if it was not measured because the error is too large."""
+    """Computing time per simulated second [s]; NaN if not measured because the error is too large."""
 
     @property
     def evaluations(self) -> int:
@@ -41,19 +41,19 @@ class Reference(NamedTuple):
     position: NDArray[np.float64]
     """Positions [m], shape [frame_count, particle_count, d]."""
     error: NDArray[np.float64]
-    """Estimate of the reference's own error in each frame, defined as `Measurement.error`."""
+    """Estimated error of the reference itself in each frame, defined as `Measurement.error`."""
     size: float
     """Largest extent of the system at the start [m]."""
 
 
 def simulate(scene: Scene, duration: float, **options: Any) -> tuple[Simulation, NDArray[np.float64]]:
-    """Return a simulation and the positions of all its frames, shape [frame_count, particle_count, d]."""
+    """Return a simulation at its end, and positions of all frames, shape [frame_count, particle_count, d]."""
     simulation = Simulation.from_scene(scene, **options)
     return simulation, np.array([frame.position for frame in simulation.frames(duration)], dtype=np.float64)
 
 
 def frame_errors(position: NDArray, reference: NDArray, size: float) -> NDArray[np.float64]:
-    """Return the error of each frame: root mean square distance of the particles over `size`."""
+    """Return the error of each frame: root mean square distance of the particles divided by `size`."""
     return np.sqrt(((position - reference) ** 2).sum(axis=2).mean(axis=1)) / size
 
 
@@ -62,8 +62,8 @@ def make_reference(
 ) -> Reference:
     """Return the scene's solution by RK4 in float64, with 8 times the stable number of substeps.
 
-    Its own error is estimated from a run with half as many substeps that starts from positions rounded to float32.
-    So the estimate includes changes of the motion by rounding alone, as in buckling.
+    The error of the solution is estimated from a run with half as many substeps that starts from positions rounded
+    to float32. So the estimate includes changes of the motion that rounding alone causes, as in buckling.
     """
     stable = Simulation(scene.system, integrator=RK4(), device=device).substeps
     system, runs = scene.system, []
@@ -86,10 +86,10 @@ def tune(
 ) -> tuple[list[Measurement], float]:
     """Measure every method on a scene, with substeps that bring its error below a tolerance.
 
-    Errors are measured over the horizon [s], which is shortened to the scene's duration, and to the time in which
+    Errors are measured until the horizon [s], which is at most the scene's duration, and at most the time in which
     the reference's error is below a tenth of the tolerance. Returns all measurements, the default method with its
     automatic substeps first, and the horizon used. `report` is called with a line about each run before it starts.
-    Raises ValueError for a scene with a schedule, or if the reference is certain for less than a frame.
+    Raises ValueError for a scene with a schedule, or if the reference is accurate for less than a frame.
     """
     checks.positive("tolerance", tolerance)
     if scene.schedule:
@@ -127,10 +127,10 @@ def _measure_method(
     device: str | None,
     report: Callable[[str], None],
 ) -> Iterator[Measurement]:
-    """Yield measurements, beginning with automatic substeps, until one has an error under the tolerance."""
+    """Yield a method's measurements, with automatic substeps first, until the error is under the tolerance."""
     method, horizon = METHODS[name], (len(reference.position) - 1) / 60.0
     if name == "leapfrog-extrapolated" and not scene.system.damping.any():
-        return  # the same as leapfrog
+        return  # same as leapfrog
     substeps: int | str = "auto"
     precisions = iter(("float32", "float32-compensated", "float64"))
     precision, before, least = next(precisions), math.inf, 0
@@ -145,28 +145,28 @@ def _measure_method(
             substeps = 2 * max(trouble.substeps_needed, 1 if substeps == "auto" else int(substeps))
             continue
         error = float(frame_errors(position, reference.position, reference.size).max())
-        taken = max(count for _, count in simulation.substep_history)  # automatic substeps may have been refined
+        taken = max(count for _, count in simulation.substep_history)  # automatic substeps may be refined
         yield Measurement(name, precision, taken, error, math.nan)
         least = least or taken
         if error <= tolerance:
             return
-        if error > 0.7 * before:  # smaller steps did not help: the error is rounding
+        if error > 0.7 * before:  # smaller steps do not help, as the error is rounding
             precision, before = next(precisions, "float64"), math.inf
             continue
         before = error
-        order = 1 if scene.colliders else method.order  # the order across a contact
+        order = 1 if scene.colliders else method.order  # the order across contacts
         substeps = math.ceil(taken * max(1.3, 1.1 * (error / (0.8 * tolerance)) ** (1 / order)))
         if substeps > MOST_REFINEMENT * least:
             return
 
 
 def _seconds(scene: Scene, found: list[Measurement], device: str | None, rounds: int = 5) -> NDArray[np.float64]:
-    """Return the computing time [s] per simulated second: medians of rounds in which the methods take turns."""
+    """Return computing time per simulated second [s]: medians of rounds in which the methods alternate."""
     simulations = []
     for one in found:
         how: dict[str, Any] = {"substeps": one.substeps, "precision": one.precision, "device": device}
         simulations.append(Simulation.from_scene(scene, integrator=METHODS[one.method], **how))
-        simulations[-1].step()  # compiles and records
+        simulations[-1].step()  # compiles kernels and records graphs
     times = np.empty((rounds, len(found)))
     for k in range(rounds):
         for n, simulation in enumerate(simulations):
@@ -177,7 +177,7 @@ def _seconds(scene: Scene, found: list[Measurement], device: str | None, rounds:
 
 
 def cheapest(found: list[Measurement], tolerance: float) -> Measurement:
-    """Return the fastest measurement under the tolerance; raise ValueError if there is none."""
+    """Return the fastest measurement with an error under the tolerance; raise ValueError if there is none."""
     good = [one for one in found if one.error <= tolerance]
     if not good:
         best = min(one.error for one in found)

@@ -22,20 +22,20 @@ from .parameters import parameters_of
 
 GROWING, WHOLE = "growing", "whole"
 SHORTEST = 1 / 32
-"""The first horizon, as a share of the measured time; each further one is twice as long."""
+"""The first horizon, as a fraction of the measured time; each later horizon is twice as long."""
 LEAST_TIMES = 4
-"""Least number of measured times in a horizon."""
+"""Minimal number of measured times in a horizon."""
 STEPS = 6
 """Maximal number of steps on each horizon but the last."""
 ROUNDS, WORTH = 4, 0.7
-"""Maximal number of rounds of clouds; another one follows if a round leaves at most this share of the squares."""
+"""Maximal number of rounds of clouds; a round that leaves more than this fraction of the cost is the last."""
 UNCERTAIN = 1.0
-"""Standard deviation of ln(value) above which a parameter counts as unseen (not determined)."""
+"""Standard deviation of ln(value) above which a parameter counts as undetermined (`unseen`)."""
 SHARE = 0.3
-"""A parameter is unseen if its share of an unseen direction of θ is larger."""
+"""A parameter is undetermined if an undetermined direction of θ, of length 1, has a larger component of it."""
 OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
-"""The time step is short enough if its error is below this share of the standard deviation, or of the value, or
-this multiple of the jumps by contact, which also depend on the step."""
+"""A step is short enough if its error is below this fraction of the standard deviation, or of the value, or below
+this multiple of the jumps that contact causes, which also depend on the step."""
 MOST_REFINEMENT = 16
 """Maximal number of substeps, as a multiple of the stable number."""
 
@@ -65,7 +65,7 @@ def fit(
     the logarithms of the parameters. Derivatives are finite differences: with p parameters each step is one
     `Ensemble` run of p + 1 worlds.
 
-    Over a long time that sum has many minima: after one period a stiffness that is too high can fit again. So a
+    Over a long time this sum has many minima: after one period a stiffness that is too high can fit again. So a
     short time is fitted first, then twice that time, and so on.
 
     Parameters
@@ -85,34 +85,34 @@ def fit(
         sets the start.
     parameters
         Names from stiffness, damping, rest_length, mass, friction, gravity; or a mapping from names to starting
-        values, None for the scene's. If all springs (or free particles, or obstacles) of the scene have the same
+        values, where None is the scene's value. If all springs (or free particles, or obstacles) have the same
         value, the parameter is this value; otherwise it is a factor for all values.
     bounds
-        (lower, upper) by parameter name. By default 1/10 to 10 times the start.
+        (lower, upper) by parameter name. By default 1/10 to 10 times the starting value.
     noise
         Standard deviation of the measurement noise, in the unit of the data; by name if there are several kinds
         ("points" are tracked points). It sets the relative weights of the kinds. By default each kind is divided
-        by its own variation.
+        by the variation of its values.
     loss
         "linear": squares. "soft_l1", "huber" or "cauchy" give large residuals less weight, for data with outliers;
         they need `noise` as the scale.
     horizon
-        "growing", "whole" for all times at once, or increasing times [s]: the fit uses the data up to each of
-        them in turn, and all data in the end.
+        "growing", "whole" for all times at once, or increasing times [s]: the fit uses the data until each of
+        these times in turn, then all data.
     starts
-        Number of starting points, all in one run: the scene's values, and others spread over the bounds.
+        Number of starting points, all in one run: the scene's values, and other points spread over the bounds.
     seed
         Seed of the other starting points.
     tolerance
         The search ends when steps are below this fraction of the values.
     fps
-        Frames per second. By default that of the data, or 60 if their times match no frame rate. Between frames
-        the simulation is interpolated by a cubic spline.
+        Frames per second. By default the rate of the data, or 60 if measured times match no frame rate. Between
+        frames the simulation is interpolated by a cubic spline.
     substeps
         Substeps of a frame, the same for all values. "auto" takes a number that is stable everywhere within the
-        bounds, and more in the last steps of the search, until shorter steps would change no value by more than a
-        quarter of its standard deviation, or 1e-4 of itself. The values do not depend on the time step then. A
-        given number is used unchanged: then the values also compensate for errors of the time step.
+        bounds, and increases it in the last steps of the search, until shorter steps would change no value by more
+        than a quarter of its standard deviation, or 1e-4 of the value. The values then do not depend on the step.
+        A given number is kept: the values then also compensate for errors of the time step.
     integrator
         Time-stepping method. By default `Leapfrog(damper_extrapolation=0.5)`, of second order with damping.
     precision
@@ -138,20 +138,20 @@ def fit(
     -----
     FitWarning
         If the measurements do not determine a parameter, a value ends at its bound, the search does not converge,
-        or steps cannot be made short enough. If residuals are not the noise told: 1.5 times as large or as small,
-        or alike at neighbouring times (correlation above 0.3). Noise that is independent in time is doubted in one
-        fit of a hundred at most.
+        or steps cannot be made short enough. If residuals differ from the given noise: 1.5 times as large or as
+        small, or correlated at neighbouring times (above 0.3). Noise that is independent in time causes such a
+        warning in one fit of a hundred at most.
 
     Notes
     -----
-    The covariance is s² (JᵀJ)⁻¹, where s² is the sum of squared residuals over rows − p, and J their derivatives.
-    With substeps="auto" the square of the time step's error is added. This is correct if residuals are independent
-    and the scene is exact except for noise (Nocedal & Wright, Numerical Optimization, 2006, chapter 10). With
-    another loss J is weighted by its derivative.
+    The covariance is s² (JᵀJ)⁻¹, where s² is the sum of squared residuals divided by rows − p, and J is the
+    Jacobian of residuals. With substeps="auto" the square of the time step's error is added. This is correct if
+    residuals are independent and the scene is exact except for noise (Nocedal & Wright, Numerical Optimization,
+    2006, chapter 10). With another loss J is weighted by the derivative of the loss.
 
     With contact the simulated motion jumps slightly as parameters change, because a contact lasts a substep more
     or less. Then J is the slope of a linear model fitted to the residuals of many worlds around the values, and
-    the covariance includes the scatter of the jumps about that model.
+    the covariance includes the scatter of residuals about this model.
     """
     checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
     checks.imported("scipy.optimize", "fitting needs SciPy: pip install 'msdwarp[fit]'")
@@ -219,12 +219,12 @@ def _horizons(requested: Any, channels: list[Channel], end: float) -> list[float
 
 
 def _starts(problem: Problem, count: int, seed: int) -> NDArray[np.float64]:
-    """Return the starting points, shape [count, parameters]: the scene's values, and a Latin hypercube."""
+    """Return starting points, shape [count, parameters]: the scene's values, and points of a Latin hypercube."""
     first = np.zeros((1, problem.count))
     if count == 1:
         return first
     random, others = np.random.default_rng(checks.count("seed", seed, 0)), count - 1
-    # One start in each of `others` equal parts of a parameter's range.
+    # Each of `others` equal parts of a parameter's range has one start.
     drawn = [random.permutation(others) + random.random(others) for _ in range(problem.count)]
     return np.concatenate([first, problem.low + np.column_stack(drawn) / others * (problem.high - problem.low)])
 
@@ -237,7 +237,7 @@ def _finish(
     seed: int,
     report: Callable[[str], None],
 ) -> tuple[NDArray, Linear, NDArray, bool]:
-    """Return the best θ until `end` [s], its linearisation, the covariance of jumps, and whether it converged."""
+    """Return (best θ until `end` [s], linearisation there, covariance by jumps, whether the search converged)."""
     best, converged = problem.finish(theta, end, tolerance)
     step, p = DIFFERENCE[problem.precision], problem.count
     linear, jumps = problem.linear(best[None], end, step)[0], np.zeros((p, p))
@@ -257,7 +257,7 @@ def _finish(
         else:
             jumps[:] = 0.0
         if better > WORTH * cost:
-            converged = True  # with jumps steps stay large: the search ends when clouds find nothing better
+            converged = True  # with jumps steps stay large, so the search ends when clouds find nothing better
             break
     return best, linear, jumps, converged
 
@@ -271,7 +271,7 @@ def _result(
     end: float,
     converged: bool,
 ) -> tuple[FitResult, list[str]]:
-    """Return the result and the messages of warnings; `of_step` is the error of the time step."""
+    """Return (result, texts of warnings); `of_step` has errors by the step: of θ, tolerated ones, of residuals."""
     worlds, values, names = problem.worlds, problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
     s = np.sqrt(problem.cost(linear.residuals) / max(rows - p, 1))

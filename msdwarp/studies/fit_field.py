@@ -1,4 +1,4 @@
-"""A stiffness, or another constant, of each connection or particle, fitted to tracked points by gradients."""
+"""A field of stiffnesses, or other constants, of each connection or particle, fitted to points by gradients."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -16,10 +16,10 @@ from .parameters import UNITS
 
 FIELDS = ("stiffness", "damping", "rest_length", "mass")
 HORIZONS = ((0.25, 40), (0.5, 40), (1.0, 10_000))
-"""Shares of the measured time that are fitted in turn, and the most steps on each."""
+"""(fraction of the measured time, maximal number of steps) of each successive search."""
 ENOUGH = 1e-6
-"""A search ends when a step takes less than this share off the sum: for 10⁵ coordinates 0.05, where 1 is one
-standard deviation of a value."""
+"""A search ends when a step lowers the sum by less than this fraction: for 10⁵ coordinates by 0.05, where 1 is
+one standard deviation of a value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class FieldFit:
     """A field that was fitted to a measured motion; returned by `fit_field`."""
 
     name: str
-    """What was fitted."""
+    """Name of the fitted field."""
     values: NDArray[np.float64]
     """The fitted value of each connection or particle, shape as in `System`."""
     scene: Scene
@@ -35,11 +35,11 @@ class FieldFit:
     residual: float
     """Root mean square of simulated − measured coordinates [m]."""
     gradients: int
-    """Number of gradients that were taken."""
+    """Number of gradients computed."""
     substeps: int
     """Substeps of a frame."""
     converged: bool
-    """Whether the last search ended because nothing became better."""
+    """Whether the last search ended because steps no longer improved the fit."""
 
     def __repr__(self) -> str:
         low, middle, high = np.quantile(self.values[np.isfinite(self.values)], (0.0, 0.5, 1.0))
@@ -64,7 +64,7 @@ def fit_field(
     integrator: Integrator | None = None,
     device: str | None = None,
 ) -> FieldFit:
-    """Fit a number for each connection, or each particle, to tracked points.
+    """Fit a value for each connection, or each particle, to tracked points.
 
     It minimises ½ Σ (Δ/noise)² + ½ Σ (δ/variation)², where Δ are differences of coordinates, and δ those between
     the logarithm of each value and its mean over all that meet at a particle (for masses: over the particle and
@@ -77,7 +77,7 @@ def fit_field(
     scene
         The measured scene. The search starts from its values, which must be above 0.
     measured
-        A `TrackedPoints`, a `Trajectory`, or the path of either, see `fit`.
+        A `TrackedPoints`, a `Trajectory`, or the path of either; see `fit`.
     name
         "stiffness", "damping", "rest_length" or "mass".
     noise
@@ -85,9 +85,9 @@ def fit_field(
     variation
         Standard deviation of ln(value) among neighbours.
     reach
-        Values stay within the scene's, divided and multiplied by this.
+        Values stay within the scene's values divided and multiplied by this factor.
     iterations
-        Maximal number of steps on each part of the time.
+        Maximal number of steps on each part of the measured time.
     fps, integrator, device
         See `fit`. The substeps are stable for all values within reach.
 
@@ -120,7 +120,7 @@ def fit_field(
 
 
 class FieldProblem:
-    """What `fit_field` minimises, as a function of ln(value/start) of the finite values."""
+    """The objective of `fit_field`, as a function of ln(value/start) of the finite values."""
 
     def __init__(
         self,
@@ -141,9 +141,9 @@ class FieldProblem:
         self._start = np.broadcast_to(getattr(system, name), count).astype(np.float64)
         self._free = np.isfinite(self._start)
         self.count = int(self._free.sum())
-        """How many values are sought: those of pinned particles are not."""
+        """Number of unknown values; values of pinned particles are fixed."""
         checks.every(f"scene.system.{name}", self._start, self._start > 0, "above 0 to be fitted")
-        # meets[p, c]: what meets at particle p. Σ_p Σ_c (θ_c − mean_p)² = θᵀ (diag(n) − Mᵀ diag(1/n_p) M) θ.
+        # meets[p, c]: value c meets at particle p. Σ_p Σ_c (θ_c − mean_p)² = θᵀ (diag(n) − Mᵀ diag(1/n_p) M) θ.
         one, two = system.connections.T
         particle, entry = np.concatenate([one, two]), np.tile(np.arange(count), 2)
         if name == "mass":
@@ -172,7 +172,7 @@ class FieldProblem:
         return Simulation.from_scene(self._with(theta), **self._how)
 
     def cost(self, theta: NDArray[np.float64], end: float) -> tuple[float, NDArray[np.float64]]:
-        """Return the sum until `end` [s], and its gradient."""
+        """Return the objective until `end` [s], and its gradient."""
         channel, number = self._channel, frame_count(end, self._rate)
         places, row = np.unique(np.minimum(channel.time * self._rate, number), return_inverse=True)
         weights, seen, tracked = interpolated(np.eye(number + 1), places), channel.until(end), channel.what
@@ -187,7 +187,7 @@ class FieldProblem:
             self._squares = float((left**2).sum())
             return 0.5 * self._squares, by_position, None
 
-        with warnings.catch_warnings():  # where a search tries values that are far off, motions may be chaotic
+        with warnings.catch_warnings():  # motions may be chaotic for values far from the best
             warnings.simplefilter("ignore", checks.GradientWarning)
             gradient = self._simulation(theta).gradient(misfit, number, by=(self._name,))
         self._gradients += 1
@@ -196,12 +196,12 @@ class FieldProblem:
         return gradient.value + rough, by_theta + by_roughness
 
     def prior(self, theta: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Return ½ Σ (δ/variation)², and its gradient."""
+        """Return the prior term ½ Σ (δ/variation)², and its gradient."""
         by_theta = self._prior @ theta
         return 0.5 * float(theta @ by_theta), by_theta
 
     def fit(self, iterations: int) -> FieldFit:
-        """Return the best field, by more and more of the time."""
+        """Return the best field, fitted to successively longer parts of the measured time."""
         from scipy.optimize import minimize
 
         channel, theta, converged = self._channel, np.zeros(self.count), False

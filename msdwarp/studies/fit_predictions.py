@@ -16,14 +16,14 @@ from .measured import ON_FRAME, Channel
 from .parameters import Parameter, scene_with
 
 MOST_CORNERS = 6
-"""With more parameters than this only one corner of the bounds sets the substeps, instead of all 2^n."""
+"""With more parameters than this one corner of the bounds, instead of all 2^n, determines the substeps."""
 
 
 class Worlds:
-    """Simulates a scene with values of its parameters, many at once if an `Ensemble` can, and reads channels.
+    """Simulates a scene for many sets of parameter values, in an `Ensemble` if it can, and reads channels.
 
-    With "auto" all runs take the substeps of the stiffest world within the bounds: measurements would jump if
-    they changed with the values. `options` are other arguments that `Ensemble` and `Simulation` share.
+    With "auto" all runs use the substeps of the stiffest world within the bounds: measurements would jump if
+    substeps changed with the values. `options` are further arguments of both `Ensemble` and `Simulation`.
     """
 
     def __init__(
@@ -38,11 +38,11 @@ class Worlds:
         self._scene, self.parameters, self.channels, self.fps = scene, parameters, channels, fps
         self._options: dict[str, Any] = options | {"fps": fps, "substeps": substeps}
         self.alone = ""
-        """Why worlds are simulated one after the other; empty if they are not."""
+        """Why worlds are simulated one by one; empty if an ensemble simulates them."""
         self.runs = 0
-        """Worlds simulated so far."""
+        """Number of worlds simulated so far."""
         self.batches = 0
-        """Times that worlds were simulated together."""
+        """Number of runs of several worlds at once."""
         self.diverged = False
         """Whether the first world of the last batch has diverged."""
         if len(parameters) > MOST_CORNERS:
@@ -55,7 +55,7 @@ class Worlds:
             self.substeps, self.on_gpu = ensemble.substeps, ensemble.model.device.is_cuda
         except UnstableStep as error:
             raise UnstableStep(f"at a corner of the bounds, {error}") from error
-        except ValueError as error:  # ensembles do not support the scene, or it is wrong and simulations fail too
+        except ValueError as error:  # unsupported by ensembles, or invalid, in which case simulations fail too
             several = [self._simulation(one) for one in corners]
             self.alone, self.on_gpu = str(error), several[0].model.device.is_cuda
             self.substeps = max(one.substeps for one in several)
@@ -73,7 +73,7 @@ class Worlds:
     def predict(self, values: NDArray[np.float64], end: float) -> list[NDArray[np.float64]]:
         """Return simulated values of each channel until `end` [s], each of shape [worlds, rows, width].
 
-        A world that diverges stays at its last good frame.
+        A world that diverges keeps the values of its last good frame.
         """
         frames = max(1, math.ceil(end * self.fps - ON_FRAME))
         simulated = self._one_by_one(values, frames) if self.alone else self._together(values, frames)
@@ -93,7 +93,7 @@ class Worlds:
         return observations(ensemble, {one.name: _observed(one) for one in self.channels})
 
     def _together(self, values: NDArray[np.float64], frames: int) -> list[NDArray[np.float64]]:
-        """Return each channel in each frame by an ensemble, shape [frame_count, worlds, ...]."""
+        """Return each channel in each frame from an ensemble, shape [frame_count, worlds, ...]."""
         ensemble = self._ensemble(values)
         observed = self._observations(ensemble)
         for frame in range(frames + 1):
@@ -105,7 +105,7 @@ class Worlds:
         return [np.stack(one.values) for one in observed]
 
     def _one_by_one(self, values: NDArray[np.float64], frames: int) -> list[NDArray[np.float64]]:
-        """Return each channel in each frame by simulations in turn, shape [frame_count, worlds, ...]."""
+        """Return each channel in each frame from successive simulations, shape [frame_count, worlds, ...]."""
         runs = [self._run(one, frames) for one in values]
         self.diverged = len(runs[0]) <= frames
         whole = [run + run[-1:] * (frames + 1 - len(run)) for run in runs]
@@ -113,7 +113,7 @@ class Worlds:
         return [np.stack([[frame[k] for frame in run] for run in whole], axis=1) for k in channels]
 
     def _run(self, values: NDArray[np.float64], frames: int) -> list[list[NDArray[np.float64]]]:
-        """Return the channels in each frame of a simulation, until the last good frame."""
+        """Return the channels in each frame of one simulation, until the last good frame."""
         simulation = self._simulation(values)
         found = [[_value(simulation, channel) for channel in self.channels]]
         with suppress(SimulationDiverged):
@@ -135,6 +135,6 @@ def _value(simulation: Simulation, channel: Channel) -> NDArray[np.float64]:
         return np.asarray(simulation.frame().position[channel.what], dtype=float)
     if isinstance(channel.what, Probe):
         values = simulation.readings[channel.name].values
-        # A probe has no value before the first frame; no measurement is compared with this 0.
+        # A probe has no value before the first frame, but no measurement is compared with this 0.
         return values[-1] if len(values) else np.zeros(values.shape[1])
     return np.array(getattr(simulation.measure(), channel.what.replace(" ", "_")))

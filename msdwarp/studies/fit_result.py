@@ -17,16 +17,16 @@ class FitResult:
     values: dict[str, float]
     """The parameters by name, in the units of `units`."""
     units: dict[str, str]
-    """If the scene's values differ between springs or particles, a fitted value is a factor for all."""
+    """Units of the values; if the scene's values vary between springs or particles, a fitted value is a factor."""
     covariance: NDArray[np.float64]
     """Covariance of the values, s² (JᵀJ)⁻¹, shape [p, p]; inf for parameters that are not determined."""
     residuals: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-    """Simulated − measured, by kind of measurement: times [s] and differences in its unit, shape [rows, width].
+    """Simulated − measured, by kind of measurement: times [s] and differences, shape [rows, width].
 
-    NaN if nothing was measured. Tracked points are called "points".
+    NaN if nothing was measured. The kind "points" has tracked points.
     """
     residual_units: dict[str, str]
-    """The units of the differences."""
+    """The units of the differences by kind."""
     scene: Scene
     """The scene with the fitted values."""
     fps: float
@@ -38,7 +38,7 @@ class FitResult:
     batches: int
     """Number of runs; the worlds of one `Ensemble` run in parallel."""
     alone: str
-    """Why worlds were simulated one by one: the feature that an `Ensemble` does not support. Else empty."""
+    """Why worlds were simulated one by one: a feature that an `Ensemble` does not support. Otherwise empty."""
     unseen: tuple[str, ...]
     """Parameters that the measurement does not determine."""
     converged: bool
@@ -46,12 +46,12 @@ class FitResult:
 
     @property
     def standard_deviations(self) -> dict[str, float]:
-        """Standard deviations of the values, in their units: the square roots of the covariance's diagonal."""
+        """Standard deviations of the values, in the same units: square roots of the covariance's diagonal."""
         return dict(zip(self.values, map(float, np.sqrt(np.diag(self.covariance))), strict=True))
 
     @property
     def residual_size(self) -> dict[str, float]:
-        """Root mean square of the residuals of each kind of measurement, in its unit."""
+        """Root mean square of the residuals of each kind of measurement, in the unit of this kind."""
         return {name: float(np.sqrt(np.nanmean(own**2))) for name, (_, own) in self.residuals.items()}
 
     def __repr__(self) -> str:
@@ -69,7 +69,7 @@ class FitResult:
         return "\n  ".join(lines)
 
     def plot(self, path: str | Path) -> None:
-        """Plot the residuals against time, and their histogram, into a file such as residuals.png."""
+        """Plot the residuals against time, and their histogram, to a file such as residuals.png."""
         figure = new_figure(8, 2.8 * len(self.residuals))
         grid = figure.subplots(len(self.residuals), 2, width_ratios=(3, 1), squeeze=False, sharey="row")
         for (name, (time, left)), (over_time, often) in zip(self.residuals.items(), grid, strict=True):

@@ -1,4 +1,4 @@
-"""Warnings about a fit: parameters that cannot be determined, and residuals that do not look like noise."""
+"""Warnings about a fit: parameters that cannot be determined, and residuals that differ from noise."""
 
 from collections.abc import Sequence
 
@@ -9,25 +9,25 @@ from .least_squares import CLOSE, Problem
 from .measured import Channel
 
 SURE = 2.33
-"""A normal variable is above this in one case of a hundred, so perfect noise causes a warning as often."""
+"""A normal variable exceeds this with a probability of 1 %, the rate of warnings about perfect noise."""
 ALIKE = 0.3
 """Tolerated correlation r of residuals at neighbouring times: standard deviations are then too small by at most a
 factor sqrt((1 + r) / (1 - r)) = 1.4."""
 OTHER = 1.5
-"""Tolerated ratio of residuals to given noise, or its inverse: noise is seldom known better."""
+"""Tolerated ratio of residuals to given noise, or of noise to residuals: noise is seldom known better."""
 BY_STEP = 2.0
 """Residuals below this multiple of the time step's error are attributed to the time step."""
 OUTRIGHT = 1000
-"""If a frame needs more substeps than this, the measured times are probably in another unit."""
+"""If a frame needs more substeps than this, measured times are probably in another unit."""
 
 
 def noise_warnings(
     channel: Channel, left: NDArray[np.float64], parameters: int, step: float, *, robust: bool
 ) -> list[str]:
-    """Return how residuals, shape [rows, width], differ from independent noise of the given size.
+    """Return messages about how residuals, shape [rows, width], differ from independent noise of given size.
 
-    `parameters` is the number fitted, and `step` the root mean square of the time step's error, in the unit of
-    the channel. If `robust`, the size of residuals is their median, because some points may be wrong.
+    `parameters` is the number of fitted parameters, and `step` the root mean square of the time step's error, in
+    the channel's unit. If `robust`, the size of residuals is their median, because some points may be wrong.
     """
     seen = left[np.isfinite(left)]
     freedom = max(len(seen) - parameters, 1)
@@ -54,11 +54,11 @@ def noise_warnings(
 
 
 def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the correlation of residuals at neighbouring times, and the number of independent residuals.
+    """Return the correlation of residuals at neighbouring times, and the effective number of residuals.
 
     If residuals are independent in time, the correlation is normal about 0 with the variance 1 / (n T), with T
-    instants and n = (tr C)² / tr C² independent numbers at each, where C is the covariance of the measurements at
-    one instant: n is the number of points if their noise is independent, and 1 if a camera shakes.
+    instants and n = (tr C)² / tr C² independent residuals at each, where C is the covariance of the measurements
+    at one instant: n is the number of points if their noise is independent, and 1 if a camera shakes.
     """
     times, row = np.unique(channel.time, return_inverse=True)
     table = np.zeros((len(times), channel.entries.max() + 1, left.shape[1]))
@@ -70,7 +70,7 @@ def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]
 
 
 def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
-    """Return warnings about the measured times, before anything is simulated."""
+    """Return warnings about measured times, before anything is simulated."""
     if substeps <= OUTRIGHT:
         return []
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))

@@ -19,7 +19,7 @@ from .. import checks
 from ..world import Scene
 
 MOST_POINTS = 1_000_000
-"""Points of the largest grid."""
+"""Maximal number of points of a grid."""
 OPTIONS = (
     "duration", "fps", "integrator", "substeps", "safety", "allow_unstable", "energy_limit", "device", "precision",
     "force_algorithm", "collider_rule",
@@ -35,7 +35,7 @@ _FORMS = (
 def values_of(name: str, text: str) -> list[str] | None:
     """Return the values of a list or a range, as texts; None if the text is a single value.
 
-    Numbers are rounded to twelve digits, so that values that two ranges share are equal to the last bit.
+    Numbers are rounded to twelve digits, so that equal values of different ranges are equal to the last bit.
     Raises ValueError if the text begins like a list or a range but is neither.
     """
     if "," not in text and not re.match(f"{_NUMBER}:", text):
@@ -117,13 +117,13 @@ def check_size(grid: Mapping[str, list[Any]]) -> None:
 
 
 def points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
-    """Return an iterator over the points of a grid, the last parameter changing fastest."""
+    """Return an iterator over the points of a grid; the last parameter changes fastest."""
     for values in itertools.product(*grid.values()):
         yield dict(zip(grid, values, strict=True))
 
 
 def as_scalar(name: str, value: Any) -> Any:
-    """Return a JSON scalar, 2.0 as 2; raise ValueError if it is not a number, text, boolean or None."""
+    """Return a JSON scalar, 2.0 as 2; raise ValueError if `value` is not a number, text, boolean or None."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and math.isfinite(value):
@@ -135,7 +135,7 @@ def as_scalar(name: str, value: Any) -> Any:
 
 
 def find_build(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene], str]:
-    """Return the function that builds a scene, and its name."""
+    """Return (function that builds a scene, name of the scene)."""
     if isinstance(scene, str):
         try:
             if not scene.isidentifier():
@@ -152,7 +152,7 @@ def find_build(scene: str | Callable[..., Scene]) -> tuple[Callable[..., Scene],
 def check_names(
     build: Callable[..., Scene], grid: Mapping[str, Any], fixed: Mapping[str, Any], options: Mapping[str, Any]
 ) -> None:
-    """Raise ValueError for a name that neither the scene nor `Simulation` takes, or that is given twice."""
+    """Raise ValueError for a name that is given twice, or is an argument of neither scene nor `Simulation`."""
     known = inspect.signature(build).parameters
     if not any(one.kind is one.VAR_KEYWORD for one in known.values()):
         for given, label, allowed in ((grid, "grid", [*known, *OPTIONS]), (fixed, "parameters", known)):
@@ -166,7 +166,7 @@ def check_names(
 
 
 def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
-    """Raise ValueError if functions, by label, could not be given to worker processes."""
+    """Raise ValueError if functions, by label, cannot be pickled for worker processes."""
     where = "it must be at the top of a module that they can import, or jobs be 1"
     main = importlib.import_module("__main__")
     for label, function in functions.items():
@@ -179,7 +179,7 @@ def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
 
 
 def source(function: Callable[..., Any]) -> str | None:
-    """Return a digest of a function's source, without functions that it calls; None if there is no source."""
+    """Return a digest of a function's source, without the functions it calls; None if there is no source."""
     try:
         return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
     except (OSError, TypeError):
@@ -187,7 +187,7 @@ def source(function: Callable[..., Any]) -> str | None:
 
 
 def as_json(value: Any) -> Any:
-    """Return a value as JSON data; values that JSON cannot hold become text."""
+    """Return a value as JSON data; other values become text."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     with suppress(ValueError):

@@ -1,6 +1,6 @@
-"""History: energies, momentum and heights of a trajectory over time, from its file alone, and their plot.
+"""History: energies, momentum and heights of a trajectory over time, computed from its file alone, and plots.
 
-Also the system in a single frame, and the energies of its particles.
+Further functions return the system in a frame, and the energies of particles.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,16 +28,16 @@ class Moment(NamedTuple):
     lowest: float
     """Height of the lowest particle, its last coordinate [m]."""
     mean: float
-    """Height of the centre of mass of the free particles; of all, if all are pinned [m]."""
+    """Height of the centre of mass of the free particles [m]; of all particles if all are pinned."""
     highest: float
     """Height of the highest particle [m]."""
 
 
 def history(trajectory: Trajectory, *, gravity: ArrayLike, schedule: Sequence[Change] = ()) -> Iterator[Moment]:
-    """Return an iterator over a trajectory's moments, with one frame in memory at a time.
+    """Return an iterator over a trajectory's moments; one frame is in memory at a time.
 
-    They are computed on the CPU in float64 from the stored frames, the run's gravity [m/s²] and schedule. Raises
-    ValueError if gravity is out of range, or rest lengths change and strains are not in the file.
+    Moments are computed on the CPU in float64 from stored frames, the run's gravity [m/s²] and schedule. Raises
+    ValueError if gravity is out of range, or rest lengths change but strains are not in the file.
     """
     # Checked here, not at the first next().
     Model(trajectory.system, gravity=gravity, device="cpu", precision="float64")
@@ -81,11 +81,11 @@ def write_history(
     schedule: Sequence[Change] = (),
     force: bool = False,
 ) -> Path:
-    """Write the history of a trajectory as a table `*.csv`, a line for each frame, or as a plot `*.png`.
+    """Write the history of a trajectory as a table `*.csv`, with a line for each frame, or as a plot `*.png`.
 
-    Return the path. The columns are those of a run's log of energies, then the components of the momentum and the
-    lowest, mean and highest height. Raises ValueError if a plot has fewer than two frames, and as `history` and
-    `output_path` do.
+    Return the path. Columns are as in a run's log of energies, then the components of the momentum, and the
+    lowest, mean and highest height. Raises ValueError if a plot has fewer than two frames, and the errors of
+    `history` and `output_path`.
     """
     plotted = Path(path).suffix == ".png"
     path = output_path(path, ".png" if plotted else ".csv", force)
@@ -122,7 +122,7 @@ def _plot(trajectory: Trajectory, table: NDArray[np.void], path: Path) -> None:
     draw_curves(heights, table["time_s"], curves, "height [m]" if system.dim > 1 else "x [m]")
     heights.fill_between(table["time_s"], table["lowest_m"], table["highest_m"], color=DARK, alpha=0.08, lw=0)
     heights.set_xlabel("time [s]")
-    for axes in panels:  # the legend above hides no curve, and leaves space for a power of ten on the left
+    for axes in panels:  # margins for the legend above, and a power of ten on the left
         axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0.2)
     figure.align_ylabels()
     name = Path(trajectory.attributes.get("scene", trajectory.path)).stem
@@ -146,8 +146,8 @@ def changes_made(trajectory: Trajectory, k: int, schedule: Sequence[Change]) -> 
 def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -> System:
     """Return the system in frame k of a trajectory.
 
-    It includes the changes of the schedule. If rest lengths change, they are computed from the strains; ValueError
-    is raised if these are not in the file.
+    Changes of the schedule are included. Rest lengths that change are computed from the strains; ValueError is
+    raised if the file has no strains.
     """
     system = start = trajectory.system
     frame = trajectory.frame(k)
@@ -164,7 +164,7 @@ def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -
 
 
 def recovered_rest_length(system: System, strain: NDArray) -> NDArray[np.float64]:
-    """Return rest lengths [m], shape [connection_count], from the strains of the springs.
+    """Return rest lengths [m], shape [connection_count], given the strains of springs.
 
     A spring between coincident particles keeps the system's rest length, which its strain does not determine.
     """
@@ -173,7 +173,7 @@ def recovered_rest_length(system: System, strain: NDArray) -> NDArray[np.float64
 
 
 def particle_energies(system: System) -> NDArray[np.float64]:
-    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half that of its springs.
+    """Return the energy of each particle [J], shape [particle_count]: kinetic, and half of its springs' energies.
 
     Pinned particles have no kinetic energy.
     """

@@ -1,6 +1,6 @@
 """The least-squares problem of a fit: residuals, their derivatives, and damped Gauss-Newton steps.
 
-Unknowns are logarithms of parameters relative to their starting values: θ = ln(value / start).
+The unknowns are logarithms of parameters divided by starting values: θ = ln(value / start).
 """
 
 from collections.abc import Callable
@@ -14,11 +14,11 @@ from .fit_predictions import Worlds
 from .measured import spread
 
 DIFFERENCE = {"float64": 1e-6, "float32-compensated": 1e-4, "float32": 1e-3}
-"""Differences of θ for derivatives, by precision; rounding errors are 1e-10, 1e-3 (in forces), 1e-3 and more."""
+"""Differences of θ for derivatives, by precision; rounding errors are 1e-10, 1e-3 (of forces), 1e-3 and more."""
 WIDE = 1e-2
-"""Difference of θ before the last steps: with contact residuals jump a little, and this shows their trend."""
+"""Difference of θ before the last steps: with contact residuals jump slightly, and this averages the jumps."""
 FLOOR = {"float64": 1e-7, "float32-compensated": 1e-4, "float32": 1e-3}
-"""Least visible change per unit of θ, as a share of the variation of the measurements."""
+"""Smallest resolvable change per unit of θ, as a fraction of the variation of the measurements."""
 ABOVE_FLOOR = 10.0
 """Changes of residuals below this multiple of the floor are indistinguishable from rounding."""
 Loss = Callable[[NDArray], NDArray]
@@ -33,20 +33,20 @@ LOSSES: dict[str, tuple[Loss, Loss]] = {
 }
 """The cost of a squared residual and its derivative, as in `scipy.optimize.least_squares`."""
 GUESS = 0.5
-"""Standard deviation of a prior that keeps θ near its start until the last steps."""
+"""Standard deviation of a prior that keeps θ near the start until the last steps."""
 JAGGED, UNEVEN = 1e-3, 0.1
-"""Difference of θ in the test for jumps, and the tolerated share by which changes to both sides, or a change and
-the derivative, may differ."""
+"""Difference of θ in the test for jumps; tolerated fraction by which changes to both sides, or changes and
+derivatives, may differ."""
 CLOUD = 24
-"""Worlds of a cloud for each parameter."""
+"""Number of worlds in a cloud, for each parameter."""
 CLOUDS = (100.0, 30.0, 10.0, 5.0, 3.0)
 """Sizes of clouds, in standard deviations of θ."""
 WIDEST = 0.1
-"""Largest distance of a world's θ from the centre of its cloud."""
+"""Largest difference of θ between a world and the centre of its cloud."""
 CLOSE = 1e-2
-"""Starts closer than this in θ count as one."""
+"""Starts with a smaller difference in θ count as one."""
 WORSE = 10.0
-"""Starts whose sum of squares is this multiple of the least are dropped."""
+"""Starts with a sum of squares above this multiple of the least one are dropped."""
 
 
 class Linear(NamedTuple):
@@ -60,7 +60,7 @@ class Linear(NamedTuple):
 
 @dataclass
 class Problem:
-    """The least-squares problem: simulated values against the measurements."""
+    """The least-squares problem: simulated values minus measurements."""
 
     worlds: Worlds
     precision: str
@@ -73,11 +73,11 @@ class Problem:
         self.low, self.high = np.log(limits).T
 
     def values(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return values for θ of shape [..., parameters]."""
+        """Return parameter values for θ of shape [..., parameters]."""
         return np.exp(theta) * [one.start for one in self.parameters]
 
     def floor(self, end: float) -> float:
-        """Return the least visible change of a residual per unit of θ."""
+        """Return the smallest resolvable change of a residual per unit of θ."""
         rows = [one.until(end).sum() for one in self.channels]
         squares = [(spread(one) / one.noise) ** 2 for one in self.channels]
         return FLOOR[self.precision] * float(np.sqrt(np.average(squares, weights=rows)))
@@ -87,7 +87,7 @@ class Problem:
         return LOSSES[self.loss][1](residuals**2)
 
     def cost(self, residuals: NDArray[np.float64]) -> float:
-        """Return the sum of the robust losses of the residuals."""
+        """Return the sum of the robust losses of all residuals."""
         return float(LOSSES[self.loss][0](residuals**2).sum())
 
     def residuals(self, theta: NDArray[np.float64], end: float) -> NDArray[np.float64]:
@@ -100,9 +100,9 @@ class Problem:
         return np.concatenate(parts, axis=1)
 
     def linear(self, theta: NDArray[np.float64], end: float, size: float) -> list[Linear]:
-        """Return residuals and derivatives for θ of shape [starts, parameters], by one run of all worlds.
+        """Return residuals and derivatives for θ of shape [starts, parameters], from one run of all worlds.
 
-        Derivatives are one-sided differences over `size` in each θ, away from a near bound.
+        Derivatives are one-sided differences of `size` in each θ, in the direction away from a near bound.
         """
         p = self.count
         steps = np.where(theta + size > self.high, -size, size)
@@ -112,14 +112,14 @@ class Problem:
         return [Linear(one[0], slope.T) for one, slope in zip(residuals, slopes, strict=True)]
 
     def approach(self, theta: NDArray[np.float64], end: float, most: int) -> NDArray[np.float64]:
-        """Return better θ for the measurements until `end` [s], by at most `most` Levenberg-Marquardt steps.
+        """Return improved θ for the measurements until `end` [s], after at most `most` Levenberg-Marquardt steps.
 
-        All starts, shape [starts, parameters], step together, in one run with (parameters + 1) worlds per start;
-        SciPy would need a run per start.
+        All starts, shape [starts, parameters], take steps in one run of (parameters + 1) worlds per start; SciPy
+        would need a run per start.
         """
         theta, first = theta.copy(), theta.copy()
         linear = self.linear(theta, end, WIDE)
-        # The prior holds each start, more strongly if it fits worse, and at least by the floor.
+        # A prior attracts each start to its first θ, more strongly if it fits worse, and at least by the floor.
         rows, floor = len(linear[0].residuals), self.hold(end)
         hold = [max(np.sqrt(self.cost(one.residuals) / rows) / GUESS, floor) for one in linear]
         damped = np.full(len(theta), 1e-3)
@@ -142,14 +142,14 @@ class Problem:
                 break
         costs = np.array([self.cost(one.residuals) for one in linear])
         kept: list[int] = []
-        for s in np.argsort(costs, kind="stable"):  # the best first; drop equal starts and much worse ones
+        for s in np.argsort(costs, kind="stable"):  # best first; equal and much worse starts are dropped
             alike = any(np.abs(theta[s] - theta[k]).max() < CLOSE for k in kept)
             if not alike and costs[s] <= WORSE * costs.min():
                 kept.append(s)
         return theta[kept]
 
     def finish(self, theta: NDArray[np.float64], end: float, tolerance: float) -> tuple[NDArray, bool]:
-        """Return the best θ for the measurements until `end` [s], and whether the search converged."""
+        """Return (best θ for the measurements until `end` [s], whether the search converged)."""
         from scipy.optimize import least_squares
 
         hold = self.hold(end)
@@ -162,7 +162,7 @@ class Problem:
             return latest[at.tobytes()]
 
         def residuals(at: NDArray[np.float64]) -> NDArray[np.float64]:
-            # On a GPU more worlds take no longer, so compute derivatives with the residuals.
+            # On a GPU more worlds take no longer, so derivatives are computed with the residuals.
             own = linear(at).residuals if self.worlds.on_gpu else self.residuals(at[None], end)[0]
             return np.concatenate([own, hold * (at - theta)])
 
@@ -183,15 +183,15 @@ class Problem:
         return found.x, found.status > 0
 
     def hold(self, end: float) -> float:
-        """Return the derivative of an added residual that keeps undetermined parameters at their values."""
+        """Return the derivative of an additional residual, which keeps undetermined parameters unchanged."""
         return self.floor(end) * np.sqrt(int(sum(one.until(end).sum() for one in self.channels)))
 
     def of_step(
         self, theta: NDArray[np.float64], end: float, linear: Linear, order: int
     ) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the change of θ for infinitely short steps, θ's standard deviation, and the change of residuals.
+        """Return (change of θ for infinitely short steps, standard deviation of θ, change of residuals).
 
-        It uses Richardson's extrapolation from half the step, for a method of this order.
+        Computed by Richardson's extrapolation from half the step, for a method of this order.
         """
         stable = self.worlds.substeps
         self.worlds.refine(2)
@@ -206,11 +206,11 @@ class Problem:
         return moved, np.sqrt(variance * np.diag(inverse)), change
 
     def is_jagged(self, theta: NDArray[np.float64], end: float, linear: Linear) -> bool:
-        """Return whether residuals jump as θ changes, as they do with contact.
+        """Return whether residuals jump as θ changes, as contact may cause.
 
-        For smooth residuals the changes to both sides of θ are opposite and agree with the derivatives at θ, up to
-        an error of the order of the difference. Derivatives use a smaller difference and miss most jumps. Across a
-        jump they are far too large, and values would seem too certain.
+        For smooth residuals the changes for ±δθ are opposite and agree with the derivatives at θ, up to an error
+        of the order of δθ. Derivatives are computed with smaller differences and miss most jumps. Derivatives
+        across a jump are far too large, which would make values appear too certain.
         """
         steps = JAGGED * np.eye(self.count)
         residuals = self.residuals(np.concatenate([theta[None], theta + steps, theta - steps]), end)
@@ -227,11 +227,11 @@ class Problem:
         return np.linalg.svd(weighted, full_matrices=False)[1:]
 
     def smooth(self, theta: NDArray[np.float64], end: float, seed: int) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the best θ in shrinking clouds of worlds, the Jacobian of the trend there, and a covariance.
+        """Return (best θ in shrinking clouds of worlds, Jacobian of the trend there, covariance of θ by jumps).
 
-        A plane is fitted to the residuals of a cloud. Its least sum of squares is at a θ that jumps do not move.
-        The next cloud is around this θ, or around the cloud's best world if that is better. Residuals scatter
-        about the plane by jumps; the covariance is the resulting uncertainty of θ.
+        A plane is fitted to a cloud's residuals; jumps do not disturb the θ of its least sum of squares. The
+        next cloud includes this θ, and its centre is the best θ so far. Jumps make residuals deviate;
+        the covariance is the resulting uncertainty of θ.
         """
         p, random = self.count, np.random.default_rng(seed)
         linear = self.linear(theta[None], end, WIDE)[0]
@@ -254,6 +254,6 @@ class Problem:
             best, linear = at[least], Linear(residuals[least], np.asarray(plane[1:].T, dtype=np.float64))
             trial = np.clip(centre + np.clip(step, -WIDEST, WIDEST), self.low, self.high)
             off = residuals - plane[0] - (at - centre) @ plane[1:]
-            moves = off @ np.linalg.pinv(plane[1:])  # the changes of θ with the same effect as the jumps
+            moves = off @ np.linalg.pinv(plane[1:])  # changes of θ with the same effect as the jumps
             jumps = moves.T @ moves / len(moves)
         return best, linear.jacobian, jumps

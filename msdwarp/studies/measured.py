@@ -17,16 +17,16 @@ from ..world import FRAME, Probe, Scene
 AXES = ("x", "y", "z")
 ENERGY_WORDS = ("energy", *ENERGIES)
 POINTS = "points"
-"""The name of the channel of tracked points."""
+"""Name of the channel of tracked points."""
 HIGHEST_FPS = 1000.0
-"""The highest frame rate taken from measured times."""
+"""Highest frame rate that is derived from measured times."""
 ON_FRAME = 1e-4
-"""A time this close to a frame's, in frames, is taken as the frame's: times in files are rounded."""
+"""A time this close to the time of a frame, in frames, is taken as equal: times in files are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedPoints:
-    """Tracked points of a body: each row is the position of a particle at a time.
+    """Tracked points of a body: each row is the position of one particle at one time.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class TrackedPoints:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Self:
-        """Return all particles of a trajectory, in all its frames, as tracked points."""
+        """Return all particles in all frames of a trajectory as tracked points."""
         position = np.asarray([frame.position for frame in trajectory], dtype=float)
         frames, count, dim = position.shape
         time, particle = np.repeat(trajectory.times, count), np.tile(np.arange(count), frames)
@@ -72,21 +72,21 @@ class TrackedPoints:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """Measured data of one kind, and how they are read from a simulation."""
+    """Measured data of one kind, and how to read the same quantity from a simulation."""
 
     name: str
     time: NDArray[np.float64]
-    """[s], shape [rows]."""
+    """Measured times [s], shape [rows]."""
     values: NDArray[np.float64]
-    """Shape [rows, width]; NaN where nothing was measured."""
+    """Measured values, shape [rows, width]; NaN where nothing was measured."""
     what: Any
     """A `Probe`, the name of an energy, or the indices of the tracked particles."""
     noise: float = 1.0
     """The unit of residuals, in the unit of the values."""
     entry: NDArray[np.int64] | None = None
-    """Index of each row's particle among the tracked ones, shape [rows]."""
+    """Index of each row's particle among the tracked particles, shape [rows]."""
     noise_given: bool = False
-    """Whether `noise` is given, instead of taken from the variation of the values."""
+    """Whether `noise` is given; otherwise it is the variation of the values."""
 
     @property
     def unit(self) -> str:
@@ -97,7 +97,7 @@ class Channel:
 
     @property
     def entries(self) -> NDArray[np.int64]:
-        """Index of each row's particle among the tracked ones, shape [rows]."""
+        """Index of each row's particle among the tracked particles, shape [rows]."""
         return np.zeros(len(self.time), dtype=int) if self.entry is None else self.entry
 
     def until(self, end: float) -> NDArray[np.bool_]:
@@ -107,8 +107,8 @@ class Channel:
     def at_times(self, frames: NDArray[np.float64], fps: float) -> NDArray[np.float64]:
         """Return simulated values at the measured times and points, shape [worlds, rows, width].
 
-        `frames`, shape [frame_count, worlds, ...], begins with frame 0. Between frames there is a cubic spline;
-        after the last frame its value stays.
+        `frames`, shape [frame_count, worlds, ...], begins with frame 0. Between frames values are interpolated by
+        a cubic spline; after the last frame they stay constant.
         """
         found = interpolated(frames, np.minimum(self.time * fps, len(frames) - 1))
         if self.entry is not None:  # [rows, worlds, particles, d]
@@ -117,7 +117,7 @@ class Channel:
 
 
 def interpolated(frames: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values of frames, along the first axis, at places between them: by a cubic spline."""
+    """Return a cubic spline through frames (first axis), evaluated at positions `place`, in frames."""
     if (np.abs(place - np.round(place)) < ON_FRAME).all():
         return frames[np.round(place).astype(int)]
     from scipy.interpolate import CubicSpline
@@ -153,7 +153,7 @@ def _with_noise(channel: Channel, noise: Any) -> Channel:
 
 
 def spread(channel: Channel) -> float:
-    """Return the variation of a channel's values over time: their root mean square about their means."""
+    """Return the variation of a channel's values over time: root mean square of deviations from the means."""
     sums = 0.0
     for k in np.unique(channel.entries):
         for column in channel.values[channel.entries == k].T:
@@ -203,7 +203,7 @@ def _series(measured: Mapping[str, Any], scene: Scene) -> list[Channel]:
 def read_measured(path: Path, scene: Scene) -> Any:
     """Return the measurements in a file: tracked points (time, id, x, y, z), probes and energies, or a trajectory.
 
-    Raises ValueError if it is of another form, or something in it is not a number.
+    Raises ValueError if the file has another form, or an entry is not a number.
     """
     if path.suffix == ".vtkhdf":
         with Trajectory(path) as trajectory:
@@ -240,7 +240,7 @@ def read_measured(path: Path, scene: Scene) -> Any:
 
 
 def frame_rate(channels: list[Channel]) -> float:
-    """Return a frame rate for which all measured times are ends of frames; 60 if there is none."""
+    """Return a frame rate for which every measured time is the end of a frame; 60 if there is none."""
     times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     gaps = np.diff(times)
     gap = float(gaps[gaps > ON_FRAME * gaps.max()].min())

@@ -1,4 +1,4 @@
-"""Parameters of a scene that a fit may change, each a positive number, and scenes with other values of them."""
+"""Parameters of a scene that a fit may change, each a positive number, and scenes with other values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,16 +21,16 @@ UNITS = {
 """Units of the parameters that may be fitted."""
 FACTOR = "times the scene's own"
 REACH = 10.0
-"""Default bounds are the start divided and multiplied by this."""
+"""Default bounds are the starting value divided and multiplied by this factor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A number that a fit changes, and the pattern that it multiplies."""
+    """A number that a fit changes, and the pattern of values that it multiplies."""
 
     name: str
     pattern: NDArray[np.float64]
-    """The values of springs, particles or obstacles if the parameter is 1; for gravity its direction."""
+    """The values of springs, particles or obstacles for a parameter of 1; for gravity its direction."""
     start: float
     low: float
     high: float
@@ -38,11 +38,11 @@ class Parameter:
 
     @property
     def is_one_number(self) -> bool:
-        """Whether each spring, particle or obstacle has the parameter itself as its value."""
+        """Whether the parameter itself is the value of each spring, particle or obstacle."""
         return bool((self.pattern == 1.0).all())
 
     def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the argument of `Ensemble` for values of shape [worlds]."""
+        """Return the argument of `Ensemble` for parameter values of shape [worlds]."""
         if self.is_one_number and self.name != "gravity":
             return values
         return values[:, None] * self.pattern
@@ -88,7 +88,7 @@ def _parameter(scene: Scene, name: str, start: Any, limits: Any) -> Parameter:
 
 
 def _pattern(scene: Scene, name: str) -> tuple[NDArray[np.float64], float, str]:
-    """Return the pattern of a parameter, its value in the scene (a factor of 1 if values differ), and its unit."""
+    """Return (pattern of a parameter, its value in the scene or 1 if values vary, its unit)."""
     if name == "gravity":
         if callable(scene.gravity):
             raise ValueError("gravity is a function of time; it must be constant to be fitted")
@@ -115,7 +115,7 @@ def _pattern(scene: Scene, name: str) -> tuple[NDArray[np.float64], float, str]:
 
 
 def scene_with(scene: Scene, parameters: Sequence[Parameter], values: NDArray[np.float64]) -> Scene:
-    """Return the scene with these values of its parameters."""
+    """Return the scene with these values of the parameters."""
     changes: dict[str, Any] = {}
     fields: dict[str, Any] = {}
     for one, value in zip(parameters, values, strict=True):

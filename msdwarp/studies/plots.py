@@ -14,7 +14,7 @@ RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
 
 
 def output_path(path: str | Path, suffix: str, force: bool) -> Path:
-    """Return the path of a file to write; raise ValueError or OSError if it cannot be written there."""
+    """Return the path of a file to write; raise ValueError or OSError if the file cannot be written."""
     path = Path(path)
     if path.suffix != suffix:
         raise ValueError(f"path is {path}; its name must end in {suffix}")
@@ -25,14 +25,14 @@ def output_path(path: str | Path, suffix: str, force: bool) -> Path:
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure of a size in inches."""
+    """Return an empty figure of this size [inches]."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def plot_log(csv_path: Path, png_path: Path) -> None:
-    """Draw the energies of a log against time."""
+    """Draw the energies of a CSV log against time, as a PNG file."""
     table = np.atleast_1d(np.genfromtxt(csv_path, delimiter=",", names=True))
     if not table.size:
         return
@@ -45,7 +45,7 @@ def plot_log(csv_path: Path, png_path: Path) -> None:
 
 
 def draw_energies(axes: Any, table: NDArray[np.void]) -> None:
-    """Draw the energies of a table with the log's columns against time."""
+    """Draw the energies of a table, with columns as in a log, against time."""
     start = table["gravitational_J"][0]
     curves = {
         "kinetic": (table["kinetic_J"], RED),
@@ -57,7 +57,7 @@ def draw_energies(axes: Any, table: NDArray[np.void]) -> None:
 
 
 def draw_curves(axes: Any, time: NDArray, curves: Mapping[str, tuple[NDArray, str]], quantity: str) -> None:
-    """Draw curves, (values, colour) by name, against time; the dark one stands out."""
+    """Draw curves against time, given as (values, colour) by name; the DARK one is drawn thicker."""
     for label, (values, colour) in curves.items():
         axes.plot(time, values, label=label, color=colour, lw=2.2 if colour == DARK else 1.5)
     axes.set_ylabel(quantity)
@@ -66,6 +66,6 @@ def draw_curves(axes: Any, time: NDArray, curves: Mapping[str, tuple[NDArray, st
 
 
 def add_grid(axes: Any) -> None:
-    """Draw a faint grid, and no frame above and to the right."""
+    """Draw a faint grid, and remove the frame's upper and right lines."""
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)

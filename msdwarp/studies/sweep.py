@@ -37,12 +37,12 @@ from .sweep_points import (
 from .workers import gpus_for, workers_for
 
 _TRIES = 3
-"""Maximal number of tries of a point whose worker is lost."""
+"""Maximal number of attempts at a point whose worker is lost."""
 _PAUSE = 0.05
-"""Seconds between two checks of the futures."""
+"""Time between two checks of the futures [s]."""
 
 Report = Callable[[int, int], None]
-"""Called with the number of points simulated so far, and of all that are to be simulated."""
+"""Called with (number of points simulated so far, number of all points to simulate)."""
 
 
 def sweep(
@@ -60,9 +60,9 @@ def sweep(
 ) -> Any:
     """Simulate a scene at every point of a grid, and collect the results.
 
-    Each point has a folder, named by a hash (digest) of all its parameters, that appears once it is done. So an
-    interrupted sweep can be continued, and a larger grid simulates only the new points. If a point diverges or
-    fails, its status says so, and the others continue.
+    Each point has a folder, named by a hash (digest) of all its parameters, that appears once the point is done.
+    So an interrupted sweep can be continued, and a larger grid simulates only new points. A point that diverges
+    or fails has a status that says so; the other points continue.
 
     Parameters
     ----------
@@ -73,20 +73,20 @@ def sweep(
         Values by parameter name: parameters of the scene's function, or options of `Simulation`. Values are a
         sequence of numbers or texts, or a text such as "1,2,5", "0:100", "1:3:5" or "1e3:1e5:log:20".
     folder
-        Folder of the runs and results. It may contain those of an earlier sweep.
+        Folder of runs and results. It may contain an earlier sweep.
     parameters, **options
         Values common to all points: parameters of the scene, options of `Simulation` and the `duration` [s].
     observe
-        Functions by name. Each is called with the `Simulation` at its end and returns a number.
+        Functions by name. Each is called with the `Simulation` at the end of the run, and returns a number.
     executor
         An object with a method `submit` like that of `concurrent.futures`, such as Dask's `Client` or a submitit
         executor. By default processes on this machine.
     jobs
-        Number of processes; "auto" for one per GPU, or one per core without a GPU. With 1, points are simulated in
-        this process. With "ensemble", points that differ only in parameters that worlds of an `Ensemble` may
-        differ in are simulated together in this process, and the others as with "auto", with a warning. Automatic
-        substeps are then those of the world that needs most, and stay fixed. With a single GPU "auto" also uses
-        ensembles for points with a set number of substeps of which only summaries are kept.
+        Number of processes; "auto" for one per GPU, or one per core without a GPU. With 1, points run in this
+        process. With "ensemble", points that differ only in parameters in which worlds of an `Ensemble` may differ
+        run together in this process; others as with "auto", with a warning. Automatic substeps are then those of
+        the world that needs most, and stay fixed. With a single GPU "auto" also uses ensembles for points with a
+        set number of substeps if only summaries are kept.
     keep
         "summary" keeps the parameters and results of a point, "run" also its trajectory.
     report
@@ -96,15 +96,15 @@ def sweep(
     -------
     xarray.Dataset
         Over the swept parameters: `status` ("done", "diverged", "failed", "lost" or "missing"), `message`, `run`
-        (the name of its folder in runs/), the energies, momenta and the largest strain at the end, the last value
-        of each probe, and the observed quantities. It is also written to results.nc and results.csv.
+        (the name of the point's folder in runs/), the energies, momenta and largest strain at the end, the last
+        value of each probe, and the observed quantities. Also written to results.nc and results.csv.
 
     Raises
     ------
     ValueError
         If an argument is invalid, or xarray is missing. No file has been changed then.
     OSError
-        If the folder cannot be written to, or contains something else.
+        If the folder cannot be written to, or contains anything but a sweep.
     """
     build, name = find_build(scene)
     values = checked_grid(grid)
@@ -141,7 +141,7 @@ def sweep(
 
 
 class FunctionTask(NamedTuple):
-    """A scene by its function, and the arguments of a simulation."""
+    """A task with the function that builds the scene, and arguments of a simulation."""
 
     build: Callable[..., Scene]
     parameters: dict[str, Any]
@@ -149,7 +149,7 @@ class FunctionTask(NamedTuple):
     observe: dict[str, Callable[[Simulation], float]]
 
     def setup(self) -> Setup:
-        """Build the scene, and return it with its duration and options."""
+        """Build the scene, and return the setup with its duration and options."""
         scene = self.build(**self.parameters)
         checks.instance("what scene returns", scene, Scene, "Scene(system=chain(5))")
         options = dict(self.options)
@@ -160,7 +160,7 @@ class FunctionTask(NamedTuple):
         return Setup(scene, duration, options | {"integrator": integrator}, self.observe)
 
     def simulate(self, folder: Path, keeps_files: bool) -> dict[str, float]:
-        """Simulate the scene to its end and return the final numbers; write a trajectory if `keeps_files`."""
+        """Simulate the scene to the end and return the final numbers; write a trajectory if `keeps_files`."""
         scene, duration, options, observe = self.setup()
         simulation = Simulation.from_scene(scene, **options)
         frames = frame_count(duration, simulation.fps)
@@ -189,9 +189,9 @@ def complete(
     device: str | None = None,
     report: Report | None = None,
 ) -> tuple[Any, int, dict[int, str]]:
-    """Simulate the planned points that are not in the folder yet, and write the results of all.
+    """Simulate the planned points that are not in the folder yet, and write the results of all planned points.
 
-    Return the results, the number of points that were worlds of ensembles, and why others, by index, were not.
+    Return (results, number of points that ran in ensembles, why other points did not, by index).
     Without a `device` the processes share the GPUs. Other arguments and errors are as for `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
@@ -215,7 +215,7 @@ def complete(
         remove_unfinished(runs)
         rows: list[Row] = [stored_row(runs / point.digest) or {} for point in planned]
         left = {k: planned[k] for k, row in enumerate(rows) if not row}
-        for point in left.values():  # after a power cut a partial run may be left
+        for point in left.values():  # a power cut may have left a partial run
             shutil.rmtree(runs / point.digest, ignore_errors=True)
         count, refused = len(left), dict[int, str]()
         tasks = {k: point.task for k, point in left.items()}
@@ -229,7 +229,7 @@ def complete(
         finally:
             remove_unfinished(runs)
             absent: Row = {"status": MISSING, "message": "not simulated yet"}
-            # A worker may have finished a point without this process knowing.
+            # A worker may have finished a point after this process considered the worker lost.
             rows = [
                 row or stored_row(runs / point.digest) or absent for row, point in zip(rows, planned, strict=True)
             ]
@@ -238,14 +238,14 @@ def complete(
 
 
 def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: Any) -> Iterator[tuple[int, Row]]:
-    """Yield (index, row) of points as they finish, each a separate run."""
+    """Yield (index, row) of each point as its separate run finishes."""
     if executor is None:
         for k, point in left.items():
             yield k, run_point(point.task.simulate, point, runs, keeps_files)
         return
 
     def submit(tries: list[tuple[int, int]]) -> dict[Any, tuple[int, int]]:
-        """Return the tries, (index, attempt), by future; submitit gets all at once, as one Slurm job array."""
+        """Return (index, attempt) by future; submitit gets all tries at once, as one Slurm job array."""
         calls = [(left[k].task.simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
         if calls and hasattr(executor, "map_array"):
             futures = executor.map_array(run_point, *zip(*calls, strict=True))
@@ -262,7 +262,7 @@ def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: A
                 k, attempt = waiting.pop(future)
                 try:
                     yield k, future.result()
-                except Exception as error:  # executors raise various errors for a lost worker
+                except Exception as error:  # executors raise different errors if a worker is lost
                     if (row := stored_row(runs / left[k].digest)) is not None:
                         yield k, row
                     elif attempt < _TRIES:

@@ -1,4 +1,4 @@
-"""Points of a sweep as worlds of ensembles, if points differ only in parameters that worlds may have."""
+"""Points of a sweep as worlds of ensembles, for points that differ only in parameters that worlds may have."""
 
 import hashlib
 import pickle
@@ -20,28 +20,28 @@ from .sweep_points import Setup, Simulate, Task, final_numbers
 from .workers import gpus_for
 
 ENSEMBLE = "ensemble"
-"""The value of `jobs` that runs every point in an ensemble, if possible."""
+"""The value of `jobs` for which every point runs in an ensemble, if possible."""
 OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 OF_SYSTEM = (*OF_CONNECTIONS, "mass", "position", "velocity")
 """Fields of a system that may differ between worlds."""
 ONLY_OF_YIELDING = ("original_length",)
-"""Fields that matter only if springs yield; otherwise worlds may differ in them."""
+"""Fields that matter only if springs yield; otherwise they may differ between worlds."""
 MOST_WORLDS, MOST_ON_CPU = 4096, 64
-"""Maximal number of worlds of an ensemble: enough to fill a GPU. An interrupted sweep loses unfinished ones."""
+"""Maximal number of worlds of an ensemble, on a GPU and on the CPU; interrupting a sweep loses all of one."""
 MOST_NUMBERS = 1 << 23
-"""Maximal number of particles and springs of all worlds: some hundred megabytes of parameters."""
+"""Maximal number of particles plus springs in all worlds: some hundred megabytes of parameters."""
 
 Numbered = tuple[int, Setup]
-"""Index of a point, and its setup."""
+"""Index of a point, and the point's setup."""
 World = tuple[int, Simulate, float]
-"""Index of a point, a function that returns the results of its world, and its share of the run time [s]."""
+"""Index of a point, a function that returns its world's results, and its part of the run time [s]."""
 
 
 def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
-    """Simulate points in ensembles, yield their worlds, and note in `refused` why other points are excluded.
+    """Simulate points in ensembles; yield their worlds; note in `refused` why other points are excluded.
 
     A world equals a separate simulation with as many substeps, bit for bit under the conditions of `Ensemble`.
-    "auto" uses the substeps of the world that needs most, and never adds any; `fixed_only` excludes such points.
+    "auto" uses the substeps of the world that needs most, and keeps them; `fixed_only` excludes "auto".
     """
     alike: dict[bytes, list[Numbered]] = {}
     for number, task in tasks.items():
@@ -52,7 +52,7 @@ def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixe
             if setup.scene.probes and setup.observe:
                 raise ValueError("what is observed may ask for all readings of its probes")
             key = _digest_of_shared(setup)
-        except Exception as error:  # a scene may raise any error; its separate run reports it in full
+        except Exception as error:  # a scene may raise any error; the separate run reports it in full
             refused[number] = str(error)
             continue
         several = alike.setdefault(key, [])
@@ -67,7 +67,7 @@ def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixe
 
 
 def ensemble_summary(done: int, refused: Mapping[int, str]) -> str:
-    """Return how many points were worlds of ensembles, and why the others were not."""
+    """Return a message: how many points ran in ensembles, and why others did not."""
     message = f"{done} of {done + len(refused)} points were worlds of ensembles"
     if not refused:
         return message
@@ -77,7 +77,7 @@ def ensemble_summary(done: int, refused: Mapping[int, str]) -> str:
 
 
 def _digest_of_shared(setup: Setup) -> bytes:
-    """Return a digest of everything that worlds of an ensemble share; raise ValueError if it cannot be pickled."""
+    """Return a digest of everything that an ensemble's worlds share; raise ValueError if it cannot be pickled."""
     scene, system = setup.scene, setup.scene.system
     own = (*OF_SYSTEM, *(() if system.yields else ONLY_OF_YIELDING))
     shared = {one.name: getattr(system, one.name) for one in fields(System) if one.name not in own}
@@ -88,7 +88,7 @@ def _digest_of_shared(setup: Setup) -> bytes:
     parts = (shared, rough, around, setup.duration, setup.options)
     try:
         return hashlib.sha256(pickle.dumps(parts)).digest()
-    except Exception as error:  # such as functions without a name
+    except Exception as error:  # such as functions without names
         raise ValueError(f"it cannot be compared with others: {error}") from error
 
 
@@ -99,7 +99,7 @@ def _most_worlds(setup: Setup) -> int:
 
 
 def _run_together(several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
-    """Simulate points in an ensemble; if it refuses some of them, in smaller ensembles without these."""
+    """Simulate points in an ensemble; if it refuses some of the points, in smaller ensembles without these."""
     try:
         ensemble = _ensemble([setup for _, setup in several])
     except ValueError as error:
@@ -114,7 +114,7 @@ def _run_together(several: list[Numbered], refused: dict[int, str]) -> Iterator[
 
 
 def _is_refused_alone(setup: Setup) -> bool:
-    """Return whether an ensemble refuses the scene for any parameters of its worlds."""
+    """Return whether an ensemble refuses the scene, whatever the parameters of the worlds."""
     try:
         _ensemble([setup])
     except UnstableStep:
@@ -125,7 +125,7 @@ def _is_refused_alone(setup: Setup) -> bool:
 
 
 def _ensemble(several: list[Setup]) -> Ensemble:
-    """Return an ensemble of scenes: its parameters are the fields that differ between them."""
+    """Return an ensemble of scenes; fields that differ between scenes are its parameters."""
     scenes = [setup.scene for setup in several]
     rows: dict[str, NDArray] = {
         name: np.array([getattr(scene.system, name) for scene in scenes]) for name in OF_SYSTEM
@@ -137,16 +137,16 @@ def _ensemble(several: list[Setup]) -> Ensemble:
         dim = scenes[0].system.dim
         rows["gravity"] = np.array([checks.gravity("gravity", scene.gravity, dim) for scene in scenes])
     differing = {name: values for name, values in rows.items() if (values != values[:1]).any()}
-    for name in (*OF_CONNECTIONS, "mass", "friction"):  # a number that is equal within a world is stored once
+    for name in (*OF_CONNECTIONS, "mass", "friction"):  # a value that is uniform within a world is stored once
         if name in differing and (differing[name] == differing[name][:, :1]).all():
             differing[name] = differing[name][:, 0]
     return Ensemble(scenes[0], len(scenes), **differing, **several[0].options)
 
 
 def _run_ensemble(ensemble: Ensemble, several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
-    """Advance an ensemble to the end, and yield the worlds that do not diverge."""
+    """Advance an ensemble to the end, and yield the worlds that have not diverged."""
     began, first = time.perf_counter(), several[0][1]
-    left = 1 if first.scene.probes else 0  # the last frame is run by a `Simulation` per world, to read probes
+    left = 1 if first.scene.probes else 0  # a `Simulation` per world runs the last frame, to read probes
     if (frames := frame_count(first.duration, ensemble.fps) - left) > 0:
         ensemble.step(frames)
     reached = ensemble.checkpoints()

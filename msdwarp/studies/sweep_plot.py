@@ -18,12 +18,12 @@ _MOST_PANELS = 6
 def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None, force: bool = False) -> Path:
     """Plot the results.nc of a sweep into `*.png`: lines over one parameter, maps over two; return the path.
 
-    With more parameters, the two with most values are drawn, as means over the others; a band around a line shows
-    the least and the greatest value. A cross marks a point without a completed run. By default energies, the
-    largest strain, probes and observed quantities are drawn; with `show` only this result.
+    With more parameters, the two with most values are drawn; results are means over the others. A band around a
+    line shows the least and greatest value. A cross marks a point without a completed run. By default energies,
+    the largest strain, probes and observed quantities are drawn; with `show` only the named result.
 
-    Raises ValueError if the file holds no results, or not this one, or none is a number, or xarray is missing; and
-    like `output_path`.
+    Raises ValueError if the file has no results, or not the named one, or none is a number, or xarray is missing;
+    and the errors of `output_path`.
     """
     path = output_path(path, ".png", force)
     found = read_results(Path(results))
@@ -73,7 +73,7 @@ def _figure(found: Any, names: list[str]) -> Any:
 
 
 def _line(axes: Any, mean: Any, ended: NDArray) -> NDArray[np.float64]:
-    """Draw a line with crosses, and return the places of its points along the axis."""
+    """Draw a line with crosses; return the coordinates of its points along the axis."""
     places = _places(axes.xaxis, axes.set_xscale, mean[mean.dims[0]].values)
     axes.plot(places, mean.values, color=BLUE, marker="o" if len(places) <= 60 else "", ms=3.5, lw=1.6)
     axes.plot(places[~ended], np.full((~ended).sum(), 0.03), "x", color=RED, transform=axes.get_xaxis_transform())
@@ -85,7 +85,7 @@ def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
     across, up = mean.dims
     x = _places(axes.xaxis, axes.set_xscale, mean[across].values)
     y = _places(axes.yaxis, axes.set_yscale, mean[up].values)
-    # Cells end halfway between two places, by ratio on a logarithmic axis.
+    # Cells end midway between two points; on a logarithmic axis at the geometric mean.
     scales = {"xscale": axes.get_xscale(), "yscale": axes.get_yscale()}
     scales = {name: scale for name, scale in scales.items() if scale == "log"}  # setting a linear one resets ticks
     how = {"cmap": "viridis", "center": False, "add_labels": False, "cbar_kwargs": {"label": label}}
@@ -95,7 +95,7 @@ def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
 
 
 def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
-    """Return the places of values on an axis, logarithmic for a decade or more; texts are in order."""
+    """Return coordinates of values on an axis, which is logarithmic for a decade or more; texts are in order."""
     if values.dtype.kind not in "iuf":
         axis.set_ticks(range(len(values)), [str(value) for value in values])
         return np.arange(len(values), dtype=float)
@@ -106,7 +106,7 @@ def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
 
 
 def _label(name: str) -> str:
-    """Return the label of a result's axis, with its unit in brackets."""
+    """Return the label of a result's axis, with the unit in brackets."""
     for unit in ("_kg_m2_s", "_kg_m_s", "_m_s", "_J", "_W", "_N", "_m", "_s"):
         if name.endswith(unit):
             shown = unit[1:].replace("m2", "m²").replace("_s", "/s").replace("_", " ")

@@ -1,4 +1,4 @@
-"""Points of a sweep: a folder for each, the tasks of workers, and the results of all points."""
+"""Points of a sweep: a folder for each, tasks of workers, and the results of all points."""
 
 import hashlib
 import json
@@ -22,15 +22,15 @@ from .table import COLUMNS
 
 RUNS, PARAMETERS, SUMMARY = "runs", "parameters.json", "summary.json"
 DONE, DIVERGED, FAILED, LOST, MISSING = "done", "diverged", "failed", "lost", "missing"
-"""Status of a point. The first two are final and kept; points with the others are tried again by the next call."""
+"""Status of a point. The first two are final; points with another status are tried again by the next call."""
 _UNFINISHED = ".unfinished-"
 
 Row = dict[str, Any]
 """Results of a point: its status, a message, and numbers by name."""
 Simulate = Callable[[Path, bool], dict[str, float]]
-"""Simulate in a folder, and keep files there or not; return the final numbers."""
+"""Simulate in a folder, and keep the files there if the flag is set; return the final numbers."""
 Observe = Mapping[str, Callable[[Simulation], float]]
-"""Functions by name, called with the simulation at its end."""
+"""Functions by name, each called with the simulation at the end of its run."""
 
 
 class Setup(NamedTuple):
@@ -38,11 +38,11 @@ class Setup(NamedTuple):
 
     scene: Scene
     duration: float
-    """[s]"""
+    """Simulated time [s]."""
     options: dict[str, Any]
-    """Arguments that `Ensemble` and `Simulation` share."""
+    """Arguments of both `Ensemble` and `Simulation`."""
     observe: Observe = MappingProxyType({})
-    """Functions whose results are kept."""
+    """Functions, by name, whose results are kept."""
 
 
 class Task(Protocol):
@@ -66,12 +66,12 @@ class Point(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """The name of the point's folder: equal for equal parameters."""
+        """The name of the point's folder, a digest: equal parameters have the same name."""
         return hashlib.sha256(json.dumps(self.parameters, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def stored_row(folder: Path) -> Row | None:
-    """Return the row in the folder of a point; None if no row can be read."""
+    """Return the row stored in a point's folder; None if no row can be read."""
     try:
         row = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -80,24 +80,24 @@ def stored_row(folder: Path) -> Row | None:
 
 
 def remove_unfinished(runs: Path) -> None:
-    """Remove the folders of workers that were lost, or still run and will not be waited for."""
+    """Remove folders of workers that were lost, or that still run but are no longer waited for."""
     for folder in list(runs.glob(f"{_UNFINISHED}*")):
         taken = runs / f"{_UNFINISHED}{secrets.token_hex(8)}"
-        with suppress(OSError):  # its worker was faster
-            folder.rename(taken)  # now its worker cannot put it in place while it is emptied
+        with suppress(OSError):  # the worker has just renamed the folder
+            folder.rename(taken)  # now the worker cannot rename it while it is emptied
         shutil.rmtree(taken, ignore_errors=True)
 
 
 def run_point(
     simulate: Simulate, point: Point, runs: Path, keeps_files: bool, attempt: int = 1, spent: float = 0.0
 ) -> Row:
-    """Simulate a point and return its row; its folder appears whole, or not at all. Workers call this.
+    """Simulate a point and return its row; its folder appears complete or not at all. Called by workers.
 
-    Errors are in the row; an exception means that the worker is lost. Dask does not repeat equal calls: `attempt`
-    makes them differ. `spent` is the time that the point has taken before [s].
+    Errors are in the row; an exception means that the worker is lost. Dask does not repeat equal calls, so
+    `attempt` makes them different. `spent` is the time already spent on the point [s].
     """
     folder = runs / point.digest
-    if (row := stored_row(folder)) is not None:  # written by a worker that was considered lost
+    if (row := stored_row(folder)) is not None:  # written by a worker that seemed lost
         return row
     made = runs / f"{_UNFINISHED}{point.digest}-{secrets.token_hex(4)}"
     began = time.perf_counter() - spent
@@ -115,7 +115,7 @@ def run_point(
         try:
             os.rename(made, folder)
         except OSError:
-            if stored_row(folder) is None:  # else another worker was first, with an equal row
+            if stored_row(folder) is None:  # otherwise another worker was first, with an equal row
                 raise
         return row
     except OSError as error:
@@ -142,7 +142,7 @@ def _row(simulate: Simulate, folder: Path, keeps_files: bool) -> Row:
 def final_numbers(
     simulation: Simulation, scene: Scene, observe: Observe = MappingProxyType({})
 ) -> dict[str, float]:
-    """Return energies, strain, the last values of probes and observed quantities, named as in their tables."""
+    """Return energies, strain, last values of probes and observed quantities, by the names in their tables."""
     measures = simulation.measure()
     numbers = {"time_s": simulation.time, "substeps": simulation.substeps}
     numbers |= {name: of(measures) for name, of in COLUMNS.items()}
@@ -166,7 +166,7 @@ WORDS = ("status", "message", "run")
 
 
 def import_xarray() -> Any:
-    """Return xarray; raise ValueError that says how to get it if it or h5netcdf is not installed."""
+    """Return xarray; if it or h5netcdf is not installed, raise ValueError with instructions."""
     missing = "results of a sweep need xarray and h5netcdf: pip install 'msdwarp[sweep]'"
     checks.imported("h5netcdf", missing)
     return checks.imported("xarray", missing)
@@ -177,7 +177,7 @@ def write_results(
 ) -> Any:
     """Write the rows of all points as NetCDF and as a table; return them as an `xarray.Dataset` over the grid.
 
-    A number that a row lacks is NaN. Each file is written under a temporary name, then renamed.
+    A number missing in a row becomes NaN. Each file is written under a temporary name, then renamed.
     """
     xarray = import_xarray()
     numbers = dict.fromkeys(name for row in rows for name in row if name not in (*WORDS, *grid))

@@ -1,4 +1,4 @@
-"""Tables of numbers on disk that grow with a run: CSV files, such as the log of energies."""
+"""Tables on disk that grow during a run: CSV files, such as the log of energies."""
 
 import csv
 import io
@@ -29,10 +29,10 @@ class GrowingTable:
     """Writes lines of numbers, each immediately to disk, below a header of column names.
 
     An existing file is replaced, or continued after `behind` lines, or after the line for the time `until` [s].
-    Later lines are kept while equal lines are written again; the first different line replaces the rest, once it
-    is on disk. Files of earlier versions have only the first `columns_before` columns.
+    Later lines stay while equal lines are written again; the first different line replaces all that follow. Files
+    of earlier versions have only the first `columns_before` columns.
 
-    Raises ValueError, which calls the file `word`, if the file to continue has other columns or lacks lines.
+    Raises ValueError, which calls the file `word`, if the file to continue has other columns or too few lines.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class GrowingTable:
         self._lines, self._kept = self._existing(behind, until, word)
 
     def _existing(self, behind: int, until: float, word: str) -> tuple[list[list[str]], int]:
-        """Return the lines of the file to continue, and the number of lines to keep."""
+        """Return (lines of the file to continue, number of lines to keep)."""
         if not (behind or until) or not self.path.exists():
             return [], 0
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
             head, *lines = list(csv.reader(file)) or [[]]
-        if until:  # if no line has that time, more than there are
+        if until:  # if no line has this time, keep more than exist
             of_time = [k + 1 for k, line in enumerate(lines) if line and _is_of_time(line, until)]
             behind = max(of_time, default=len(lines) + 1)
         if head not in self._heads or len(lines) < behind:
@@ -66,7 +66,7 @@ class GrowingTable:
     def __enter__(self) -> Self:
         kept = _as_csv([self._head, *self._lines[: self._kept]])
         whole = kept + _as_csv(self._lines[self._kept :])
-        if not self._lines or self.path.read_bytes() != whole:  # new, of an earlier version, or truncated
+        if not self._lines or self.path.read_bytes() != whole:  # a new file, an older version, or truncated
             with disk.replacing(self.path) as unfinished:
                 unfinished.write_bytes(whole)
         self._file = self.path.open("r+b")
@@ -74,7 +74,7 @@ class GrowingTable:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close the file; an error in closing does not hide an earlier one."""
+        """Close the file; an error while closing does not hide an earlier one."""
         assert self._file is not None
         try:
             self._file.close()
@@ -83,7 +83,7 @@ class GrowingTable:
                 raise
 
     def write_line(self, numbers: Sequence[float]) -> None:
-        """Write a line over the next kept line; if they differ, remove the later ones."""
+        """Write a line in place of the next kept line; if they differ, remove all later lines."""
         assert self._file is not None
         line = _as_csv([[f"{number:.9g}" for number in numbers]])
         with disk.failure_named(self.path, "could not be written further"):
@@ -102,7 +102,7 @@ def _as_csv(lines: Sequence[Sequence[str]]) -> bytes:
 
 
 def _is_of_time(line: Sequence[str], time: float) -> bool:
-    """Return whether a line begins with a time [s], written to nine digits."""
+    """Return whether a line begins with this time [s], as written with nine digits."""
     try:
         return abs(float(line[0]) - time) <= 1e-8 * time
     except ValueError:
@@ -110,12 +110,12 @@ def _is_of_time(line: Sequence[str], time: float) -> bool:
 
 
 class EnergyLog(GrowingTable):
-    """Writes a line of measures per frame to a CSV file, immediately to disk, and plots the file at the end.
+    """Writes a line of measures per frame to a CSV file, each immediately to disk, and plots the file at the end.
 
-    With `behind` it continues an existing file after that number of lines; see `GrowingTable`.
+    With `behind` an existing file is continued after that number of lines; see `GrowingTable`.
 
-    Raises ValueError if the path does not end in .csv or has the name of a frame, and FileExistsError if it or its
-    plot exists and `force` is False.
+    Raises ValueError if the path does not end in .csv or has a frame's name, and FileExistsError if the file or
+    its plot exists and `force` is False.
     """
 
     def __init__(self, path: Path, *, force: bool = False, behind: int = 0) -> None:
@@ -128,7 +128,7 @@ class EnergyLog(GrowingTable):
             if existing.exists() and not force and not behind:
                 raise FileExistsError(f"log would replace {existing}; name another file or add --force")
         disk.writable_folder("log", path, path.parent)
-        head = ["time_s", *COLUMNS, "substeps"]  # files of earlier versions have no substeps
+        head = ["time_s", *COLUMNS, "substeps"]  # files of earlier versions have no column of substeps
         super().__init__(path, head, behind=behind, word="log", columns_before=-1)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -141,5 +141,5 @@ class EnergyLog(GrowingTable):
                 raise OSError(f"{self.plot_path} could not be drawn: {error}") from error
 
     def write(self, time: float, measures: Measures, substeps: int) -> None:
-        """Add a line: the time [s], its measures, and the substeps of the frame before."""
+        """Add a line: the time [s], the measures, and the substeps of the previous frame."""
         self.write_line([time, *(of(measures) for of in COLUMNS.values()), substeps])

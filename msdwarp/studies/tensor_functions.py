@@ -1,4 +1,4 @@
-"""Simulations as functions of PyTorch and JAX, with gradients; each is imported when its function is called."""
+"""Simulations as functions of PyTorch and JAX, with gradients; each library is imported on the first call."""
 
 import importlib
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ ARRAYS = tuple(name for name in GRADIENT_NAMES if name not in ("force", "strain"
 
 
 def split_arrays(options: dict[str, Any], kind: Any) -> tuple[list[str], list[Any]]:
-    """Remove arrays of a kind, a type or several, from `options`; return their names and themselves."""
+    """Remove arrays of a type, or of several types, from `options`; return (names, arrays)."""
     names = [name for name in ARRAYS if isinstance(options.get(name), kind)]
     return names, [options.pop(name) for name in names]
 
@@ -23,7 +23,7 @@ def split_arrays(options: dict[str, Any], kind: Any) -> tuple[list[str], list[An
 def differentiated(
     system: System, frames: int, worlds: int | None, values: Mapping[str, NDArray], options: Mapping[str, Any]
 ) -> tuple[Differentiated, Frames]:
-    """Take frames of a system, or of many worlds of it, with other values, which can be led back."""
+    """Simulate frames of a system, or of many worlds of it, with other values, for differentiation."""
     own: dict[str, Any] = {name: np.asarray(one, dtype=np.float64) for name, one in values.items()}
     if worlds is not None:
         return Ensemble(system, worlds, **options, **own).differentiated(frames, list(values))
@@ -34,18 +34,18 @@ def differentiated(
 def led_back(
     run: Differentiated, by_frames: Sequence[NDArray], shapes: Mapping[str, tuple[int, ...]]
 ) -> list[NDArray]:
-    """Return derivatives by arrays of these shapes, given those by the positions and velocities of frames.
+    """Return derivatives by arrays of these shapes, given derivatives by positions and velocities of frames.
 
-    What stands for several particles, connections or worlds has the sum of their derivatives.
+    A value for several particles, connections or worlds gets the sum of their derivatives.
     """
     run.backward(*map(run.by_frame, by_frames))
     sums = []
     for name, found in run.found(shapes).items():
         shape = shapes[name]
-        if name == "gravity" and len(shape) < found.ndim:  # numbers are downwards
+        if name == "gravity" and len(shape) < found.ndim:  # a number means downwards
             found = -found[..., -1]
         rows = min(len(shape), run.stopped.ndim)
-        if rows:  # world w has row w mod their number
+        if rows:  # world w has row w mod (number of rows)
             found = found.reshape(-1, shape[0], *found.shape[1:]).sum(axis=0)
         found = found.sum(axis=tuple(range(rows, rows + found.ndim - len(shape))))
         sums.append(found.sum(axis=tuple(k for k, n in enumerate(shape) if n == 1), keepdims=True))
@@ -58,22 +58,22 @@ def simulate_torch(system: System, frames: int, *, worlds: int | None = None, **
     Parameters
     ----------
     system
-        What is simulated.
+        The system to simulate.
     frames
-        How many frames.
+        Number of frames to simulate.
     worlds
-        How many worlds to simulate at once; None for one without an axis of worlds.
+        Number of worlds to simulate at once; None for one without an axis of worlds.
     options
         Tensors for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or "gravity" in place of
-        the system's; gradients are led back to those that require them. One number may stand for all connections
-        or particles; gravity is a vector, or a number downwards. Others are arguments of `Simulation`. With
-        `worlds` they are those of `Ensemble`, and tensors have its shapes: rows first, one for each world.
+        the system's; those that require gradients receive them. One number may stand for all connections or
+        particles; gravity is a vector, or a number downwards. Other options are arguments of `Simulation`; with
+        `worlds`, of `Ensemble`, and tensors have the shapes of its arguments: rows first, one for each world.
 
     Returns
     -------
     position, velocity
-        Tensors of shape [frames + 1, particle_count, d], in float64 on the host; with `worlds` these come first.
-        A world that diverges has NaN from that frame on, and as its derivatives.
+        Tensors of shape [frames + 1, particle_count, d], in float64 on the host; with `worlds` their axis is
+        first. A world that diverges has NaN from that frame on, and NaN derivatives.
 
     Raises
     ------
@@ -111,17 +111,17 @@ def simulate_torch(system: System, frames: int, *, worlds: int | None = None, **
 def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **options: Any) -> tuple[Any, Any]:
     """Return positions [m] and velocities [m/s] of the coming frames as JAX arrays that can be differentiated.
 
-    It can be used within `jax.jit` and `jax.grad` (reverse mode, first derivatives), not within `jax.vmap`: use
-    `worlds`. Within `jax.jit` the backward pass takes the frames again, as JAX keeps arrays alone.
+    Works within `jax.jit` and `jax.grad` (reverse mode, first derivatives), not within `jax.vmap`: use `worlds`.
+    Within `jax.jit` the backward pass repeats the simulation, as JAX keeps only arrays.
 
     Parameters
     ----------
     system
-        What is simulated.
+        The system to simulate.
     frames
-        How many frames.
+        Number of frames to simulate.
     worlds, options
-        As of `simulate_torch`, with arrays in place of tensors; gradients are led back to all of them.
+        As for `simulate_torch`, with arrays in place of tensors; all arrays receive gradients.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     ValueError
         If an argument is out of range.
     jax.errors.JaxRuntimeError
-        The same within `jax.jit`, with the message in its text, if a value is out of range.
+        The same errors within `jax.jit`, with the message in the text, if a value is out of range.
     ImportError
         Without JAX.
     """
@@ -147,7 +147,7 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     shape = jax.ShapeDtypeStruct((*each_world, frames + 1, system.particle_count, system.dim), dtype)
 
     kept: list[Differentiated] = []
-    """The run that is led back next, where JAX does not compile: compiled code may take others meanwhile."""
+    """The run to differentiate next when JAX does not compile; compiled code may run others meanwhile."""
 
     def take_frames(*given: Any) -> Any:
         values = dict(zip(names, map(np.asarray, given), strict=True))
@@ -166,7 +166,7 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     def as_arrays(values: Any) -> Any:
         return jax.tree.map(jax.numpy.asarray, values)
 
-    # JAX keeps every function that it has called back for ever: only what it compiles is called so.
+    # JAX keeps every callback function for ever, so callbacks are used only in compiled code.
     @jax.custom_vjp
     def simulate(*given: Any) -> Any:
         if compiles(given):

@@ -20,15 +20,15 @@ VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 
 class Workers(ThreadPoolExecutor):
-    """An executor of processes. If a process dies, only its present call fails; the next call gets a new process.
+    """An executor of processes. If a process dies, only its current call fails; the next call gets a new process.
 
-    All processes end with this one, however it ends. They are spawned, because CUDA does not survive a fork. GPUs,
-    named as in `CUDA_VISIBLE_DEVICES`, are assigned in turn; without `gpus` every process sees all devices.
+    All of them end with this process, however it ends. They are spawned, because CUDA does not work after a fork.
+    GPUs, named as in `CUDA_VISIBLE_DEVICES`, are assigned in turn; without `gpus` processes see all devices.
     """
 
     def __init__(self, count: int, gpus: Sequence[str] = ()) -> None:
         super().__init__(checks.count("jobs", count, 1))
-        self._cpu_threads = max(1, cores() // count)  # per process: one thread per core in total
+        self._cpu_threads = max(1, cores() // count)  # so that all processes together have one per core
         self._context = get_context("spawn")
         self._watched, self._held = self._context.Pipe(duplex=False)
         self._idle: SimpleQueue[tuple[str | None, ProcessPoolExecutor | None]] = SimpleQueue()
@@ -36,7 +36,7 @@ class Workers(ThreadPoolExecutor):
             self._idle.put((gpus[k % len(gpus)] if gpus else None, None))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
-        """Pass a call of a module's function to a process, and return its future."""
+        """Pass the call of a module's function to a process; return its future."""
         return super().submit(self._call, fn, args, kwargs)
 
     def _call(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
@@ -55,7 +55,7 @@ class Workers(ThreadPoolExecutor):
             self._idle.put((gpu, process))
 
     def __exit__(self, *_: object) -> None:
-        """End all processes at once, and wait for them: Python's exit can fail while processes are ending."""
+        """End all processes at once, and wait until they have ended, since otherwise Python's exit can fail."""
         self._held.close()
         self.shutdown(wait=True, cancel_futures=True)
         while not self._idle.empty():
@@ -65,17 +65,17 @@ class Workers(ThreadPoolExecutor):
 
 
 def _begin(watched: Connection, gpu: str | None, threads: int) -> None:
-    """Prepare a process: restrict it to its GPU, leave Ctrl-C to the parent, and end with the parent."""
+    """Prepare a process: restrict it to its GPU, leave Ctrl-C to the parent, and end it with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if gpu is not None:
-        os.environ[VISIBLE] = gpu  # before Warp starts, which then looks for GPUs
+        os.environ[VISIBLE] = gpu  # set before Warp starts and looks for GPUs
     os.environ.setdefault(THREADS, str(threads))
     Thread(target=_end_with, args=(watched,), daemon=True).start()
     start_warp()
 
 
 def _end_with(watched: Connection) -> None:
-    """End this process once its parent closes the other end of a pipe, or ends."""
+    """End this process once its parent closes its end of a pipe, or ends."""
     try:
         watched.recv()
     except (EOFError, OSError):
@@ -83,7 +83,7 @@ def _end_with(watched: Connection) -> None:
 
 
 def gpus_for(device: str | None) -> list[str]:
-    """Return the GPUs that share the runs: all, as `CUDA_VISIBLE_DEVICES` names them, or the one requested."""
+    """Return the GPUs for the runs: all, as `CUDA_VISIBLE_DEVICES` names them, or the requested one."""
     if device is not None:
         return [device] if device.startswith("cuda") else []
     start_warp()
@@ -93,7 +93,7 @@ def gpus_for(device: str | None) -> list[str]:
 
 
 def workers_for(jobs: int | str, device: str | None, points: int) -> Workers:
-    """Return workers, for "auto" one per GPU, or else per core; at most one per point."""
+    """Return workers: for "auto" one per GPU, or one per core without GPUs; at most one per point."""
     gpus = gpus_for(device)
     if jobs == "auto":
         jobs = len(gpus) or cores()

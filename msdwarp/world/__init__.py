@@ -1,4 +1,4 @@
-"""The surroundings of a system: obstacles, loads, scheduled changes (`at`), looks; all together in a `Scene`."""
+"""The surroundings of a system: obstacles, loads, scheduled changes (`at`) and looks, combined in a `Scene`."""
 
 from .actuators import Actuator as Actuator
 from .attachments import Attachment as Attachment, MouseSpring as MouseSpring

@@ -1,4 +1,4 @@
-"""Actuators: muscles, connections whose rest length is a function of time."""
+"""Actuators: connections (muscles) whose rest length is a function of time."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,8 +19,8 @@ class Actuator(Load):
     connection, their strains add up. The algorithm that sums spring forces stays the same.
 
     `Measures.external_work` includes the work of muscles on the body, −∮ F dl over a cycle, for tension F and
-    length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. The
-    energy stored in a muscle of constant strain is, up to a constant, `elastic_energy` minus `external_work`.
+    length l. `elastic_energy` is computed from the rest lengths l0, as if there were no muscle. The energy stored
+    in a muscle of constant strain is, up to a constant, `elastic_energy` minus `external_work`.
 
     Parameters
     ----------
@@ -29,20 +29,20 @@ class Actuator(Load):
         that returns one; above −1 and below 1. The stability bound uses the minimum over the first ten seconds, if
         the function can be evaluated there.
     on
-        Particles: both ends of its connections are among them; see `Load`.
+        Particles that contain both ends of each of its connections; see `Load`.
     along
-        One or several lattice directions of its connections, such as "x" or ("x", "y"), by their names in
+        Lattice directions of its connections, one or several, such as "x" or ("x", "y"), named as in
         `System.directions`. By default all connections.
     delay
         Delay of each particle [s], a number or shape [particle_count]; a connection has the mean delay of its two
-        ends. For a wave with speed c it is x/c. The strain is then also evaluated at negative times.
+        ends. For a wave of speed c it is x/c. The strain is then also evaluated at negative times.
 
     Raises
     ------
     ValueError
         If the strain is out of range, a delay is not finite, or `along` is not a name. In a scene also if the
         system has no such direction, there is no such connection, one of them may yield or break, or the number of
-        delays differs from that of particles.
+        delays differs from the number of particles.
     """
 
     strain: Any
@@ -73,7 +73,7 @@ class Actuator(Load):
         return values
 
     def connections(self, system: System) -> NDArray[np.intp]:
-        """Return the indices of the muscle's connections; raise ValueError if none, or one may yield or break."""
+        """Return indices of the muscle's connections; raise ValueError if none, or one may yield or break."""
         chosen = np.ones(system.connection_count, dtype=bool)
         if self.along is not None:
             known = dict.fromkeys(name for body in system.directions for name in body)
@@ -100,7 +100,7 @@ class Actuator(Load):
         return found
 
     def delays(self, system: System, connections: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return the delay of each of these connections [s], to the nanosecond, shape [any]."""
+        """Return the delay of each of these connections [s], rounded to nanoseconds, shape [any]."""
         each = checks.broadcast("delay", self.delay, (system.particle_count,))
         return np.round(each[system.connections[connections]].mean(axis=1), 9)
 

@@ -12,33 +12,33 @@ from .colliders import Collider
 from .loads import Load
 
 NOW = "now"
-"""The value of `rest_length` for the distance at the start."""
+"""Value of `rest_length` that means the initial distance."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Attachment(Load):
     """Springs and dampers from particles to fixed or moving points.
 
-    With a rest length of 0, F = −k (x − p) − b (v − u) for the point p with velocity u: it holds equally in all
-    directions. With another rest length it acts only along its axis, like a connection.
+    With a rest length of 0, F = −k (x − p) − b (v − u) for the point p with velocity u, equal in all directions.
+    With another rest length the force acts only along the axis, as in a connection.
 
     Parameters
     ----------
     on
         The attached particles; see `Load`.
     to
-        Points [m] at time 0, shape [any, d] in the order of the particles' indices, or [d] for all; or a collider
-        that carries the starting positions of the particles; by default these positions.
+        Points [m] at time 0, shape [any, d] in the order of the particles' indices, or [d] for all; or a collider,
+        which carries the particles' initial positions. By default the initial positions.
     carried_by
-        A collider whose motion the points follow, if any. If it is not among the scene's `colliders`, it is no
-        obstacle.
+        A collider with whose motion the points move, if any. If it is not among the scene's `colliders`, it is not
+        an obstacle.
     stiffness
-        Spring constant k of each [N/m].
+        Spring constant k of each spring [N/m].
     damping
-        Damper constant b of each [N s/m].
+        Damper constant b of each damper [N s/m].
     rest_length
-        Length at which a spring exerts no force [m], one for all or shape [any]; "now" is the distance at the
-        start.
+        Length at which a spring exerts no force [m], one for all or shape [any]; "now" is the initial
+        distance.
     """
 
     on: Any = None
@@ -73,7 +73,7 @@ class Attachment(Load):
         self.bound(system)
 
     def bound(self, system: System) -> Self:
-        """Return this attachment with its points and rest lengths as numbers, from the starting state."""
+        """Return this attachment with points and rest lengths as numbers, computed from the initial state."""
         if self.carried_by is not None and (wrong := self.carried_by.fits(system.dim)):
             raise ValueError(f"carried_by.{wrong}")
         particles = np.flatnonzero(self.particles(system))
@@ -99,18 +99,18 @@ class MouseSpring(Load):
     """Springs and dampers from particles to points, F = −k (x − p) − b v: the pull of the mouse.
 
     Unlike an `Attachment` it may hold no particle. `Simulation.change(loads=...)` can replace it by another
-    `MouseSpring` with the same `room` without compiling anything.
+    `MouseSpring` with the same `room` without compiling kernels.
 
     Parameters
     ----------
     on
-        Indices of the particles that it holds, each once, shape [held_count]; by default none.
+        Indices of the held particles, each once, shape [held_count]; by default none.
     to
-        Points that the springs lead to [m], shape [held_count, d].
+        Points to which the particles are pulled [m], shape [held_count, d].
     stiffness, damping
         Spring constants k [N/m] and damper constants b [N s/m], one for all or shape [held_count].
     room
-        Maximal number of particles for this load and those that replace it.
+        Maximal number of held particles, for this load and loads that replace it.
     """
 
     constant = ("room",)
@@ -138,11 +138,11 @@ class MouseSpring(Load):
 
     @property
     def rest_length(self) -> NDArray[np.float64]:
-        """Rest lengths [m]: 0, as for attachments that act equally in all directions."""
+        """Rest lengths [m]: 0, so that forces are equal in all directions."""
         return np.zeros(len(self.on))
 
     def stored(self, position: NDArray) -> float:
-        """Return the energy of its springs [J] with all particles at `position` [m], shape [particle_count, d]."""
+        """Return the energy of the springs [J] for all particles at `position` [m], shape [particle_count, d]."""
         if not len(self.on):
             return 0.0
         return 0.5 * float(self.stiffness @ ((position[self.on] - self.to) ** 2).sum(axis=1))
@@ -152,7 +152,7 @@ class MouseSpring(Load):
         return mask_of(self.on, system.particle_count)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if this system lacks a held particle, or has another number of coordinates."""
+        """Raise ValueError if a held particle is not in this system, or coordinates differ in number."""
         checks.within("on", self.on, checks.index_below(system.particle_count))
         if len(self.on) and self.to.shape[1] != system.dim:
             raise ValueError(f"to has {self.to.shape[1]} coordinates; it must have {system.dim}")

@@ -1,8 +1,8 @@
 """Colliders: obstacles, fixed or moved, as frozen dataclasses.
 
-One contact rule applies to all, `msdwarp.kernels.colliders`; each shape only has its own signed distance and
-normal (`msdwarp.kernels.colliders.signed_distance`). All are convex: if a particle moves further in a substep than
-a shape is thick, its path is swept (`msdwarp.kernels.colliders.sweep`).
+One contact rule applies to all, `msdwarp.kernels.colliders`; each shape only adds its signed distance and normal
+(`msdwarp.kernels.colliders.signed_distance`). All are convex. If a particle moves further in a substep than
+a shape is thick, the particle's path is swept (`msdwarp.kernels.colliders.sweep`).
 """
 
 import math
@@ -24,27 +24,27 @@ class Collider:
     Parameters
     ----------
     restitution
-        Normal speed after a bounce divided by that before, 0 … 1.
+        Normal speed after a bounce divided by the normal speed before, 0 … 1.
     friction
         Coulomb's coefficient of friction; inf is allowed.
     tangential_factor
-        Fraction of the tangential velocity that remains after one contact however strong friction is, 0 … 1; with
-        0 only Coulomb's friction acts.
+        Fraction of the tangential velocity that remains after one contact, however strong friction is, 0 … 1; with
+        0 only Coulomb friction acts.
     rest_speed
-        Slower impacts than this do not bounce [m/s].
+        Impacts below this speed do not bounce [m/s].
     motion
-        A function of time that displaces and rotates it (see `Motion`). It must be smooth, and if a body touches
-        the obstacle at the start, its displacement must be 0 at time 0. A function that accepts an array of times,
-        as NumPy's do, is called a few times a frame, any other for each substep. By default the obstacle is fixed.
+        A function of time that displaces and rotates the obstacle (see `Motion`). It must be smooth, and if a body
+        touches the obstacle at the start, the displacement must be 0 at time 0. A function that accepts arrays of
+        times, as NumPy's do, is called a few times a frame, others for each substep. By default it is fixed.
     stiffness
-        If given, the obstacle is soft: a particle enters it, and is pushed out by a force whose slope over the
-        depth grows from 0 to this stiffness [N/m]. Soft obstacles can be differentiated (docs/gradients.md). They
-        are fixed, and have neither a restitution nor a tangential factor; below `rest_speed` friction is
-        proportional to the speed. None: no particle enters it.
+        If given, the obstacle is soft: a particle that enters it is pushed out by a force whose derivative with
+        respect to depth grows from 0 to this stiffness [N/m]. Soft obstacles can be differentiated
+        (docs/gradients.md). They are fixed, without restitution or tangential factor; below `rest_speed` friction
+        is proportional to the speed. None: no particle enters the obstacle.
     ramp
-        Depth at which a soft obstacle has its whole stiffness [m].
+        Depth at which a soft obstacle has its full stiffness [m].
     dissipation
-        c of a soft obstacle [s/m]: at the speed v out of it, the force is max(0, 1 − c v) times that at rest.
+        c of a soft obstacle [s/m]: at outward speed v the force is max(0, 1 − c v) times the force at rest.
     """
 
     restitution: float = 0.5
@@ -57,9 +57,9 @@ class Collider:
     dissipation: float = 0.0
 
     places: ClassVar[tuple[str, ...]] = ()
-    """Names of the points that define it [m], which `geometry` calls a and b."""
+    """Names of the points that define the obstacle [m]; `geometry` calls them a and b."""
     lengths: ClassVar[tuple[str, ...]] = ()
-    """Names of its lengths, above 0 [m]."""
+    """Names of the obstacle's lengths, which must be above 0 [m]."""
 
     def __post_init__(self) -> None:
         checks.between("restitution", self.restitution, 0, 1)
@@ -84,7 +84,7 @@ class Collider:
             checks.positive(name, getattr(self, name))
 
     def _check_softness(self) -> None:
-        """Raise ValueError if what a soft obstacle has, or lacks, does not fit."""
+        """Raise ValueError if fields are missing, or not allowed, for a soft obstacle."""
         if self.stiffness is None:
             if self.dissipation:
                 raise ValueError(f"dissipation is {self.dissipation:g}; only an obstacle with a stiffness has it")
@@ -97,7 +97,7 @@ class Collider:
             checks.positive("rest_speed", self.rest_speed)
 
     def __repr__(self) -> str:
-        # Place and size first, then the fields of all colliders; defaults are left out.
+        # First position and size, then the fields of all colliders; defaults are left out.
         common = {one.name for one in fields(Collider)}
         texts = [
             f"{one.name}={_words(getattr(self, one.name))}"
@@ -107,7 +107,7 @@ class Collider:
         return f"{type(self).__name__}({', '.join(texts)})"
 
     def fits(self, dim: int) -> str | None:
-        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        """Return why the obstacle cannot be in a space of `dim` coordinates; None if it can."""
         name = self.places[0]
         if dim == 1 and len(self.places) == 2:
             kind = type(self).__name__.lower()
@@ -115,22 +115,22 @@ class Collider:
         return _wrong_length(name, getattr(self, name), dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return the numbers for `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
+        """Return arguments of `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
         points = {letter: getattr(self, name) for letter, name in zip("ab", self.places, strict=False)}
         return points | {name: getattr(self, name) for name in self.lengths}
 
     def inradius(self) -> float:
-        """Return the radius of the largest ball inside it [m]; inf for a half-space, which cannot be crossed."""
+        """Return the radius of the largest inscribed ball [m]; inf for a half-space, which cannot be crossed."""
         return min((getattr(self, name) for name in self.lengths), default=math.inf)
 
     def centre(self, dim: int) -> NDArray[np.float64]:
-        """Return the point about which `motion` turns the obstacle [m], shape [dim]."""
+        """Return the point about which `motion` rotates the obstacle [m], shape [dim]."""
         return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
 
     def pose(self, time: float, dim: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (R, o): a point at y in the given pose of the obstacle is at R y + o at `time` [s].
 
-        Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
+        Raises ValueError if `motion` returns neither a displacement nor a pair, or the result is not finite.
         """
         if self.motion is None:
             return np.eye(dim), np.zeros(dim)
@@ -144,7 +144,7 @@ class Plane(Collider):
     Parameters
     ----------
     normal
-        Direction out of the obstacle, any length, as many coordinates as the particles have; by default upwards.
+        Outward direction, of any length, with as many coordinates as the particles; by default upwards.
     offset
         Distance of the plane from the origin along the normal [m].
     restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
@@ -155,7 +155,7 @@ class Plane(Collider):
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments and give the normal unit length."""
+        """Check the arguments; normalize the normal."""
         super().__post_init__()
         if self.normal is not None:
             object.__setattr__(self, "normal", checks.direction("normal", self.normal))
@@ -166,15 +166,15 @@ class Plane(Collider):
         return np.eye(dim)[-1] if self.normal is None else np.array(self.normal)
 
     def fits(self, dim: int) -> str | None:
-        """Return why it cannot be in a space of `dim` coordinates; None if it can."""
+        """Return why the plane cannot be in a space of `dim` coordinates; None if it can."""
         return _wrong_length("normal", self.normal, dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return the normal as a, and the offset in place of a radius."""
+        """Return the normal as a, and the offset as the radius."""
         return {"a": self.unit_normal(dim), "radius": self.offset}
 
     def centre(self, dim: int) -> NDArray[np.float64]:
-        """Return the point of the plane nearest to the origin [m], about which it turns."""
+        """Return the point of the plane nearest to the origin [m], about which `motion` rotates it."""
         return self.offset * self.unit_normal(dim)
 
 
@@ -185,9 +185,9 @@ class Sphere(Collider):
     Parameters
     ----------
     position
-        Its centre [m].
+        Centre [m].
     radius
-        Its radius [m].
+        Radius [m].
     restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
@@ -201,18 +201,18 @@ class Sphere(Collider):
 
 @dataclass(frozen=True, repr=False)
 class Box(Collider):
-    """A solid block. A body that slides on a plane hits the side of a block on it, if plane and block are fixed.
+    """A solid block. A body that slides on a fixed plane hits the side of a fixed block on this plane.
 
-    A block that moves along a plane must extend below it. Otherwise sliding particles could enter it from below.
+    A block that moves along a plane must extend below it; otherwise sliding particles could enter from below.
 
     Parameters
     ----------
     position
-        Its centre [m].
+        Centre [m].
     size
-        Its edges [m].
+        Edge lengths [m].
     turn
-        Rotation vector about its centre [rad], shape [3]; in two dimensions an angle; in one dimension unused.
+        Rotation vector about the centre [rad], shape [3]; in two dimensions an angle; in one dimension unused.
     restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
@@ -233,25 +233,25 @@ class Box(Collider):
             rotation(self.turn, len(size), "turn")
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return the centre as a, half the edges as b, and the directions of the edges."""
+        """Return the centre as a, half the edge lengths as b, and the directions of the edges as axes."""
         axes = np.eye(dim) if self.turn is None else rotation(self.turn, dim, "turn")
         return {"a": self.position, "b": np.array(self.size) / 2, "axes": axes}
 
     def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]."""
+        """Return the radius of the largest inscribed ball [m]."""
         return min(self.size) / 2
 
 
 @dataclass(frozen=True, repr=False)
 class Capsule(Collider):
-    """All points within `radius` of a line: a rod with round ends.
+    """All points within `radius` of a line segment: a rod with round ends.
 
     Parameters
     ----------
     start, end
-        The ends of the line [m].
+        Ends of the segment [m].
     radius
-        Its radius [m].
+        Radius [m].
     restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
         See `Collider`.
     """
@@ -264,7 +264,7 @@ class Capsule(Collider):
     lengths = ("radius",)
 
     def centre(self, dim: int) -> NDArray[np.float64]:
-        """Return the middle of the line [m]."""
+        """Return the midpoint of the segment [m]."""
         return (np.array(self.start) + self.end) / 2
 
 
@@ -275,9 +275,9 @@ class Cone(Collider):
     Parameters
     ----------
     apex
-        Its tip [m].
+        Tip [m].
     base
-        Middle of its base [m].
+        Centre of the base [m].
     radius
         Radius of the base [m].
     restitution, friction, tangential_factor, rest_speed, motion, stiffness, ramp, dissipation
@@ -292,18 +292,18 @@ class Cone(Collider):
     lengths = ("radius",)
 
     def inradius(self) -> float:
-        """Return the radius of the largest ball inside [m]: the incircle of its triangular cross section."""
+        """Return the radius of the largest inscribed ball [m]: the incircle of the triangular cross section."""
         height = math.dist(self.apex, self.base)
         return self.radius * (height / (self.radius + math.hypot(self.radius, height)))
 
 
 def _wrong_length(name: str, value: tuple[float, ...] | None, dim: int) -> str | None:
-    """Return a message if a collider has another number of coordinates; else None."""
+    """Return a message if a collider's point has another number of coordinates; None if not."""
     return None if value is None or len(value) == dim else f"{name} is {value}; it must have {dim} coordinates"
 
 
 def _words(value: Any) -> str:
-    """Return a collider's number, numbers or function as text."""
+    """Return a field of a collider, one or several numbers or a function, as text."""
     if isinstance(value, np.ndarray | np.generic | list):
         value = np.asarray(value).tolist()
     if callable(value):

@@ -23,15 +23,15 @@ class Contact(Load):
     friction
         Coulomb's coefficient μ between bodies.
     restitution
-        Speed after a collision divided by that before, for two single particles, from 0.05 to 1. For bodies it
-        also depends on their own dampers and vibrations.
+        Speed after a collision divided by the speed before, for two single particles; 0.05 to 1. For bodies it
+        also depends on their dampers and vibrations.
     self_contact
         Whether bodies also touch themselves.
     exclude
-        Whether these bodies pass through each other; the other arguments but `groups` then mean nothing.
+        Whether these bodies pass through each other; then all arguments but `groups` are ignored.
     groups
-        Names of two groups of whole bodies that this applies to (see `System.named`); by default all bodies. If
-        several entries apply to a pair, the last one is used.
+        Names of two groups of whole bodies to which this rule applies (see `System.named`); by default all bodies.
+        If several rules apply to a pair, the last one is used.
     thickness
         Distance at which surfaces touch [m]. By default closed surfaces touch where they are drawn, sheets are 1/4
         of their spacing thick, and ropes 1/2. Single particles that touch each other need a value.
@@ -75,10 +75,10 @@ class Contact(Load):
 
     @property
     def damping_ratio(self) -> float:
-        """The damping ratio ζ that gives this restitution.
+        """The damping ratio ζ that corresponds to this restitution.
 
-        Two particles in contact are a damped oscillator, which separates when its repulsive force reaches 0:
-        restitution = |v| then over the impact speed. Reference: Schwager and Pöschel, Granular Matter 9 (2007)
+        Two particles in contact are a damped oscillator. They separate when the repulsive force reaches 0: the
+        restitution is |v| then over the impact speed. Reference: Schwager and Pöschel, Granular Matter 9 (2007)
         465.
         """
         low, high = 0.0, 10.0  # restitution falls from 1 as damping rises
@@ -88,7 +88,7 @@ class Contact(Load):
         return 0.5 * (low + high)
 
     def check(self, system: System) -> None:
-        """Raise ValueError if bodies of this system cannot touch."""
+        """Raise ValueError if this rule cannot apply to bodies of this system."""
         if system.dim != 3:
             raise ValueError(f"contact is requested in {system.dim} dimensions; it exists in three only")
         for name in self.groups or ():
@@ -96,11 +96,11 @@ class Contact(Load):
 
 
 def restitution_of(damping_ratio: float) -> float:
-    """Return the ratio of speeds after and before a collision of two particles, for this damping ratio."""
+    """Return the ratio of speeds after and before a collision of two particles with this damping ratio."""
     z = 1 + 1e-9 if abs(damping_ratio - 1) < 1e-9 else damping_ratio
     if z == 0:
         return 1.0
-    # x'' + 2 z x' + x = 0 from x = 0, x' = 1; it ends where x'' = 0.
+    # x'' + 2 z x' + x = 0 from x = 0, x' = 1; contact ends when x'' = 0.
     w = math.sqrt(abs(1 - z * z))
     if z < 1:
         t = math.atan2(2 * z * w, 2 * z * z - 1) / w
@@ -110,13 +110,13 @@ def restitution_of(damping_ratio: float) -> float:
 
 
 class Ruled(tuple[Load, ...]):
-    """Loads that `with_contact` returned; any `Contact` among them was given as `contact`."""
+    """Loads from `with_contact`; each `Contact` among them was given as `contact`."""
 
 
 def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | None) -> Ruled:
-    """Return loads, followed by the rules of contact, if any, in place of rules among the loads.
+    """Return loads, followed by the rules in `contact`; these replace any rules among the loads.
 
-    Raises ValueError if one of the loads is a bare `Load`, or a `Contact` that was not given as `contact`.
+    Raises ValueError if a load is a bare `Load`, or a `Contact` that was not given as `contact`.
     """
     for k, one in enumerate(loads):
         if type(one) is Load:

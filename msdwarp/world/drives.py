@@ -1,4 +1,4 @@
-"""Drives: particles with positions prescribed as a function of time."""
+"""Drives: particles whose positions are prescribed functions of time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,17 +15,17 @@ from .motion import Motion, pose
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PrescribedMotion(Load):
-    """Moves particles along a given path; their connections see the position and velocity.
+    """Moves particles along a given path; forces in their connections follow from their position and velocity.
 
-    A drive without motion is a pin that `at(t, unpin=...)` releases; particles then continue with their velocity.
+    A drive without motion is a pin that `at(t, unpin=...)` releases; the particles then keep their velocity.
 
     Parameters
     ----------
     on
-        The particles that it moves; see `Load`. No particle can be in two drives.
+        The driven particles; see `Load`. No particle may be in two drives.
     motion
         A function of time that returns a displacement from the start, or a displacement and a rotation, as for a
-        collider (see `Motion`). The velocity is computed by differences. None: they stay where they start.
+        collider (see `Motion`). Velocities are differences of positions. None: the particles stay at the start.
     about
         Centre of the rotation [m], shape [d]; by default the centre of mass of the particles at the start.
     """
@@ -48,7 +48,7 @@ class PrescribedMotion(Load):
         self.bound(system).pose(0.0)
 
     def bound(self, system: System) -> "Driven":
-        """Return the drive with its particles, their start and the centre, taken from the starting state."""
+        """Return the drive with its particles, their initial positions and the centre, from the initial state."""
         held = np.flatnonzero(self.particles(system))
         start = np.array(system.position[held])
         if self.about is not None:
@@ -68,33 +68,33 @@ class Driven(PrescribedMotion):
     """A drive bound to a system; see `PrescribedMotion.bound`."""
 
     held: Any = ()
-    """The particles that it moves now, shape [count]."""
+    """The currently driven particles, shape [count]."""
     start: Any = ()
-    """Their positions at the start [m], shape [count, d]."""
+    """Initial positions of these particles [m], shape [count, d]."""
     centre: Any = ()
-    """The centre of its rotation [m], shape [d]."""
+    """Centre of the rotation [m], shape [d]."""
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the mask of the driven particles, shape [particle_count]."""
         return mask_of(self.held, system.particle_count)
 
     def bound(self, system: System) -> "Driven":
-        """Return this drive, which is already bound."""
+        """Return this drive itself, since it is already bound."""
         return self
 
     def pose(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o): at `time` a particle that started at y is at R y + o; raise ValueError without a pose."""
+        """Return (R, o): a particle that started at y is at R y + o at `time`; raise ValueError if undefined."""
         assert self.motion is not None
         return pose(self.motion, self.centre, time)
 
     def keeping(self, kept: NDArray[np.bool_]) -> "Driven":
-        """Return a drive that keeps only the particles in a mask of shape [particle_count]."""
+        """Return this drive without particles outside a mask of shape [particle_count]."""
         still = kept[self.held]
         return replace(self, held=self.held[still], start=self.start[still])
 
 
 def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-    """Return loads bound to the start of this system; raise ValueError if two of them drive a particle."""
+    """Return loads bound to a system's initial state; raise ValueError if two drives hold the same particle."""
     result, owner = list(loads), np.full(system.particle_count, -1)
     for k, one in enumerate(loads):
         try:

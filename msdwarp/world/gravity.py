@@ -10,15 +10,15 @@ from .. import checks
 from .loads import Force, named, values_at
 
 Gravity = Any
-"""Acceleration of free fall [m/s²]: its size, downwards along the last coordinate, a vector of shape [d], or a
+"""Acceleration of free fall [m/s²]: a number, downwards along the last coordinate; a vector of shape [d]; or a
 function of time [s] that returns one of these."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Falling(Force):
-    """The weight m g(t) of particles under gravity that depends on time; `force` is g [m/s²].
+    """The weight m g(t) of particles under time-dependent gravity; `force` is g [m/s²].
 
-    It has no potential energy; it does external work on a system.
+    This gravity has no potential energy, but does external work on a system.
     """
 
     def at(self, times: NDArray[np.float64], dim: int, name: str = "gravity") -> NDArray[np.float64]:
@@ -29,7 +29,7 @@ class Falling(Force):
 def gravity_at(
     gravity: Gravity, times: NDArray[np.float64], dim: int, name: str = "gravity"
 ) -> NDArray[np.float64]:
-    """Return gravity at these times [m/s²], shape [time_count, d]; raise ValueError if it is invalid."""
+    """Return gravity at these times [m/s²], shape [time_count, d]; raise ValueError if gravity is invalid."""
     if not callable(gravity):
         return np.broadcast_to(checks.gravity(name, gravity, dim), (len(times), dim))
     try:
@@ -46,12 +46,12 @@ def gravity_at(
 
 
 def with_potential(gravity: Gravity) -> Any:
-    """Return the part of gravity with a potential: constant gravity itself, 0 for a function of time."""
+    """Return the gravity that has a potential: constant gravity itself, 0 for a function of time."""
     return 0.0 if callable(gravity) else gravity
 
 
 def gravity_in_words(gravity: Gravity) -> str:
-    """Return gravity as text, with its unit; a function by its name."""
+    """Return gravity as text with its unit; for a function its name."""
     if callable(gravity):
         return f"{named(gravity)} of time"
     values = np.asarray(gravity, dtype=float)

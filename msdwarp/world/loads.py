@@ -1,7 +1,7 @@
-"""Loads: actions on a system from outside, beside gravity and obstacles.
+"""Loads: external actions on a system, besides gravity and obstacles.
 
-A `Force` with a `wp.func` needs no new class. Another new load needs an effect in `engine/loads`, and a line of
-`EFFECTS` in `engine/stepping/assemble.py`: no effect, no force, and no message.
+A `Force` with a `wp.func` needs no new class. Any other new load needs an effect in `engine/loads`, and a line in
+`EFFECTS` of `engine/stepping/assemble.py`; without an effect the load has no force, and there is no message.
 """
 
 from collections.abc import Sequence
@@ -23,14 +23,14 @@ class Load:
     Parameters
     ----------
     on
-        The particles that it acts on: a group's name (see `System.named`), indices, or a mask; by default all.
+        The particles acted on: a group's name (see `System.named`), indices, or a mask; by default all.
     """
 
     on: Any = None
     argument: ClassVar[str] = "loads"
-    """The argument of a scene to which it belongs."""
+    """Argument of a scene under which the load is given."""
     constant: ClassVar[tuple[str, ...]] = ()
-    """Fields that must be equal in a load that replaces this one between two frames; if empty, none can."""
+    """Fields in which a load must equal one that replaces it between frames; if empty, none can replace it."""
 
     def __repr__(self) -> str:
         required, others = [], []
@@ -44,11 +44,11 @@ class Load:
         return f"{type(self).__name__}({', '.join(required + others)})"
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return the mask of the particles acted on, shape [particle_count]; raise ValueError if none is."""
+        """Return a mask of the particles acted on, shape [particle_count]; raise ValueError if it is empty."""
         return some_particles(self.on, system)
 
     def facets(self, system: System) -> Facets:
-        """Return the triangles of the surface acted on: those with all corners among the load's particles."""
+        """Return the surface triangles acted on: triangles whose corners are all among the load's particles."""
         return facets_of(system).of(self.particles(system))
 
     def check(self, system: System) -> None:
@@ -56,16 +56,16 @@ class Load:
         self.particles(system)
 
     def bound(self, system: System) -> "Load":
-        """Return the load with everything that it takes from the starting state, such as points or a volume."""
+        """Return the load with all values that depend on the initial state, such as points or a volume."""
         return self
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VectorLoad(Load):
-    """A load given by a vector, a function of time that returns one, or a `wp.func` of position and time."""
+    """A load given by a vector, a function of time that returns a vector, or a `wp.func` of position and time."""
 
     vector: ClassVar[str]
-    """The name of the field with the vector."""
+    """Name of the field that has the vector."""
 
     def __post_init__(self) -> None:
         """Check the vector."""
@@ -78,7 +78,7 @@ class VectorLoad(Load):
 
     @property
     def of_place(self) -> bool:
-        """Whether the vector is given by a `wp.func`, which is compiled into kernels."""
+        """Whether the vector is given by a `wp.func`, to be compiled into kernels."""
         return is_device_function(self._vector)
 
     @property
@@ -104,14 +104,14 @@ class Force(VectorLoad):
     Parameters
     ----------
     force
-        The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for a
-        force that depends on position or velocity, a `wp.func` (x, v, t, i) -> force on particle i at position x
-        [m] with velocity v [m/s] at time t. The latter is compiled into the scene's kernels: it must take vectors
+        The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for
+        a force that depends on position or velocity, a `wp.func` (x, v, t, i) -> force on particle i at position x
+        [m] with velocity v [m/s] at time t. A `wp.func` is compiled into the scene's kernels: it must take vectors
         of the scene's precision, or `Any`.
     on
-        The particles that it acts on; see `Load`.
+        The particles acted on; see `Load`.
     total
-        Whether `force` is the sum over these particles, shared equally; not for a `wp.func`.
+        Whether `force` is the sum over these particles, divided equally; not for a `wp.func`.
     """
 
     vector = "force"
@@ -127,7 +127,7 @@ class Force(VectorLoad):
 
 
 def some_particles(on: Any, system: System) -> NDArray[np.bool_]:
-    """Return the particles that a load or a probe is `on`; raise ValueError if there are none."""
+    """Return a mask of the particles that a load or probe is `on`; raise ValueError if there are none."""
     chosen = particles_meant("on", on, system)
     if not chosen.any():
         raise ValueError(f"on is {checks.repr_short(on)}; it must name one particle at least")
@@ -135,7 +135,7 @@ def some_particles(on: Any, system: System) -> NDArray[np.bool_]:
 
 
 def in_words(value: Any) -> str:
-    """Return a number, a vector or a function as text: a function by its name, never an array."""
+    """Return a number, a vector or a function as text: for a function its name, never a whole array."""
     if callable(value):
         return named(value)
     given = np.asarray(value)
@@ -156,19 +156,19 @@ def particles_in_words(on: Any) -> str:
 
 
 def named(function: Any) -> str:
-    """Return the name of a function, else of its type."""
+    """Return the name of a function; if it has none, of its type."""
     return getattr(function, "__name__", None) or getattr(function, "key", None) or type(function).__name__
 
 
 def is_device_function(given: Any) -> bool:
-    """Return whether something is a `wp.func`, to be compiled into kernels."""
+    """Return whether the argument is a `wp.func`, to be compiled into kernels."""
     return type(given).__module__.partition(".")[0] == "warp"
 
 
 def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Return numbers, or the values of a function of time, at these times, shape [time_count, width].
+    """Return constant values, or values of a function of time, at these times, shape [time_count, width].
 
-    Raises ValueError if there are not `width` of them, or one is not finite.
+    Raises ValueError if there are not `width` values, or one is not finite.
     """
     if not callable(given):
         values = np.atleast_2d(np.asarray(given, dtype=np.float64))
@@ -189,7 +189,7 @@ def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], wid
 
 
 def check_loads(loads: Sequence[Load], system: System) -> None:
-    """Raise ValueError if a load cannot act on this system; the error names it."""
+    """Raise ValueError, which names the load, if a load cannot act on this system."""
     for k, one in enumerate(loads):
         try:
             one.check(system)
@@ -198,9 +198,9 @@ def check_loads(loads: Sequence[Load], system: System) -> None:
 
 
 def differ_in_values(before: Sequence[Load], after: Sequence[Load]) -> dict[Load, Load] | None:
-    """Return the new load for each one that is replaced; None if they differ in more than values.
+    """Return {old load: new load} of replaced loads; None if loads differ in more than values.
 
-    The fields in `constant` must be equal. A vector must stay a vector, and a function of time such a function.
+    The fields in `constant` must be equal. A vector must stay a vector, a function of time a function of time.
     """
     if len(before) != len(after):
         return None

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from .. import checks
 
 OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "particles", "tube")
-"""Fields that a body can set for itself; the others belong to the whole picture."""
+"""Fields that a body can set for itself; other fields apply to the whole picture."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Viewpoint:
-    """Where the camera is at a `time` [s]: a point of `Look.path`. What is None is as in the look."""
+    """Camera settings at a `time` [s]: a point of `Look.path`. Fields that are None are as in the look."""
 
     time: float
     azimuth: float | None = None
@@ -33,12 +33,12 @@ class Look:
     Parameters
     ----------
     colour
-        Colour of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without
-        surface have it if this or `gloss` is not the default; else they are coloured by their strain.
+        Colour of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without surface
+        have this colour if it or `gloss` is not the default; otherwise they are coloured by strain.
     inside
         Colour of the fracture surfaces of a torn solid, "#rrggbb". None: the colour of the body.
     texture
-        Image on the surface, mapped by its texture coordinates, uint8 of shape [height, width, 3].
+        Image on the surface, mapped by texture coordinates, uint8 of shape [height, width, 3].
     smooth
         Smooth shading (True) or flat shading (False).
     gloss
@@ -48,29 +48,29 @@ class Look:
     target
         Point in the middle of the picture [m], shape [3]. None: fitted to the run.
     distance
-        Distance of the camera from that point [m]. None: everything is in view.
+        Distance of the camera from the target [m]. None: everything is in view.
     field_of_view
-        Vertical angle between the lower and upper edges of the picture, as the camera sees them [degrees].
+        Vertical angle of view of the camera [degrees].
     follow
         Name of a group of particles. The camera moves with their mean position, which is then the target; without
-        a `distance` they fill two fifths of the picture.
+        a `distance` the group fills two fifths of the picture.
     path
-        Viewpoints in the order of their times, between which the camera moves smoothly: it is at rest at the first
-        and at the last, and stays there before and after. Empty: it stands still, or follows.
+        Viewpoints in the order of time, between which the camera moves smoothly: it is at rest at the first and
+        before, at the last and after. Empty: the camera stands still, or follows a group.
     background, ground
         Colours of the backdrop and of the ground beneath the body, "#rrggbb".
     obstacle
-        Colour of solid colliders, "#rrggbb". In strain colours it is used even if they have a texture.
+        Colour of solid colliders, "#rrggbb". In strain colours it replaces their texture.
     obstacle_texture
         Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` describes its mapping.
     obstacle_gloss
         Strength of highlights on solid colliders, 0 … 1. The ground has none.
     strain
-        Colour connections by their strain, unless a run asks for the texture.
+        Colour connections by strain, unless a run requests the texture.
     full_strain
-        Strain drawn in full red; minus this is drawn in full blue. None: fitted to the run, else 0.2.
+        Strain drawn in full red; minus this is drawn in full blue. None: fitted to the run, or 0.2.
     particles
-        Draw particles as balls. None: if there are not too many. If connections have the body's colour, the balls
+        Draw particles as balls. None: unless there are too many. If connections have the body's colour, the balls
         are no thicker than the connections.
     tube
         Radius of drawn connections, such as ropes [m]. None: a fraction of their rest length.
@@ -129,7 +129,7 @@ class Look:
         times = checks.finite("path", [one.time for one in self.path])
         if (np.diff(times) <= 0).any():
             raise ValueError(f"path has the times {times.tolist()}; each must be later than the one before")
-        _ = self.views  # checks them
+        _ = self.views  # checks the path
         checks.one_of("strain", self.strain, (False, True))
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
@@ -139,7 +139,7 @@ class Look:
 
     @property
     def views(self) -> "list[Look]":
-        """The look at each point of its path; itself without one."""
+        """The look at each point of the path; the look itself if there is no path."""
         given = [{name: value for name, value in vars(one).items() if name != "time"} for one in self.path]
         return [
             replace(self, path=(), **{name: value for name, value in one.items() if value is not None})
@@ -148,11 +148,11 @@ class Look:
 
     @property
     def says_colour(self) -> bool:
-        """Whether its colour or gloss is not the default, so that connections are drawn with both."""
+        """Whether colour or gloss differs from the default, so that connections are drawn with both."""
         return (self.colour, self.gloss) != (Look.colour, Look.gloss)
 
     def of_the_picture(self) -> list[str]:
-        """Return the names of its fields that apply to the whole picture and are not the defaults."""
+        """Return the names of non-default fields that apply to the whole picture."""
         values = {one: getattr(self, one.name) for one in fields(self) if one.name not in OF_BODIES}
         return [
             one.name
@@ -162,7 +162,7 @@ class Look:
 
 
 def _check_image(name: str, image: object) -> None:
-    """Raise ValueError unless `image` is None or a picture of some size, uint8 of shape [height, width, 3]."""
+    """Raise ValueError unless `image` is None or a picture, uint8 of shape [height, width, 3]."""
     if image is None:
         return
     given = np.asarray(image)

@@ -1,4 +1,4 @@
-"""Motions: poses of colliders and drives as a function of time, at one time or at many."""
+"""Motions: poses of colliders and drives as functions of time, at one time or many times."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,20 +13,20 @@ from .time_functions import sampled
 Motion = Callable[[float], Any]
 """A function of time [s] that returns the displacement from the given position [m], shape [d], or a pair
 (displacement, turn) with a rotation vector about the centre [rad], shape [3] (in 2-D a number). For an array of
-times it may return the same with an array in place of each number."""
+times it may return arrays over time in place of numbers."""
 
 
 def displacement_and_turn(given: Any) -> tuple[Any, Any]:
-    """Return the result of a motion as a pair; the rotation is None if it returned only a displacement."""
-    # A displacement in 2-D may also be a pair, of numbers.
+    """Return the result of a motion as a pair; the rotation is None if there is only a displacement."""
+    # In 2-D a displacement may itself be a pair of numbers.
     turned = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) == 1
     return given if turned else (given, None)
 
 
 def pose(motion: Motion, centre: NDArray, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (R, o): at `time` a point y of a body that turns about `centre` is at R y + o.
+    """Return (R, o): a point y of a body that rotates about `centre` is at R y + o at `time`.
 
-    Raises ValueError if `motion` returns neither a displacement nor a pair, or one that is not finite.
+    Raises ValueError if `motion` returns neither a displacement nor a pair, or the result is not finite.
     """
     dim = len(centre)
     displacement, turn = displacement_and_turn(motion(time))
@@ -39,16 +39,16 @@ def pose(motion: Motion, centre: NDArray, time: float) -> tuple[NDArray[np.float
 def poses(
     name: str, motion: Motion, centre: NDArray, times: NDArray, furthest: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (R, o) for all of `times`, shapes [time_count, d, d] and [time_count, d].
+    """Return (R, o) at all `times`, shapes [time_count, d, d] and [time_count, d].
 
-    They equal those of `pose` bit for bit. Raises ValueError, with name and time, if a pose is undefined or a
+    Equal to the results of `pose` bit for bit. Raises ValueError, with name and time, if a pose is undefined or a
     displacement exceeds `furthest` [m].
     """
     found = _at_once(motion, centre, times)
     if found is not None and np.abs(found[1]).max() <= furthest:
         return found
     near: checks.Limit = (lambda shift: np.abs(shift) <= furthest, f"at most {furthest:.2g}")
-    each = []  # one by one, so that an error names the time and the form may vary
+    each = []  # one time after the other, so that an error names the time, and forms may vary
     for time in map(float, times):
         try:
             each.append(pose(motion, centre, time))
@@ -59,7 +59,7 @@ def poses(
 
 
 def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray, NDArray] | None:
-    """Return all poses from one call; None if the form of the motion's result varies over time."""
+    """Return all poses from one call; None if the form of the result varies over time."""
     dim, turned = len(centre), set[bool]()
 
     def numbers(time: Any) -> Any:
@@ -78,6 +78,6 @@ def _at_once(motion: Motion, centre: NDArray, times: NDArray) -> tuple[NDArray, 
         if right and np.isfinite(found).all():
             matrices = rotations(found[:, dim:], dim)
             return matrices, found[:, :dim] + centre - rotated(matrices, centre)
-    except Exception:  # raised again, with the time, when single times are evaluated
+    except Exception:  # raised again, with the time, when each time is evaluated
         pass
     return None

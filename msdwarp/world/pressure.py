@@ -1,4 +1,4 @@
-"""Pressure on a surface from one side: given, or by an enclosed gas."""
+"""Pressure on a surface from one side: a given pressure, or an enclosed gas."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -13,7 +13,7 @@ from .loads import Load, values_at
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pressed(Load):
-    """A load on a surface from one side."""
+    """Base of loads on a surface from one side."""
 
     def check(self, system: System) -> None:
         """Raise ValueError if the load cannot act on this system."""
@@ -26,16 +26,16 @@ class Pressed(Load):
 class Pressure(Pressed):
     """A pressure that pushes a surface outwards.
 
-    A triangle with the area vector a feels p a, a third of it at each corner. If a corner is a weighted mean of
-    particles, they share the force in proportion to their weights, so that its work is p dV there too.
+    A triangle with the area vector a has the force p a, a third of it at each corner. If a corner is a weighted
+    mean of particles, the force is divided in proportion to the weights, so that its work is also p dV.
 
     Parameters
     ----------
     pressure
         Overpressure [Pa]: a number, or a function of time [s].
     on
-        The particles of the surface, by default all (see `Load`): it acts on triangles with all corners among
-        them.
+        The particles of the surface, by default all (see `Load`): triangles with all corners among them are
+        under pressure.
     """
 
     pressure: Any
@@ -56,14 +56,14 @@ class Pressure(Pressed):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnclosedGas(Pressed):
-    """A gas inside a closed surface: its pressure p obeys p V^γ = constant, where V is the volume.
+    """A gas inside a closed surface: the pressure p obeys p V^γ = constant, with the volume V.
 
     Parameters
     ----------
     pressure
-        Overpressure at the start [Pa]; below 0 it is a partial vacuum.
+        Overpressure at the start [Pa]; below 0 for a partial vacuum.
     on
-        The particles of the surface, by default all (see `Load`); it must be closed.
+        The particles of the surface, by default all (see `Load`); the surface must be closed.
     outside
         Pressure of the air outside [Pa].
     exponent
@@ -102,7 +102,7 @@ class EnclosedGas(Pressed):
             raise ValueError(f"on encloses {enclosed:.3g} m³; it must be above 0, with triangles that face out")
 
     def bound(self, system: System) -> Self:
-        """Return the gas with its volume: by default the volume in this system."""
+        """Return the gas with its reference volume set: by default the volume in this system."""
         if self.volume is not None:
             return self
         self.check(system)
@@ -111,6 +111,6 @@ class EnclosedGas(Pressed):
 
 
 def volume(corner: NDArray[np.int32], position: NDArray) -> float:
-    """Return the volume that triangles between these points enclose [m³], by the divergence theorem."""
+    """Return the volume enclosed by triangles of these points [m³], by the divergence theorem."""
     a, b, c = (np.asarray(position[corner[:, k]], dtype=np.float64) - position[corner[0, 0]] for k in range(3))
     return float(np.einsum("td,td->", a, np.cross(b, c)) / 6)

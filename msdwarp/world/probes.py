@@ -1,6 +1,6 @@
-"""Probes: measurements while a scene runs, like those of a tracker or a load cell.
+"""Probes: measurements during a run, as by a tracker or a load cell.
 
-`engine/diagnostics/probes.py` evaluates them, with the sums in `kernels/reductions/probes.py`.
+`engine/diagnostics/probes.py` evaluates probes, with the sums in `kernels/reductions/probes.py`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,16 +30,16 @@ class Probe:
     Parameters
     ----------
     on
-        The group: its name (see `System.named`), indices, or a mask.
+        The group: a name (see `System.named`), indices, or a mask.
     what
         The measured quantity:
 
-        - "position" [m] and "velocity" [m/s]: the means over the group, weighted by mass. Pinned and driven
-          particles are ignored, unless the group has no others; then all have equal weight.
+        - "position" [m] and "velocity" [m/s]: means over the group, weighted by mass. Pinned and driven particles
+          are ignored, unless the group has no others; then all have equal weight.
         - "force" [N]: the sum of the forces of connections, loads, other bodies and gravity on the group at the
           end of the frame. Forces within the group cancel. For a support (a pinned or driven group without
-          weight) it is what a load cell under the support would read. For a free group it is mass times the
-          acceleration that it would have without obstacles.
+          weight) it is the reading of a load cell under the support. For a free group it is mass times the
+          acceleration without obstacles.
         - "contact force" [N]: the force of obstacles and other bodies on the group, averaged over the frame: the
           sum of all contact impulses, divided by the frame's duration. The impulse of an obstacle is m (v' − v),
           and 0 for pinned and driven particles. The impulse of another body is ∫ f dt as the integrator computes
@@ -47,15 +47,15 @@ class Probe:
         - "touch force" [N]: the part of the contact force that comes from other bodies. Forces between two bodies
           of the group cancel.
         - "strain": the mean of length / rest length − 1 over the unbroken connections within the group, and the
-          largest absolute value.
-        - "stress" [Pa]: the mean Cauchy stress over the cells within the group, by volume, as components xx, yy,
-          zz, xy, xz, yz, and von Mises' equivalent of this mean. Cells are those of a `Material` with a Poisson's
-          ratio; see `stress` for the formula. In sheets it is in N/m, in the plane of each cell.
+          largest absolute strain.
+        - "stress" [Pa]: the volume-weighted mean Cauchy stress of the cells within the group, as components xx,
+          yy, zz, xy, xz, yz, and the von Mises stress of this mean. A `Material` with a Poisson's ratio has cells;
+          see `stress` for the formula. In sheets it is in N/m, in the plane of each cell.
     every
         "frame" reads at the end of each frame, "substep" at the end of each substep. With "substep" the contact
-        force is averaged over the substep, and other forces are those at its end. At substeps within a frame
+        force is averaged over the substep, and other forces are evaluated at its end. At substeps within a frame
         `Leapfrog` has the velocity of driven particles to first order only. Each substep needs a kernel launch for
-        the sums: for small bodies, which otherwise need one launch a frame, these launches take longer than the
+        the sums: for small bodies, which otherwise need one launch per frame, these launches take longer than the
         substeps.
     """
 
@@ -72,15 +72,15 @@ class Probe:
         return f"Probe({on}, {self.what!r}{', every=' + repr(SUBSTEP) if self.every == SUBSTEP else ''})"
 
     def particles(self, system: System) -> NDArray[np.bool_]:
-        """Return the particles of the group, shape [particle_count]; raise ValueError if there are none."""
+        """Return a mask of the group's particles, shape [particle_count]; raise ValueError if it is empty."""
         return some_particles(self.on, system)
 
     def connections(self, system: System) -> NDArray[np.int64]:
-        """Return the indices of the connections within the group."""
+        """Return the indices of connections within the group."""
         return np.flatnonzero(self.particles(system)[system.connections].all(axis=1))
 
     def cells(self, system: System) -> NDArray[np.bool_]:
-        """Return the cells with all corners in the group, shape [cell_count]; the system must have cells."""
+        """Return a mask of cells with all corners in the group, shape [cell_count]; the system must have cells."""
         assert system.cells is not None
         corners = system.cells.corners
         return (self.particles(system)[corners] | (corners == NONE)).all(axis=1)
@@ -119,7 +119,7 @@ class Probe:
 def checked_probes(
     probes: object, system: System, colliders: Sequence[Collider], loads: Sequence[Load] = ()
 ) -> dict[str, Probe]:
-    """Return probes by name; raise ValueError, which names the probe, if one cannot measure this system."""
+    """Return probes by name; raise ValueError, naming the probe, if one cannot measure this system."""
     named = dict(checks.mapping("probes", probes))
     touches = any(isinstance(one, Contact) for one in loads)
     for name, one in named.items():
@@ -133,10 +133,10 @@ def checked_probes(
 
 
 def probes_by(every: str, probes: Mapping[str, Probe]) -> dict[str, Probe]:
-    """Return the probes that are read every "frame", or every "substep"."""
+    """Return the probes that are read every `every`: "frame" or "substep"."""
     return {name: one for name, one in probes.items() if one.every == every}
 
 
 def probe_columns(probes: Mapping[str, Probe], dim: int) -> list[str]:
-    """Return the column names of several probes, side by side."""
+    """Return the column names of several probes, one probe after the other."""
     return [f"{name}_{column}" for name, one in probes.items() for column in one.columns(dim)]

@@ -1,4 +1,4 @@
-"""Scene: a system, its surroundings and its look; files in scenes/ build scenes."""
+"""Scene: a system with its surroundings and look; files in scenes/ build scenes."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,14 +19,14 @@ from .probes import Probe, checked_probes
 from .schedule import Change
 
 Observed = Callable[[NDArray, NDArray], NDArray]
-"""A quantity of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
+"""A function of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
 _SHOWN = 3
-"""Maximal number of colliders, and of loads, that a scene's text shows; of more it gives only the count."""
+"""Maximal number of colliders, and of loads, that a scene's text lists; if there are more, they are counted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """Bodies and their surroundings, the duration, and how to draw them.
+    """Bodies and their surroundings, the simulated time, and how to draw them.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ class Scene:
         Look of the picture, and of all bodies that are not in `looks`.
     looks
         Looks of single bodies, by the name of their group (see `System.named`). They set the parameters of a body
-        (see `Look`). If two groups share particles, triangles or connections, the later look is used.
+        (see `Look`). If two groups have particles, triangles or connections in common, the later look is used.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes
         Sensors by name: `{"foot": Probe("foot", "contact force")}`. `msdwarp run` writes their values to
-        probes.csv, and those read by substep to probes_by_substep.csv.
+        probes.csv, and the values read by substep to probes_by_substep.csv.
     observe
         Quantities to observe, by name: functions of positions and velocities, of shape [worlds, particle_count, d]
-        each, that return an array with the worlds along its first axis. `Ensemble.run` observes them,
+        each, that return an array with the worlds along the first axis. `Ensemble.run` observes them,
         `msdwarp run` prints them at the end, `msdwarp sweep` stores them.
     settled
         Whether a simulation starts from static equilibrium under the loads at the start: see `Simulation.settle`.
@@ -86,7 +86,7 @@ class Scene:
             ("schedule", Change, "at(1.0, mass=2.0)"),
         )
         for name, kind, example in kinds:
-            if not isinstance(getattr(self, name), Ruled):  # already checked in the original scene
+            if not isinstance(getattr(self, name), Ruled):  # checked already in the original scene
                 object.__setattr__(self, name, checks.sequence(name, getattr(self, name), kind, example))
         object.__setattr__(self, "loads", with_contact(self.loads, self.contact))
         dim = self.system.dim
@@ -114,7 +114,7 @@ class Scene:
             raise ValueError("system has neither a surface nor connections: there is nothing to draw")
 
     def _checked_looks(self) -> dict[str, Look]:
-        """Return the looks of groups; raise ValueError for an unknown group, or a field of the whole scene."""
+        """Return the looks of groups; raise ValueError for an unknown group, or a field of the whole picture."""
         looks = dict(checks.mapping("looks", self.looks))
         for name, look in looks.items():
             checks.one_of("a name in looks", name, self.system.groups)
@@ -143,7 +143,7 @@ class Scene:
         return "\n  ".join(lines)
 
     def replace(self, **changes: Any) -> Self:
-        """Return this scene with some fields changed, which are checked as in a new scene.
+        """Return this scene with some fields changed, and checked as in a new scene.
 
         Raises ValueError as the class does, and TypeError for an unknown field.
         """
@@ -153,7 +153,7 @@ class Scene:
         return replace(self, **changes)
 
     def observed(self, position: NDArray, velocity: NDArray) -> dict[str, NDArray]:
-        """Return the quantities of `observe` for one world; arguments have shape [particle_count, d].
+        """Return the quantities of `observe` for one world; both arguments have shape [particle_count, d].
 
         Raises ValueError if a function does not return an array with one world along its first axis.
         """
@@ -167,7 +167,7 @@ class Scene:
 
     @property
     def ground(self) -> Plane | None:
-        """The fixed plane that is closest to horizontal and faces up, if there is one."""
+        """The fixed plane that is closest to horizontal and faces up; None if there is none."""
         dim = self.system.dim
         planes = [one for one in self.colliders if isinstance(one, Plane) and one.motion is None]
         upwards = [plane for plane in planes if plane.unit_normal(dim)[-1] > 0]
@@ -175,6 +175,6 @@ class Scene:
 
 
 def _listed(title: str, several: Sequence[object]) -> list[str]:
-    """Return the line that shows the first of several objects; none if there are none."""
+    """Return a line that shows the first of several objects; no line if there are none."""
     more = f" and {len(several) - _SHOWN} more" if len(several) > _SHOWN else ""
     return [f"{title}: {', '.join(map(repr, several[:_SHOWN]))}{more}"] if several else []

@@ -19,7 +19,7 @@ OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """New parameters from a time on; the fields are the arguments of `at`."""
+    """New parameters from a time on; the fields are as in `at`."""
 
     time: float = 0.0
     group: str | ArrayLike | None = None
@@ -45,28 +45,28 @@ class Change:
 
     @property
     def of_gravity_alone(self) -> bool:
-        """Whether nothing changes but gravity."""
+        """Whether only gravity changes."""
         return self.gravity is not None and self.unpin is None and not self.parameters and not self.set_rest_shape
 
     @property
     def of_velocity_alone(self) -> bool:
-        """Whether nothing changes but velocities."""
+        """Whether only velocities change."""
         others = self.set_rest_shape or self.unpin is not None or self.gravity is not None
         return not others and set(self.parameters) == {"velocity"}
 
     def is_due(self, frame_index: int, fps: float) -> bool:
-        """Return whether the change is due after `frame_index` frames, at `fps` frames per second.
+        """Return whether the change is due after `frame_index` frames, with `fps` frames per second.
 
-        It takes effect with the first frame that begins at its time or later; frame k begins at k / fps [s].
+        It takes effect in the first frame that begins at its time or later; frame k begins at k / fps [s].
         """
-        # A time k / fps is rounded, and so is its product with fps: together by up to 4e-16 of k, less than the
-        # tolerance of 1e-6 frames in a run of 10⁹ frames. Without it the change could be a frame late.
+        # Rounding of k / fps and of its product with fps changes k by up to 4e-16 k, less than the tolerance 1e-6
+        # frames in a run of 10⁹ frames. Without this tolerance a change could be a frame late.
         return self.time * fps < frame_index + 1e-6
 
     def applied_to(self, system: System) -> System:
-        """Return the system after the change; raise ValueError if the group is unknown, or a value out of range.
+        """Return the system after the change; raise ValueError for an unknown group or a value out of range.
 
-        A mass of inf pins a particle at its place: it stops.
+        A mass of inf pins a particle at its position, with velocity 0.
         """
         if self.gravity is not None:
             gravity_at(self.gravity, np.array([self.time]), system.dim)
@@ -101,9 +101,9 @@ class Change:
     ) -> NDArray[np.float64]:
         """Return the velocities after the change [m/s], shape [particle_count, d].
 
-        `now` are the velocities before it, and `held` is the mask of pinned or driven particles, which keep
-        theirs. Raises ValueError if the group is unknown, all its particles are held, or a velocity is out of
-        range.
+        `now` are the velocities before the change, and `held` is the mask of pinned or driven particles, whose
+        velocities stay. Raises ValueError if the group is unknown, all its particles are held, or a velocity is
+        out of range.
         """
         chosen, value = self.particles(system), self.parameters["velocity"]
         if held[chosen].all():
@@ -127,7 +127,7 @@ class Change:
         return tuple(one.keeping(~free) if isinstance(one, Driven) else one for one in loads)
 
     def chosen(self, system: System) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return the masks of the particles of the group, and of the connections between them."""
+        """Return (mask of the group's particles, mask of the connections between them)."""
         chosen = self.particles(system)
         return chosen, np.all(chosen[system.connections], axis=1)
 
@@ -150,20 +150,20 @@ def at(
     Parameters
     ----------
     time
-        Time of the change [s]; it takes effect with the first frame that begins then or later.
+        Time of the change [s]; it takes effect with the first frame that begins at this time or later.
     group
-        The name of a group of the system (see `System.named`), or particles (indices or a mask), with the
-        connections between them; by default all.
+        The name of a group of the system (see `System.named`), or particles (indices or a mask); also the
+        connections between these particles. By default all.
     set_rest_shape
         Set rest lengths to the current lengths: the body keeps its current shape.
     unpin
-        Driven particles (see `PrescribedMotion`) to release: the name of a group, indices or a mask. They continue
-        freely with their current velocity and their own masses.
+        Driven particles (see `PrescribedMotion`) to release: a group's name, indices or a mask. They move freely
+        from their current velocity, with their own masses.
     gravity
-        Acceleration of free fall from then on [m/s²], of all particles; see `Simulation`.
+        Acceleration of free fall [m/s²] of all particles from this time on; see `Simulation`.
     parameters
         mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for the group, or functions
         of the old values, such as rest_length=lambda length: 1.2 * length. velocity [m/s]: a vector, one for each
-        particle of the group, shape [n, d], or such a function; pinned and driven particles keep theirs.
+        particle of the group, shape [n, d], or a function; velocities of pinned and driven particles stay.
     """
     return Change(time, group, set_rest_shape, parameters, unpin, gravity)

@@ -1,4 +1,4 @@
-"""Scenes as JSON data and arrays for files, so that pictures of stored runs need no script."""
+"""Scenes as JSON data and arrays for files, so that drawing a stored run needs no script."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -24,16 +24,16 @@ _AIM = ("target", "distance", "follow", "field_of_view", "path")
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """The motion of a collider, sampled at some times [s] and linear between them."""
+    """The motion of a collider, sampled at some times [s] and linearly interpolated."""
 
     times: NDArray[np.float64]
     displacement: NDArray[np.float64]
     """Displacements [m], shape [any, d]."""
     turn: NDArray[np.float64] | None
-    """Rotation vectors or angles [rad], shape [any, 3 or 1]; None if it never turned."""
+    """Rotation vectors or angles [rad], shape [any, 3 or 1]; None if the collider does not rotate."""
 
     def __call__(self, time: float) -> Any:
-        """Return the displacement, or a pair of displacement and turn, like `Collider.motion`."""
+        """Return the displacement, or a pair of displacement and rotation, like `Collider.motion`."""
         shift, turn = (
             None if values is None else np.array([np.interp(time, self.times, column) for column in values.T])
             for values in (self.displacement, self.turn)
@@ -42,9 +42,9 @@ class Recorded:
 
 
 def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
-    """Return a scene without its system; motions of its colliders are sampled at these times [s].
+    """Return a scene's data without its system; motions of its colliders are sampled at these times [s].
 
-    Changes of parameters are stored as the values that they would give the system at the start.
+    Changes of parameters are stored as the values that they would give the initial system.
     """
     arrays: dict[str, NDArray] = {}
     times = np.unique(np.asarray(times, dtype=float))
@@ -69,7 +69,7 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
 def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Scene:
     """Return a system's scene from the data of `scene_as_stored`; raise ValueError if they are invalid."""
     try:
-        looks = described.get("looks", [])  # absent in older files
+        looks = described.get("looks", [])  # older files have none
         return Scene(
             system=system,
             colliders=[_collider(one, arrays) for one in described["colliders"]],
@@ -84,7 +84,7 @@ def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapp
 
 
 def known_until(scene: Scene) -> float:
-    """Return the time until which all motions of colliders are known [s]; functions are known until inf."""
+    """Return the end of the time in which all colliders' motions are known [s]; inf for functions."""
     recorded = [one.motion for one in scene.colliders if isinstance(one.motion, Recorded)]
     return min((float(motion.times[-1]) for motion in recorded), default=np.inf)
 
@@ -95,7 +95,7 @@ def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[
         image = values.pop(name)
         if image is not None:
             arrays[f"{place}/{name}"] = np.asarray(image)
-    # Earlier versions open files of scenes that do not aim the camera.
+    # Without camera paths the data are as in earlier versions, which can open these files.
     values["path"] = [asdict(one) for one in look.path] or look.path
     return {
         name: _plain(value) for name, value in values.items() if name not in _AIM or value != getattr(Look, name)
@@ -170,7 +170,7 @@ def _gravity(gravity: Gravity) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Return a number, text, or numbers as JSON data."""
+    """Return a number, text, or array of numbers as JSON data."""
     return value if value is None or isinstance(value, str) else np.asarray(value).tolist()
 
 

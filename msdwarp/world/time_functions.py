@@ -1,4 +1,4 @@
-"""Functions of time, evaluated at all times of a frame at once if possible."""
+"""Functions of time, evaluated at all times of a frame in one call if possible."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from .. import checks
 
 _LEAST = 8
-"""Minimal number of times in a call: more than the coordinates that a function may return."""
+"""Minimal number of times in a call: more than the number of coordinates that a function may return."""
 _SAME = 1e-9
-"""Allowed relative difference between a function's values for an array and for single numbers."""
+"""Allowed relative difference between values for an array of times and for single times."""
 
 
 def flat(value: Any) -> NDArray[np.float64]:
-    """Return the numbers that a function of time returned, such as (displacement, turn), as one row."""
+    """Return all numbers in a result of a function of time, such as (displacement, turn), as one row."""
     try:
         array = np.asarray(value)
-    except ValueError:  # of unequal lengths
+    except ValueError:  # parts of different lengths
         return np.concatenate([flat(one) for one in value])
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{checks.repr_short(value)} are not numbers")
@@ -26,13 +26,13 @@ def flat(value: Any) -> NDArray[np.float64]:
 
 
 def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values of a function of time at each time, its numbers side by side, shape [time_count, width].
+    """Return the values of a function of time at each time, as rows of numbers, shape [time_count, width].
 
-    The function returns a number, several, or a tuple of these. It is called with all times at once, which takes
-    as long as one call. It is called for each time if it cannot take an array (with `if t < 1` in it), or if the
-    values for an array differ from those for three single times.
+    The function returns a number, several, or a tuple of these. It is called once with all times, which takes
+    about as long as one time. If it cannot take an array (with `if t < 1` in it), or values for an array differ
+    from values for three single times, it is called for each time.
 
-    Raises the function's own exceptions, and ValueError if its values are not numbers, or their number varies.
+    Raises the function's own exceptions, and ValueError if values are not numbers, or their number varies.
     """
     count = len(times)
     tried = sorted({0, count // 2, count - 1})
@@ -48,7 +48,7 @@ def sampled(function: Callable[[Any], Any], times: NDArray[np.float64]) -> NDArr
 
 
 def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDArray[np.float64] | None:
-    """Return the values from one call with all times; None if the function does not support this."""
+    """Return values from one call with all times; None if the function does not support arrays."""
     more = _LEAST - len(times)
     given = np.concatenate([times, np.repeat(times[-1:], more)]) if more > 0 else times.copy()
     try:
@@ -60,7 +60,7 @@ def _at_once(function: Callable[[Any], Any], times: NDArray, width: int) -> NDAr
         for k, row in enumerate(rows):
             found[:, k] = row[: len(times)] if row.ndim else row
         return found
-    except Exception:  # a function not written for arrays may raise anything
+    except Exception:  # a function not written for arrays may raise any error
         return None
 
 
@@ -68,12 +68,12 @@ def _same(found: NDArray, known: NDArray) -> bool:
     """Return whether numbers are equal except for rounding."""
     if len(found) != len(known):
         return False
-    pairs = zip(found.tolist(), known.tolist(), strict=True)  # for few numbers faster than NumPy
+    pairs = zip(found.tolist(), known.tolist(), strict=True)  # faster than NumPy for few numbers
     return all(abs(one - other) <= _SAME * (1.0 + abs(other)) for one, other in pairs)
 
 
 def _leaves(value: Any, count: int) -> Any:
-    """Yield the numbers that a function returned, each a scalar or an array over time."""
+    """Yield each number in a function's result, as a scalar or an array over time."""
     if isinstance(value, tuple | list):
         for one in value:
             yield from _leaves(one, count)
@@ -81,7 +81,7 @@ def _leaves(value: Any, count: int) -> Any:
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0 or array.shape == (count,):
         yield array
-    elif array.ndim == 1:  # constant
+    elif array.ndim == 1:  # constant in time
         yield from array
     elif array.shape[-1] == count:
         yield from array.reshape(-1, count)

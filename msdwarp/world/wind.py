@@ -1,4 +1,4 @@
-"""Wind: the force of the air on surfaces and particles."""
+"""Wind: the force of air on surfaces and particles."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,13 +15,13 @@ from .loads import VectorLoad
 class Wind(VectorLoad):
     """The force of air, moving or at rest, on bodies.
 
-    A triangle of the surface with the area vector a (n = a/|a|) and the velocity u relative to the air feels
+    A surface triangle with the area vector a (n = a/|a|) and the velocity u relative to the air has the force
 
         F = −½ ρ (C_d |u·a| u + C_l (u·a) (|u| n − (u·n) u/|u|))
 
-    on both sides. On a closed surface only triangles that face the wind feel it. So a convex body of frontal area
-    A has the terminal speed ½ ρ C_d A v² = m g. Vertices may be particles or, in balls, cylinders, cones and
-    meshes, weighted means of particles, which then share the force. See `msdwarp.kernels.loads.wind`. Air at rest,
+    on both sides. On a closed surface only triangles facing the wind have it. So a convex body of frontal area A
+    has the terminal speed ½ ρ C_d A v² = m g. Vertices may be particles or, in balls, cylinders, cones and meshes,
+    weighted means of particles, among which forces are divided. See `msdwarp.kernels.loads.wind`. Air at rest,
     `Wind((0, 0, 0))`, slows falling bodies.
 
     Parameters
@@ -30,7 +30,7 @@ class Wind(VectorLoad):
         Velocity of the air [m/s]: a vector of shape [d]; a function of time [s] that returns one; or a `wp.func`
         (x, t) -> velocity at the position x [m], which is compiled into the scene's kernels.
     on
-        The particles that it acts on, by default all (see `Load`): it acts on triangles with all corners among
+        The particles acted on, by default all (see `Load`): wind acts on triangles with all corners among
         them.
     drag
         C_d: about 1.2 for a plate across the flow, 0.47 for a sphere.
@@ -39,8 +39,8 @@ class Wind(VectorLoad):
     density
         ρ of the air [kg/m³].
     area
-        Frontal area of each particle [m²], a number or shape [particle_count]. With it each particle feels −½ ρ
-        C_d A |u| u, and surfaces are ignored: for ropes, grains and other bodies without a surface.
+        Frontal area of each particle [m²], a number or shape [particle_count]. If given, a particle has the force
+        −½ ρ C_d A |u| u, and surfaces are ignored: for ropes, grains and other bodies without a surface.
     """
 
     vector = "velocity"
@@ -68,7 +68,7 @@ class Wind(VectorLoad):
             )
 
     def areas(self, system: System) -> NDArray[np.float64]:
-        """Return the area of each particle [m²], shape [particle_count]."""
+        """Return the frontal area of each particle [m²], shape [particle_count]."""
         areas = checks.broadcast("area", self.area, (system.particle_count,))
         checks.within("area", areas, checks.FINITE, (lambda a: a >= 0, "not negative"))
         return areas

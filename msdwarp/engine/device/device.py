@@ -1,4 +1,4 @@
-"""Precisions, and numbers uploaded to a device."""
+"""Precisions, and arrays uploaded to a device."""
 
 from typing import Any
 
@@ -16,14 +16,14 @@ PRECISIONS = {
 
 
 def scalar_array(values: NDArray[np.float64], scalar: Any, device: Any) -> wp.array:
-    """Upload numbers; a uniform array stores a single number (a stride-0 view)."""
+    """Upload numbers; if all are equal, a single number is stored (a view with stride 0)."""
     if is_uniform(values):
         return view_of(wp.full(1, scalar(values[0]), dtype=scalar, device=device), len(values), (0,))
     return wp.array(values, dtype=scalar, device=device)
 
 
 def upload_fields(data: Any, device: Any, **values: Any) -> None:
-    """Upload arrays of numbers as fields of a kernel's struct, with the types of the fields."""
+    """Upload arrays of numbers as fields of a kernel's struct, with the element type of each field."""
     for name, numbers in values.items():
         setattr(data, name, wp.array(numbers, dtype=data._cls.vars[name].type.dtype, device=device))
 

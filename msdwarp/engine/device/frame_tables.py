@@ -1,4 +1,4 @@
-"""Frame tables: numbers that depend on time, in tables on a device, filled for each frame."""
+"""Frame tables: time-dependent values on a device, in tables that are filled for each frame."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -12,14 +12,14 @@ from .device import view_of
 Tables = dict[str, NDArray]
 """Tables by name, in the device's precision; coordinates of vectors and matrices are the last axes."""
 _ALIGNED = 4
-"""Alignment of tables, in numbers, for fast reads on the device."""
+"""Required alignment of tables, in numbers, for fast reads on the device."""
 
 
 class InFrames:
-    """Tables on a device with numbers that the host computes for each frame: poses, forces, rest lengths.
+    """Tables on a device with values that the host computes for each frame: poses, forces, rest lengths.
 
-    They are in one piece of memory, on the device and on the host, so that a frame costs one copy. A frame can be
-    prepared while the previous one runs.
+    All tables share one allocation, on the device and on the host, so a frame needs one copy. A frame can be
+    prepared while the previous frame runs.
 
     `tables` has the shape and the Warp type of each table by name, all with the scalar type `scalar`.
     `fill(time, tables)` writes the host's tables for the frame that begins at `time` [s]; other entries keep their
@@ -39,7 +39,7 @@ class InFrames:
             places[name] = total, whole
             total += -(-math.prod(whole) // _ALIGNED) * _ALIGNED
         self._device, self._there = device, wp.zeros(total, dtype=scalar, device=device)
-        # Only pinned memory can be copied later, by the device itself.
+        # Only pinned memory can be copied asynchronously.
         self._here = wp.zeros(total, dtype=scalar, device="cpu", pinned=device.is_cuda)
         self._copied = wp.Event(device) if device.is_cuda else None
         numbers, size = self._here.numpy(), wp.types.type_size_in_bytes(scalar)
@@ -54,7 +54,7 @@ class InFrames:
         """The start of the frame in the host's tables [s]; None if they belong to no frame."""
 
     def prepare(self, time: float) -> None:
-        """Fill the host's tables for the frame that begins at `time` [s], while another may be running.
+        """Fill the host's tables for the frame that begins at `time` [s], while another frame may be running.
 
         An error is raised only when that frame begins.
         """
@@ -64,7 +64,7 @@ class InFrames:
             self._holds = None
 
     def begin_frame(self, time: float) -> None:
-        """Upload the tables of the frame that begins at `time` [s], and fill them first unless they are prepared.
+        """Upload the tables of the frame that begins at `time` [s]; first fill them unless `prepare` has done so.
 
         If `fill` raises, the device's tables stay as they are.
         """
@@ -94,6 +94,6 @@ class InFrames:
             self._device.stream.record_event(self._copied)
 
     def _wait(self) -> None:
-        """Wait until the device has read the host's tables, which may then be written."""
+        """Wait until the device has read the host's tables; they may then be overwritten."""
         if self._copied is not None:
             wp.synchronize_event(self._copied)

@@ -1,4 +1,4 @@
-"""A pool of threads that replay the graphs of a frame at the same time, frame after frame.
+"""A pool of threads that replay the graphs of a frame concurrently, frame after frame.
 
 The graphs of a frame wait for each other, so all of them must run at once. One pool serves all simulations and
 threads, and runs one frame at a time.
@@ -32,9 +32,9 @@ class _Frame:
 
 
 class _Pool:
-    """Threads that wait for frames. The first one begins a frame, and passes graphs to the others.
+    """Threads that wait for frames. The first thread begins a frame, and passes graphs to the other threads.
 
-    Signals such as Ctrl-C reach only Python's main thread, not these: a frame that has begun is completed.
+    Signals such as Ctrl-C reach only Python's main thread, so the pool completes a frame that has begun.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ _choosing = threading.Lock()
 def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
     """Replay graphs that wait for each other, each on a thread of its own; return when all are done.
 
-    `begin` is called first. `give_up` is called if a graph cannot be replayed, and must make the others end.
+    `begin` is called first. `give_up` is called if a graph cannot be replayed, and must make the other graphs end.
     Exceptions of the threads are raised here.
     """
     with _choosing:

@@ -9,7 +9,7 @@ from ...kernels.records import record_length
 from .device import view_of
 
 ALIGNED = 64
-"""Alignment of arrays in one allocation, in numbers: cache lines of a GPU."""
+"""Alignment of arrays in a shared allocation, in numbers: a multiple of a GPU's cache line."""
 MOST_NUMBERS = 2**31 - 1
 """Maximal number of elements of a Warp array."""
 
@@ -22,7 +22,7 @@ def in_records(count: int, dim: int, scalar: Any, device: Any) -> wp.array:
 def records_together(
     arrays: int, count: int, dim: int, scalar: Any, device: Any, margin: int = 0
 ) -> tuple[wp.array, ...]:
-    """Return several arrays of zeros, in one allocation, `_ref`, if Warp allows an array that large.
+    """Return several arrays of zeros, in one shared allocation (`_ref`) if Warp allows an array of that size.
 
     Up to `margin` vectors may be read before the start and after the end of each array.
     """

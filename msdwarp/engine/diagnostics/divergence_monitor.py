@@ -1,6 +1,6 @@
 """Detect divergence of a run or of a world, and keep a state to return to.
 
-Slow growth of energy is measured by `energy_balance.py`, and `simulation/substep_controller.py` reacts to it.
+`energy_balance.py` measures slow growth of energy, and `simulation/substep_controller.py` reacts to it.
 `kernels/reductions/frozen_worlds.py` tests worlds of an ensemble; `simulation/divergence_error.py` has the error.
 """
 
@@ -20,7 +20,7 @@ from .energy_balance import rounding_energy, size, weight
 from .readout import Found
 
 LEAST_THREADS, MOST_THREADS = 8, 2**20
-"""On a GPU, least number of threads to restore a world, and most for all: most worlds need no restoring."""
+"""Minimal threads per world, and maximal threads in all, to restore worlds on a GPU: few worlds diverge."""
 
 
 class Baseline(NamedTuple):
@@ -45,10 +45,10 @@ class Baseline(NamedTuple):
 class DivergenceMonitor:
     """Checks a state on the device, by one pass over the particles.
 
-    The kinetic, elastic and gravitational energy of the start can only change form or turn to heat. So kinetic
-    plus gravitational energy can never exceed that sum plus the work of loads, drives and moving obstacles. If it
-    does by more than `energy_limit` times the scale, the run has diverged. The scale is the kinetic and elastic
-    energy at the start plus the weight times the system's size.
+    The kinetic, elastic and gravitational energy at the start can only change form or turn to heat. So kinetic
+    plus gravitational energy never exceeds the energy at the start plus the work of loads, drives and moving
+    obstacles. A run has diverged if it exceeds this bound by more than `energy_limit` times the scale: the kinetic
+    and elastic energy at the start plus the weight times the system's size.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class DivergenceMonitor:
         self.energy = 0.0
         """Kinetic and gravitational energy of the state read last, minus the work of loads [J]."""
         self.told = list[float]()
-        """The sums that were read last."""
+        """The sums read last."""
         self._sums = Sums(assembly, everything=False)
         self._work, self._most_work = assembly.external_work, 0.0  # work of loads is subtracted
         self.compare_with(baseline or Baseline.of(assembly, state))
@@ -66,12 +66,12 @@ class DivergenceMonitor:
     def compare_with(self, baseline: Baseline) -> None:
         """Compare energies with a baseline from now on."""
         self.baseline = baseline
-        """The start of the run, also after the number of substeps has changed."""
+        """Energy and scale at the start of the run; a change of the number of substeps keeps them."""
         energy, scale = self.baseline
         with np.errstate(invalid="ignore"):  # 0 · inf, if there is no limit
             most = np.where(scale > 0, energy + self._energy_limit * scale, np.inf)
         self.most = most if self._model.in_worlds else float(most)
-        """Kinetic and gravitational energy, less work, beyond which a world has diverged [J]."""
+        """Largest allowed kinetic plus gravitational energy minus work, of each world [J]."""
 
     def look(self, found: Found) -> None:
         """Launch the sums over the present state; a graph may record it."""
@@ -86,7 +86,7 @@ class DivergenceMonitor:
             work = float(self._work.before[0]) + told[columns.WORK]
             self.energy -= work
             self._most_work = max(self._most_work, abs(work))
-            most += self._most_work  # work has errors of first order in the step, also after it was returned
+            most += self._most_work  # errors of the work, O(h), remain when it falls
         return self._first < self._model.particle_count or not self.energy <= most
 
     @property
@@ -95,17 +95,17 @@ class DivergenceMonitor:
         return -int(self.told[columns.FIRST])
 
     def worst_particle(self) -> int:
-        """Return the first non-finite particle of the state read last, else the fastest."""
+        """Return the first non-finite particle of the state read last; if all are finite, the fastest."""
         if self._first < self._model.particle_count:
             return self._first
         return int(np.argmax(np.abs(self._state.v.numpy()).max(axis=1)))
 
 
 class Backup:
-    """Copies of the state at the start of a frame: all arrays of the state, those that effects change, and others.
+    """Copies of arrays at the start of a frame: arrays of the state, arrays that effects change, and `others`.
 
-    `kept` are vectors of particles, in the order of `live`. `changing` has pairs of an array and its copy, for the
-    arrays that effects change and for `others`.
+    `kept` are copies of the state's arrays, in the order of `live`. `changing` has pairs (array, copy) of all
+    other arrays.
     """
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
@@ -128,7 +128,7 @@ class Backup:
             wp.copy(kept, live)
 
     def restore(self) -> None:
-        """Copy the kept state back into the state's arrays and those of effects."""
+        """Copy the kept values back into the arrays of the state and of effects."""
         copy_vectors(self.live(), self.kept)
         for live, kept in self.changing:
             wp.copy(live, kept)
@@ -138,17 +138,17 @@ class WorldStatus(NamedTuple):
     """The status of each world, arrays of shape [worlds]."""
 
     status: NDArray[np.int32]
-    """0 while it runs, 1 if a number is no longer finite, 2 if its energy exceeded the limit and the work done."""
+    """0: running; 1: a number is not finite; 2: the energy exceeds `DivergenceMonitor.most` plus the work."""
     good_frames: NDArray[np.int32]
-    """Frames until it diverged; −1 while it runs."""
+    """Frames before the world diverged; −1 while it runs."""
     particle: NDArray[np.int32]
-    """The first particle that was no longer finite; −1 if all are finite."""
+    """The first non-finite particle; −1 if all are finite."""
 
 
 class FrozenWorlds:
-    """Tests each world for divergence at a frame's end, on the device, with sums of a `DivergenceMonitor`.
+    """Tests each world for divergence at a frame's end, on the device, from the sums of a `DivergenceMonitor`.
 
-    The status of each world is in `frozen`, the launcher's own array (`Dynamics.frozen`).
+    The array `frozen` has the status of each world (`Dynamics.frozen`).
     """
 
     def __init__(self, assembly: Assembly, watch: DivergenceMonitor, frozen: wp.array) -> None:
@@ -160,7 +160,7 @@ class FrozenWorlds:
         self._good_frames, self._particle = (wp.zeros_like(frozen) for _ in range(2))
         most_work = wp.zeros(model.worlds, dtype=wp.float64, device=model.device)
         self._own = [frozen, self._good_frames, self._particle, most_work]
-        # Effects' arrays of frozen worlds are restored, except those of contact between bodies.
+        # Arrays of effects are restored in frozen worlds, except the arrays of contact between bodies.
         each = (one for one in assembly.all if one.by_world and one is not self._contact)
         self._put_back = {id(array) for one in each for array in one.changing}
 
@@ -170,7 +170,7 @@ class FrozenWorlds:
         return self._own if self._contact is not None else []
 
     def launch(self, found: Found, backup: Backup) -> None:
-        """Launch the test of worlds by the sums, and the restoration of worlds that have diverged."""
+        """Launch the test of each world's sums, then restore worlds that have diverged."""
         device, worlds = self._model.device, self._model.worlds
         wp.launch(judge, worlds, [found.state_out, *self._limits], self._own, device=device)
         arrays = [*zip(backup.live(), backup.kept, strict=True)]
@@ -195,7 +195,7 @@ class FrozenWorlds:
         )
 
     def tell_contact(self) -> None:
-        """Tell contact between bodies which worlds are frozen: their neighbor lists may be invalid."""
+        """Pass the status of worlds to contact between bodies: neighbor lists of frozen worlds may be invalid."""
         if self._contact is not None:
             self._contact.frozen = self._frozen.numpy() != RUNNING
 

@@ -1,4 +1,4 @@
-"""Measures: energies, momentum and strain of each world, summed on its device in float64."""
+"""Measures: energies, momentum and strain of each world, summed on the device in float64."""
 
 from functools import partial
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from .readout import Sweep
 
 
 class Measures(NamedTuple):
-    """Sums over a state; in an ensemble arrays with a row for each world. Pinned particles are left out."""
+    """Sums over a state; in an ensemble arrays with a row for each world. Pinned particles are excluded."""
 
     kinetic_energy: float
     """Σ m v²/2 [J]."""
@@ -26,7 +26,7 @@ class Measures(NamedTuple):
     gravitational_energy: float
     """−Σ m g·x [J]."""
     dissipated_power: float
-    """Power that dampers turn to heat [W]: Σ b l'², or by another law."""
+    """Power that dampers dissipate [W]: Σ b l'² for linear dampers."""
     momentum: NDArray[np.float64]
     """Σ m v [kg m/s], shape [d]."""
     angular_momentum: NDArray[np.float64]
@@ -41,7 +41,7 @@ class Measures(NamedTuple):
 
     @property
     def energy(self) -> float:
-        """Kinetic, elastic, gravitational and other stored energy together [J]."""
+        """Sum of kinetic, elastic, gravitational and other stored energy [J]."""
         return self.kinetic_energy + self.elastic_energy + self.gravitational_energy + self.effect_energy
 
 
@@ -51,7 +51,7 @@ def measure(
 ) -> Measures:
     """Return the measures of a state.
 
-    `velocity` are the velocities at the time of the positions, by default the state's own. `x_lost` are the
+    `velocity` are the velocities at the time of the positions, by default `state.v`. `x_lost` are the
     rounding errors of positions, in compensated precision.
     """
     model, work = assembly.model, assembly.external_work
@@ -80,8 +80,8 @@ def measure(
 class Sums:
     """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`.
 
-    If `everything` is false, a pass over the particles computes only the columns that show divergence. The work of
-    loads is summed, too, unless `with_work` is false.
+    If `everything` is false, a pass over the particles computes only the columns that detect divergence. The work
+    of loads is also summed, unless `with_work` is false.
     """
 
     def __init__(self, assembly: Assembly, *, everything: bool = True, with_work: bool = True) -> None:
@@ -93,7 +93,7 @@ class Sums:
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.system.yields or not everything
         between = None if plain else model.system.between_neighbours
-        self._what = Laws(), False, False  # a pass over particles alone needs one kernel for all laws
+        self._what = Laws(), False, False  # a pass over particles alone uses one kernel for all spring laws
         if everything:
             laws = Laws(model.system.damper.law, model.laws.spring)
             self._what = laws, assembly.fracture is not None, between is not None
@@ -116,7 +116,7 @@ class Sums:
 
 
 def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:
-    """Write float32 numbers of the device's connections in the system's order.
+    """Write float32 values of connections, given in the device's order, in the system's order.
 
     `place` has the index in the system of each connection on the device; None if both orders are equal.
     """

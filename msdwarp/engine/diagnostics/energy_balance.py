@@ -1,6 +1,6 @@
-"""The energy balance of a run: an energy that the method conserves exactly, so that any growth shows at once.
+"""The energy balance of a run: an energy that the method conserves exactly, so that any growth is visible.
 
-`simulation/substep_controller.py` decides by it about substeps.
+`simulation/substep_controller.py` chooses the number of substeps by this balance.
 """
 
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from .energies import Sums
 from .readout import Found
 
 FEW = 32**3
-"""With fewer particles every frame sums its balance: on a GPU that costs less than separate launches."""
+"""With fewer particles the balance is summed in every frame: on a GPU this is faster than separate launches."""
 
 
 class EnergyBalance(NamedTuple):
@@ -42,8 +42,8 @@ class EnergySums:
     """Computes the energy balance of a state, by sums that can be recorded.
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
-    stability; docs/stability.md derives it. With v the mean of both velocities, it equals K(v) + U minus the
-    `swing` ½ Σ m |v − v_(n−½)|². In other methods K + U itself can only decrease.
+    stability; docs/stability.md derives it. If v is the mean of both velocities, this energy is K(v) + U minus the
+    `swing` ½ Σ m |v − v_(n−½)|². Other methods can only decrease K + U.
 
     `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 for methods without a lag.
     """
@@ -56,7 +56,7 @@ class EnergySums:
         self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
-        """Launch the sums of the current balance, and those of `DivergenceMonitor.look`; a graph may record it."""
+        """Launch the sums of the balance, and of `DivergenceMonitor.look`; a graph may record both."""
         now = self._state.state_in
         if self._lag:
             kicked(self._dynamics, self._state, self._lag, self._v)
@@ -113,7 +113,7 @@ def size(state: State) -> Any:
 
 
 def rounding_energy(model: Model, state: State) -> Any:
-    """Return an allowance for rounding [J]: a thousand times the energy of springs stretched by rounded positions.
+    """Return an allowance for rounding [J]: 1000 times the energy of springs stretched by rounded positions.
 
     The factor allows for rounding errors of many substeps, which add up. Compensated sums keep the rounding errors
     of positions, so only the lengths of springs are rounded.

@@ -1,4 +1,4 @@
-"""Sensors: the sums that probes need in each world, on the device at the end of a frame or of each substep."""
+"""Sensors: sums for probes in each world, on the device at the end of a frame or of each substep."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -36,9 +36,9 @@ from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Stage
 
 MOST_THREADS = 65536
-"""Maximal number of summing threads on a GPU: enough to keep it busy, few enough to combine quickly."""
+"""Maximal number of summing threads on a GPU: enough to occupy it, few enough to combine quickly."""
 FEW_EACH = 8
-"""Members per thread for a small group: with more threads, combining their sums would take longer."""
+"""Members per thread in a small group: more threads would spend longer on combining their sums."""
 ROWS = 64
 """Rows of partial sums that the host adds, for a single world on a GPU."""
 
@@ -69,7 +69,7 @@ class Sensors:
             first += self._sums[-1].width
         asked = {one.what for one in self._sums}
         self.moves = VELOCITY in asked or FORCE in asked
-        """Whether it needs the velocities at the time of the positions."""
+        """Whether probes need velocities at the time of the positions."""
         self._force = model.vectors() if FORCE in asked else None
         self._contact_forces = contact_forces if CONTACT_FORCE in asked or BODY_CONTACT_FORCE in asked else None
         on_gpu = model.device.is_cuda
@@ -79,7 +79,7 @@ class Sensors:
         self._found = wp.empty_like(self._rows, device="cpu", pinned=True) if on_gpu else self._rows
 
     def launch(self, v: wp.array, k: int = 0) -> None:
-        """Launch the sums of reading number k of a frame; a graph may record it.
+        """Launch the sums of reading k of a frame; a graph may record it.
 
         v are velocities at the time of the positions [m/s]; they are read only if `moves` is true.
         """
@@ -110,7 +110,7 @@ class Sensors:
 
 
 class _Sum:
-    """The sums that one probe needs: the columns from `first` on in the table of all probes' sums."""
+    """The sums that one probe needs: columns from `first` on in the table of all probes' sums."""
 
     def __init__(self, model: Model, name: str, probe: Probe, first: int, tears: bool) -> None:
         self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model
@@ -137,12 +137,12 @@ class _Sum:
         _fold(self._shares, rows, self._first, largest)
 
     def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
-        """Return the probe's values in each reading, `seconds` apart, from sums [readings, worlds, rows, any]."""
+        """Return the probe's values by reading, `seconds` apart; `rows`: [readings, worlds, rows, columns]."""
         own = rows[..., self._first : self._first + self.width]
         result = total = own.sum(axis=2)
         if self.what == STRAIN:
             count = total[..., probes.COUNT]
-            known = np.where(count > 0, count, np.nan)  # NaN if no connection is unbroken
+            known = np.where(count > 0, count, np.nan)  # NaN if all connections are broken
             largest = np.where(count > 0, own[..., probes.LARGEST].max(axis=2), np.nan)
             result = np.stack([total[..., probes.SUM] / known, largest], axis=-1)
         elif self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE):  # impulses are summed since the frame's start
@@ -154,7 +154,7 @@ class _Sum:
 
 
 class _StressSum:
-    """The sums of a probe of stress: virials of connections, then those of cells, then volumes."""
+    """The sums of a stress probe: virials of connections, virials of cells, then volumes."""
 
     def __init__(self, model: Model, name: str, probe: Probe, first: int) -> None:
         self.name, self.what, self._first, self._model = name, probe.what, first, model
@@ -193,7 +193,7 @@ class _StressSum:
         _fold(self._cell_shares, rows, self._first + len(self._components))
 
     def reading(self, rows: NDArray[np.float64], _seconds: float) -> NDArray[np.float64]:
-        """Return components and von Mises' equivalent in each reading, from sums [readings, worlds, rows, any]."""
+        """Return stress components and von Mises stress by reading; `rows`: [readings, worlds, rows, columns]."""
         total, count = rows[..., self._first : self._first + self.width].sum(axis=2), len(self._components)
         mean = (total[..., :count] + total[..., count:-1]) / total[..., -1:]
         tensor = np.empty((*mean.shape[:-1], self._model.dim, self._model.dim))
@@ -204,7 +204,7 @@ class _StressSum:
 
 
 class GroupMeans:
-    """Mean of a function over chosen particles, equally weighted, in each world; see `mean_of_function`."""
+    """Unweighted mean of a function over chosen particles, in each world; see `mean_of_function`."""
 
     def __init__(self, model: Model, function: Any, chosen: NDArray[np.bool_], width: int) -> None:
         self._model = model
@@ -223,20 +223,20 @@ class GroupMeans:
 
 
 def _shares(model: Model, count: int, width: int) -> wp.array:
-    """Return zeros for partial sums over `count` members, by threads of each world, `width` numbers each."""
+    """Return zeros for partial sums of `width` numbers, by world and thread, over `count` members."""
     most = max(MOST_THREADS // model.worlds, 1)
     threads = min(max(count // FEW_EACH, 1), most) if model.device.is_cuda else 1
     return wp.zeros((model.worlds, threads, width), dtype=wp.float64, device=model.device)
 
 
 def _fold(shares: wp.array, rows: wp.array, first: int = 0, largest: int = -1) -> None:
-    """Launch the addition of the threads' partial sums into a few rows."""
+    """Launch the addition of partial sums of threads into a few rows."""
     threads = (*rows.shape[:2], shares.shape[2])
     wp.launch(fold, threads, [shares, largest, first], [rows], device=shares.device)
 
 
 def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return each group particle's weight, and the mass of the free particles [kg], for each row of masses."""
+    """Return weights of a group's particles, and the free particles' total mass [kg], for each row of masses."""
     free = np.where(np.isfinite(mass), mass, 0.0)
     total = free.sum(axis=1)
     if what in (FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE):

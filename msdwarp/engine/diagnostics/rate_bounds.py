@@ -26,15 +26,15 @@ class Rates(NamedTuple):
     damping: float
     """Largest eigenvalue of M⁻¹B [1/s]."""
     least_ratio: float
-    """Smallest ratio of damping to stiffness of a spring [s]; inf if no spring has stiffness."""
+    """Smallest ratio of damping to stiffness of all springs [s]; inf if no spring has stiffness."""
     effect_stiffness: float = 0.0
     """Contribution of effects to `stiffness` [1/s²]; every method treats them explicitly."""
     effect_damping: float = 0.0
     """Contribution of effects to `damping` [1/s]."""
     limited_damping: float = 0.0
-    """`damping` without the dampers of contacts, if these are limited by the step [1/s]."""
+    """If the step limits the dampers of contacts: `damping` without these dampers [1/s]."""
     limited_share: float = 0.0
-    """Fraction of the longest stable step that limited dampers take; 0 if none are limited."""
+    """Fraction of the longest stable step that limited dampers use; 0 if none are limited."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -44,13 +44,13 @@ class Rates(NamedTuple):
 
     @property
     def damping_ratio(self) -> float:
-        """Damping ratio ζ of the fastest mode if K and B share modes: 1 is critical."""
+        """Damping ratio ζ of the fastest mode, if K and B have the same modes: 1 is critical."""
         return self.damping / (2 * math.sqrt(self.stiffness)) if self.stiffness else math.inf
 
 
 @in_turn
 def rate_bounds(system: System, assembly: Assembly | None = None, state: State | None = None) -> Rates:
-    """Return upper bounds of a system's rates, in its own state or a given state on a device.
+    """Return upper bounds of a system's rates, at the system's own state or at a given state on a device.
 
     The assembly is the system on a device with its effects. By default it is uploaded to the CPU in float64.
     """
@@ -62,7 +62,7 @@ def rate_bounds(system: System, assembly: Assembly | None = None, state: State |
 
 @in_turn
 def world_rates(assembly: Assembly, state: State) -> list[Rates]:
-    """Return upper bounds of the rates of each world that differs from the others."""
+    """Return upper bounds of the rates of each world with different parameters."""
     model = assembly.model
     blocks = zero_blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
@@ -90,7 +90,7 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
 
 
 def _least_ratio(model: Model, world: int) -> float:
-    """Return the smallest ratio of damping to stiffness of an unbroken spring [s]; inf if there is none."""
+    """Return the smallest damping/stiffness ratio of unbroken springs [s]; inf if none has stiffness."""
     rows = [model.row_of(name) for name in ("stiffness", "damping")]
     springs, dampers = (values[world % len(values)] for values in rows)
     if is_uniform(springs) and is_uniform(dampers) and not model.system.tears:
@@ -105,7 +105,7 @@ def _least_ratio(model: Model, world: int) -> float:
 
 
 def resists(assembly: Assembly) -> bool:
-    """Return whether rates depend on particles' speeds, because an effect resists their motion."""
+    """Return whether rates depend on speeds of particles, because an effect resists motion."""
     return any(one.overrides("add_resistance") for one in assembly.all)
 
 
@@ -115,7 +115,7 @@ def acts_on_rates(effects: Sequence[Effect]) -> bool:
 
 
 def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
-    """Add the blocks of effects, and return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
+    """Add the blocks of effects; return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
     model, contact = assembly.model, assembly.body_contact if assembly.model.in_worlds else None
     others = [one for one in assembly.all if one is not contact]
     for world in range(model.different if acts_on_rates(others) else 0):
@@ -128,6 +128,6 @@ def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> N
             effect.add_resistance(x, v, resistance)
         if resistance.any():
             damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))
-    if contact is not None:  # for all worlds at once
+    if contact is not None:  # adds to all worlds in one call
         contact.add_blocks_of_worlds(*blocks)
     return largest_rates(model, *blocks)

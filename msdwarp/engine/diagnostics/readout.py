@@ -9,7 +9,7 @@ from ...kernels.reductions import SUMMING_BLOCKS, columns
 from ..model.model import Model
 
 FEW = 64
-"""Up to this number of particles or connections in a world, a small block sums over them."""
+"""Up to this number of particles or connections in a world, the sums use a small block of threads."""
 MOST_BLOCKS = 512
 """Maximal number of blocks that sum over a state on a GPU: a few per multiprocessor."""
 
@@ -17,7 +17,7 @@ MOST_BLOCKS = 512
 class Found:
     """Sums and extremes of the state of each world; `msdwarp.kernels.reductions.columns` lists them.
 
-    For a single world the device writes them into host memory. In an ensemble they stay on the device. Kernels
+    For a single world the device writes the sums into host memory. In an ensemble they stay on the device. Kernels
     write `state_out`, an array of shape [worlds, COLUMNS].
     """
 
@@ -44,13 +44,13 @@ class Found:
             wp.synchronize_event(self._written)
 
     def read(self) -> list[float]:
-        """Wait, and return the numbers of a single world as Python floats, which are faster on the host."""
+        """Wait, and return the sums of a single world as Python floats, which the host reads faster."""
         self.wait()
         return self._seen.tolist()
 
 
 class Sweep:
-    """Launches kernels that pass over all worlds once and combine their threads' results in the same launch.
+    """Launches kernels that pass over all worlds once and combine the results of threads in the same launch.
 
     A world has up to `count` particles or connections; `found` is the number of sums.
     """
@@ -71,6 +71,6 @@ class Sweep:
         ]
 
     def launch(self, kernel: Callable[[int], Any], inputs: list[Any], found: wp.array) -> None:
-        """Launch a kernel, composed for the threads of a block; a graph may record it."""
+        """Launch a kernel, composed for a number of threads per block; a graph may record it."""
         inputs = [*inputs, *self._between]
         wp.launch(kernel(self.block), self._threads, inputs, [found], device=self._device, block_dim=self.block)

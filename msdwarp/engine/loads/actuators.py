@@ -16,7 +16,7 @@ from ..model.model import Model
 from ..model.stage_tables import StageTables
 
 AHEAD = np.arange(600) / 60.0
-"""Times at which the stability bound evaluates the strains of muscles [s]."""
+"""Times at which the stability bound evaluates actuators' strains [s]."""
 
 
 def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None":
@@ -26,7 +26,7 @@ def actuators_of(model: Model, loads: Sequence[Load]) -> "ActuatedSprings | None
 
 
 class ActuatedSprings(StageTables):
-    """Springs whose rest lengths are functions of time, as an extra tension."""
+    """Springs whose rest lengths are functions of time; the change of length acts as an extra tension."""
 
     table = "strain"
 
@@ -47,7 +47,7 @@ class ActuatedSprings(StageTables):
         springs, lengths = self._row("stiffness"), self._row("rest_length")
         row = np.arange(lcm(len(springs), len(lengths)))
         strength = springs[row % len(springs)] * lengths[row % len(lengths)]
-        # Entries are sorted by particle; each spring has one at either end.
+        # Entries are sorted by particle; each spring has an entry for each end.
         ends = model.system.connections[self.connection]
         particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
         order, first = rows(particle, model.particle_count)
@@ -61,7 +61,7 @@ class ActuatedSprings(StageTables):
         self.set_up(model, column_count, model.scalar, varies=any(one.varies for _, one in named))
 
     def _row(self, name: str) -> NDArray[np.float64]:
-        """Return a parameter of the actuated springs, shape [rows, actuated_count]; world w has row w mod rows."""
+        """Return a parameter of actuated springs, shape [rows, actuated_count]; world w has row w mod rows."""
         return self._model.row_of(name)[:, self.connection]
 
     def parameters(self) -> dict[str, Parameter]:
@@ -69,7 +69,7 @@ class ActuatedSprings(StageTables):
         return {"strain": Parameter(lambda sums: sums[..., 0], varies=True)}
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the transverse stiffness of contracted muscles, at the largest known contraction."""
+        """Add the transverse stiffness of contracted actuators, at the least strain of `_least`."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self.connection
         least = np.repeat([self._least(one) for _, one in self.named], [len(each) for each in self._delays])
@@ -82,10 +82,10 @@ class ActuatedSprings(StageTables):
         wp.launch(kernel, len(chosen), [*inputs, x], [stiffness], device=device)
 
     def _least(self, one: Actuator) -> float:
-        """Return the least strain of an actuator at the times AHEAD, or at the start if it is undefined later."""
+        """Return an actuator's least strain over the times AHEAD; the strain at 0 if it is undefined there."""
         try:
             return float(one.at(AHEAD).min())
-        except ValueError:  # it may be defined for a shorter run only
+        except ValueError:  # the strain may be defined for a shorter run only
             return float(one.at(np.zeros(1))[0])
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
 ASIDE = 0.01
-"""A carrier's velocity is computed from its poses this many substeps before and after a stage."""
+"""Offset, in substeps, of the poses before and after a stage from which a carrier's velocity is computed."""
 
 
 def attachments_of(model: Model, loads: Sequence[Load]) -> "AttachmentSprings | None":
@@ -111,16 +111,16 @@ class AttachmentSprings(FrameTables):
             self._hands = [one for _, one in self._named if isinstance(one, MouseSpring)]
             try:
                 self._fill_rows()
-            except ValueError:  # before any row was filled
+            except ValueError:  # raised before any row was filled
                 self._named, self._hands = before
                 raise
-            if self.done is not None:  # rows now belong to other springs, but only the total work matters
+            if self.done is not None:  # rows now belong to other springs, but only the total work is used
                 done = np.zeros(self.done.shape)
                 done[0, 0] = self.done.numpy().sum()
                 self.done.assign(done)
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Allocate tables for the poses of the carriers in a frame."""
+        """Allocate tables for carriers' poses in a frame."""
         if not self._moving:
             return
         self.data.ahead = int(self.steps.lagging)
@@ -141,7 +141,7 @@ class AttachmentSprings(FrameTables):
     def _write(self, tables: Tables, times: NDArray[np.float64]) -> None:
         """Write the poses and velocities of the carriers at these times.
 
-        If the method's velocities lag behind positions, carriers have their mean velocities of the last substep.
+        If the method's velocities lag behind positions, a carrier's velocity is its mean over the last substep.
         """
         before, span = (1.0, 1.0) if self.steps.lagging else (ASIDE, 2 * ASIDE)
         start = np.maximum(times - before * self.steps.dt, 0.0)  # a motion may be undefined before 0
@@ -153,14 +153,14 @@ class AttachmentSprings(FrameTables):
                 tables[names[0]][:, k], tables[names[1]][:, k] = now, (later - then) / span
 
     def _poses(self, k: int, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o) of a carrier at each time; raise ValueError that names it if its motion is undefined."""
+        """Return (R, o) of a carrier at each time; raise ValueError naming the carrier if one is undefined."""
         name, carrier = self._carriers[k]
         assert carrier.motion is not None
         furthest = float(np.finfo(self._model.dtype).max) / 4
         return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of each attachment's stiffness and damping, since the step's bound doubles blocks."""
+        """Add half of each attachment's stiffness and damping, since the stability bound doubles blocks."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 
@@ -189,7 +189,7 @@ class AttachmentSprings(FrameTables):
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Σ k (|x − p| − l0)²/2 [J] and Σ b |v − u|² [W], with the carriers' poses at the frame's end.
 
-        With a rest length, only the speed along the axis counts.
+        With a rest length, only the relative speed along the axis counts.
         """
         row = self.data.shift.shape[0] - 1 if self._moving else 0
         inputs = [self.data, row, x, v, self._model.stride]

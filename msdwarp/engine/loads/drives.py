@@ -20,7 +20,7 @@ from ..model.state import State
 POINTS = 5
 """Number of points for a derivative, which is then exact for polynomials of degree 4."""
 WINDOW = 1 / 16
-"""Fraction of a frame that these points span, for a derivative at a frame's end."""
+"""Fraction of a frame that these points span, for derivatives at the frame's end."""
 
 
 def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
@@ -32,9 +32,9 @@ def drives_of(model: Model, loads: Sequence[Load]) -> "Drives | None":
 class Drives(FrameTables):
     """Moves driven particles along their prescribed motions.
 
-    Positions are those of the motion at the time of each stage, rounded once. Velocities follow from positions. If
-    the method's velocities lag by half a substep, they are means over the last substep; else derivatives of
-    the polynomial through five positions. So both have the method's order: 2 for leapfrog, 4 for RK4.
+    Positions are evaluated from the motion at the time of each stage, and rounded once. Velocities are differences
+    of positions: means over the last substep if the method's velocities lag by half a substep, otherwise the
+    derivative of the polynomial through five positions. Both have the method's order: 2 for leapfrog, 4 for RK4.
     """
 
     def __init__(self, model: Model, drives: Sequence[tuple[str, Driven]]) -> None:
@@ -56,7 +56,7 @@ class Drives(FrameTables):
         self._furthest = float(np.finfo(model.dtype).max) / 4
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Allocate tables for the poses of a frame, and compute the weights of their differences."""
+        """Allocate tables for a frame's poses, and compute the weights of pose differences."""
         rows = np.append(np.add.outer(np.arange(substeps), self.steps.stage_times).ravel(), substeps)
         before_or_between = [-1.0] if self.steps.lag else np.linspace(0, substeps, POINTS)
         at = np.append(before_or_between, rows)
@@ -64,7 +64,7 @@ class Drives(FrameTables):
         self._rows = pick[-len(rows) :]
         each = len(self.steps.stage_times)
         self.data.ahead = int(self.steps.lag > 0.0)
-        if self.steps.lag:  # the change over the preceding substep; only the work uses the first row
+        if self.steps.lag:  # differences over the preceding substep; only the work uses the first row
             weights = np.diff(np.eye(len(self._at)), axis=0)
         else:
             weights = np.array([_derivative(self._at, one) for one in rows])
@@ -95,7 +95,7 @@ class Drives(FrameTables):
         state.write("v", speeds, held)
 
     def displaced(self) -> str | None:
-        """Return a message about a drive that does not begin at its particles' positions; None if all do."""
+        """Return a message about a drive that displaces particles at time 0; None if no drive does."""
         for name, one in self._drives:
             turn, shift = one.pose(0.0)
             away = float(np.abs(one.start @ turn.T + shift - one.start).max())
@@ -113,7 +113,7 @@ class Drives(FrameTables):
             turn, shift = self._poses(name, one, times)
             self._check_speed(name, k, turn[self._substeps], shift[self._substeps], times[self._substeps])
             tables["turn"][:, k], tables["shift"][:, k] = turn[self._rows], shift[self._rows]
-            # From differences, so that the velocity of particles at rest is exactly 0.
+            # Computed from differences, so that the velocity of particles at rest is exactly 0.
             off = np.concatenate([(turn - turn[0]).reshape(len(turn), -1), shift - shift[0]], axis=1)
             rates = self._weights @ off
             tables["turning"][:, k] = rates[:, : dim * dim].reshape(-1, dim, dim)
@@ -199,7 +199,7 @@ class Drives(FrameTables):
 
 
 def _shortest_attached(model: Model, one: Driven) -> float:
-    """Return the shortest rest length between a drive's particles and others [m]; inf without such a spring."""
+    """Return the shortest rest length between driven and other particles [m]; inf without such a spring."""
     held = one.particles(model.system)
     ends = held[model.system.connections]
     attached = ends[:, 0] != ends[:, 1]
@@ -207,9 +207,9 @@ def _shortest_attached(model: Model, one: Driven) -> float:
 
 
 def _derivative(points: NDArray, at: float, order: int = 1) -> NDArray[np.float64]:
-    """Return weights with which a sum of values at `points` is the derivative of this order at the point `at`.
+    """Return weights: the sum of weighted values at `points` is the derivative of this order at the point `at`.
 
-    It is the derivative of the polynomial through the nearest points.
+    The derivative is taken of the polynomial through the nearest points.
     """
     first = (
         int(np.clip(np.searchsorted(points, at) - POINTS // 2, 0, len(points) - POINTS))

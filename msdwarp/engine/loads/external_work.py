@@ -22,18 +22,18 @@ _STORED = {
 }
 """Names of effects' work in checkpoints."""
 MOST_SHARES = 4096
-"""Threads that sum on a GPU."""
+"""Maximal number of threads that sum the work on a GPU."""
 
 
 def _stored(effect: Effect) -> str:
-    """Return the name of an effect's work in checkpoints, the same as in version 0.1, whose files still load."""
+    """Return the name of an effect's work in checkpoints, as in version 0.1, whose files still load."""
     return _STORED[type(effect).__name__]
 
 
 class Work(Effect):
-    """Sums the work of loads on a model [J], in float64: by particle, if `summed`.
+    """Sums the work of loads on a model [J], in float64; per particle if `summed`.
 
-    It adds the work of steady forces, from their potential, and of effects that sum their work themselves.
+    The work of steady forces is computed from their potential. Work that effects sum themselves is added.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Work(Effect):
         self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
         self.field = self.piece.field
         self.data, self.idle = self.piece.Data(), self.piece.Data()
-        """The data for kernels, and a copy with zero weights, for evaluations of forces that do no work."""
+        """The data for kernels, and a copy with zero weights, for force evaluations that do no work."""
         self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
         self._last = wp.zeros(count, dtype=model.vector, device=model.device)
         if self._counts:
@@ -58,7 +58,7 @@ class Work(Effect):
         self._remaining = 0.0
         self.by_world = ("done", "last") if self._counts and summed else ()
         self.before = np.zeros(model.worlds)
-        """What is added to each world's sums [J]: −f·x of steady forces at the start, and earlier work."""
+        """Term added to each world's sums [J]: −f·x of steady forces at the start, plus earlier work."""
         if steady is not None:
             self._combination, self._steady = steady.data.combination, steady.data.value
             forces = steady.sums[self._combination.numpy()]
@@ -67,7 +67,7 @@ class Work(Effect):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Prepare for frames of this many substeps of `dt` seconds."""
-        # With one force a substep, half its work uses the velocity before it and half the velocity after it.
+        # With one force per substep, half its work uses the velocity before the kick, half the velocity after it.
         lags = 0.5 if np.count_nonzero(self.steps.weights) == 1 else 0.0
         self._remaining = lags * dt
         each = dt * np.asarray(self.steps.weights)
@@ -85,7 +85,7 @@ class Work(Effect):
         self.before += done - self.totals(x, v)
 
     def shares(self) -> wp.array:
-        """Return an array for the sums of many threads, equally many for each world."""
+        """Return an array for partial sums of threads, with equally many threads for each world."""
         most = max(1, MOST_SHARES // self._model.worlds)
         threads = max(1, min(self._model.particle_count // 8, most)) if self._device.is_cuda else 1
         return wp.zeros(self._model.worlds * threads, dtype=wp.float64, device=self._device)

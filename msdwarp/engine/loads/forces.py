@@ -39,13 +39,13 @@ def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
 def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the distinct combinations of forces on particles, and the index of each particle's combination.
 
-    A combination has a fraction of each force, shape [combination_count, force_count]; the first has none.
+    A combination is a fraction of each force, shape [combination_count, force_count]; the first is all zeros.
     """
     chosen = np.stack([one.particles(model.system) for _, one in forces], axis=1)
     sharing = [int(each.sum()) if one.total else 1 for (_, one), each in zip(forces, chosen.T, strict=True)]
     kinds, combination = np.unique(chosen, axis=0, return_inverse=True)
     nobody = np.zeros((1, len(forces)), dtype=bool)
-    if kinds[0].any():  # rows are sorted: the one without forces comes first
+    if kinds[0].any():  # rows are sorted: the combination without forces comes first
         kinds, combination = np.concatenate([nobody, kinds]), combination + 1
     return kinds / np.array(sharing, dtype=np.float64), combination.ravel()
 
@@ -93,7 +93,7 @@ class Steady(Effect):
         return _forces(self._forces, self._shares, varies=False)
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Replace forces by others on the same particles."""
+        """Replace forces by other forces on the same particles."""
         forces = exchanged(self._forces, others)
         self.sums, self._forces = self._of(forces), forces
         self.data.value.assign(self.sums)

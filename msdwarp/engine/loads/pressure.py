@@ -16,7 +16,7 @@ from ..model.stage_tables import StageTables
 from .surface_triangles import EmbeddedVertices, Faces, area_vectors
 
 THREADS = 256
-"""Threads that sum a volume."""
+"""Number of threads that sum a volume."""
 
 
 def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices | None) -> list[Effect]:
@@ -31,7 +31,7 @@ def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices
 
 
 class SurfacePressure(Effect):
-    """Common base of given pressures and gases: the triangles that they act on."""
+    """Common base of given pressures and gases: the triangles under pressure."""
 
     def __init__(self, model: Model, pressures: Sequence[Pressure | EnclosedGas], compose: Any) -> None:
         self._model = model
@@ -43,10 +43,10 @@ class SurfacePressure(Effect):
         self.members = faces.members()
 
     def _turning(self, x: NDArray, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a bound of each particle's stiffness due to turning area vectors [N/m], shape [particle_count].
+        """Return a bound of each particle's stiffness due to rotating area vectors [N/m], shape [particle_count].
 
-        ∂a/∂x_j is half the opposite edge (as a cross product). By Gershgorin each triangle of a particle adds at
-        most p (|e_1| + |e_2| + |e_3|) / 6 to its row of the stiffness. Blocks get half of this.
+        ∂a/∂x_j is half the opposite edge (as a cross product). By Gershgorin's theorem each triangle adds at most
+        p (|e_1| + |e_2| + |e_3|) / 6 to the row of each corner in the stiffness matrix. Blocks get half of this.
         """
         faces, places = self._faces, self._faces.facets.points(x)
         edges = sum(
@@ -118,7 +118,7 @@ class Gases(SurfacePressure):
         wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
 
     def elements(self) -> Elements:
-        """Return the triangles; their `prepare` first makes the sums over each gas."""
+        """Return the triangles; `Elements.prepare` first sums over each gas."""
         model, faces, worlds = self._model, self._faces, self._model.worlds
         each, count = np.arange(worlds)[:, None], worlds * len(self._gases)
         of, ends = faces.of + len(self._gases) * each, faces.ends[:-1] + faces.ends[-1] * each
@@ -150,8 +150,8 @@ class Gases(SurfacePressure):
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to gases.
 
-        Besides turning area vectors, a gas resists volume changes with stiffness γ p / V: a matrix of rank 1,
-        whose mass-weighted eigenvalue is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks hold half of it times the mass.
+        Besides rotating area vectors, a gas resists volume changes with stiffness γ p / V: a matrix of rank 1,
+        whose mass-weighted eigenvalue is γ p / V Σ |∂V/∂x_i|² / m_i. Blocks get half of it times the mass.
         """
         model, faces = self._model, self._faces
         places = faces.facets.points(x.numpy())
@@ -162,7 +162,7 @@ class Gases(SurfacePressure):
         over, each = np.zeros(len(self._gases)), np.zeros(model.particle_count)
         for k, gas in enumerate(self._gases):
             corner = faces.corner[faces.ends[k] : faces.ends[k + 1]]
-            assert gas.volume is not None  # gases are bound, so it is set
+            assert gas.volume is not None  # set, since gases are bound
             now = max(volume(corner, places), 1e-6 * gas.volume)
             inside = (gas.pressure + gas.outside) * (gas.volume / now) ** gas.exponent
             over[k] = inside - gas.outside

@@ -21,7 +21,7 @@ class Faces:
 
     def __init__(self, parts: Sequence[Facets], particle_count: int) -> None:
         self.facets, self._count = parts[0], particle_count
-        """The surface with its vertices, as weighted means of particles."""
+        """The facets of the first load; all loads use the same vertices."""
         self.mixed: bool = parts[0].mixed
         """Whether vertices are weighted means of particles; else they are particles."""
         self.corner: NDArray[np.int32] = np.concatenate([one.corner for one in parts])
@@ -29,22 +29,22 @@ class Faces:
         self.closed: NDArray[np.bool_] = np.concatenate([one.closed for one in parts])
         """Whether each triangle belongs to a closed surface, shape [triangle_count]."""
         self.of: NDArray[np.int64] = np.repeat(np.arange(len(parts)), [len(one.corner) for one in parts])
-        """The load on each triangle, shape [triangle_count]."""
+        """Index of each triangle's load, shape [triangle_count]."""
         self.ends: NDArray[np.int64] = np.cumsum([0, *(len(one.corner) for one in parts)])
-        """The first triangle of each load, and the total number, shape [load_count + 1]."""
+        """Index of each load's first triangle, then the total number, shape [load_count + 1]."""
 
     def members(self) -> NDArray[np.bool_]:
-        """Return a mask of the particles that carry a triangle, shape [particle_count]."""
+        """Return a mask of the particles that belong to a triangle, shape [particle_count]."""
         corners = np.zeros(len(self.facets.particle))
         corners[self.corner.ravel()] = 1.0
         return self.bound(corners) > 0
 
     def bound(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return bounds of a matrix's row sums by particle, from its row sums by vertex; see `Facets.bound`."""
+        """Return bounds of a matrix's row sums by particle, given row sums by vertex; see `Facets.bound`."""
         return self.facets.bound(sums, self._count) if self.mixed else sums
 
     def add_to_corners(self, values: NDArray[np.float64], corner: NDArray[np.int32] | None = None) -> NDArray:
-        """Return for each vertex the sum of the numbers or vectors of the triangles around it."""
+        """Return the sum at each vertex of values of the triangles around it."""
         result = np.zeros((len(self.facets.particle), *values.shape[1:]))
         np.add.at(result, self.corner if corner is None else corner, values[:, None])
         return result
@@ -53,7 +53,7 @@ class Faces:
         """Return these triangles as a `Struct` made by `msdwarp.kernels.loads.surface_triangles.face`."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)
-        if self.mixed:  # a particle's weight in a triangle is the sum of its weights in the corners
+        if self.mixed:  # a particle's weight in a triangle is the sum of its weights in the triangle's corners
             entry = triangle[:, None] * np.int64(self._count) + self.facets.particle[particle]
             weight = self.facets.weight[particle] / 3
             different, number = np.unique(entry[weight != 0], return_inverse=True)
@@ -81,7 +81,7 @@ def embedded_vertices_of(model: Model, loads: Sequence[Load]) -> "EmbeddedVertic
 
 
 class EmbeddedVertices(Effect):
-    """Computes the vertices of a surface before forces are evaluated; loads read them like particles."""
+    """Computes a surface's vertices before forces are evaluated; loads read vertices like particles."""
 
     def __init__(self, model: Model) -> None:
         self._model, facets = model, facets_of(model.system)
@@ -96,6 +96,6 @@ class EmbeddedVertices(Effect):
             setattr(self.data, name, wp.zeros(count, dtype=model.vector, device=model.device))
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch the kernel that computes vertices' positions and velocities from particles' x and v."""
+        """Launch the kernel that computes positions and velocities of vertices from x and v of particles."""
         inputs = [self._particle, self._weight, self._model.stride, compensation, x, v]
         wp.launch(self._mix, len(self.data.x), inputs, [self.data], device=self._model.device)

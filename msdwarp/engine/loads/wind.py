@@ -34,7 +34,7 @@ def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
 
 
 class WindEffect(StageTables):
-    """Common base of wind on surfaces and on particles: the velocity of the air, by stage of a frame."""
+    """Common base of wind on surfaces and on particles: the air velocity at each stage of a frame."""
 
     table = "velocity"
 
@@ -46,7 +46,7 @@ class WindEffect(StageTables):
                 f"{places[0]} is a function of place; it must then be the only wind on surfaces, or on particles"
             )
         function = self.function = winds[0][1].velocity if places else None
-        """wp.func (x, t) -> velocity of the air [m/s]; None if it is the same everywhere."""
+        """wp.func (x, t) -> velocity of the air [m/s]; None if the velocity is the same everywhere."""
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, function, **how)
         self.data = piece.Data()
         for name in ("drag", "lift"):
@@ -76,12 +76,12 @@ class WindEffect(StageTables):
         return found
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Replace winds by others on the same surfaces or particles."""
+        """Replace winds by other winds on the same surfaces or particles."""
         super().exchange(others)
         self._take_coefficients()
 
     def place_table(self, name: str, table: wp.array) -> None:
-        """Store the table of velocities in the struct that kernels read."""
+        """Store the table of air velocities in the struct that kernels read."""
         setattr(self.data.winds, name, table)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -89,7 +89,7 @@ class WindEffect(StageTables):
         return super().at(times) if self._given else np.zeros((len(times), 1, self._model.dim))
 
     def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
-        """Return dF/du = ρ (C_d + C_l) A u [N s/m] for areas A [m²], at the largest relative speed u."""
+        """Return dF/du = ρ (C_d + C_l) A u [N s/m] for areas A [m²], at the largest relative speed u [m/s]."""
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
         air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
@@ -108,7 +108,7 @@ class OnFaces(WindEffect):
         self.members = faces.members()
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
-        """Add a third of each triangle's resistance to each of its corners."""
+        """Add a third of a triangle's resistance to each of its corners."""
         faces = self._faces
         area = np.linalg.norm(area_vectors(faces.corner, faces.facets.points(x.numpy())), axis=1)
         damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))

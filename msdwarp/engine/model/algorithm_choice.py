@@ -1,6 +1,6 @@
 """The choice of the force algorithm; `msdwarp.kernels.springs` describes the algorithms.
 
-It affects speed only: results agree to rounding. The thresholds are from benchmarks/results/*/throughput.csv.
+The choice affects only speed: results agree to rounding. Thresholds are from benchmarks/results/*/throughput.csv.
 """
 
 import numpy as np
@@ -13,13 +13,13 @@ from .lattice import Lattice, NotALattice, find_lattice
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 AUTO = "auto"
 FEW_CONNECTIONS = 300
-"""Up to this number scatter is faster: a thread per connection has less work than one per particle."""
+"""Up to this number scatter is faster: its threads, one per connection, have less work than one per particle."""
 LEAST_PARTICLES = 32
 """Up to this number of particles a stencil is faster than scatter: it has several threads per particle."""
 FEW_PARTICLES = 20_000
-"""Up to this number of particles latency dominates, which is least for a stencil."""
+"""Up to this number of particles latency dominates; a stencil has the least."""
 LEAST_USED = 0.4
-"""Fraction of a lattice's neighbours that must exist for a stencil to be faster than a table."""
+"""Fraction of a lattice's neighbours that must exist for a stencil to be faster than a neighbour table."""
 MOST_TIES = 0.05
 """Largest fraction of connections that may be ties, outside all lattice directions."""
 
@@ -54,14 +54,14 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
         return ("stencil", lattice) if lattice.uniform and not ties and not system.tears else ("scatter", None)
     if ties > MOST_TIES * system.connection_count:
         return "gather", None
-    # A stencil wastes time on missing neighbours.
+    # A stencil also spends time on missing neighbours.
     used = (system.connection_count - ties) / (len(lattice.steps) * system.particle_count)
     small = system.particle_count <= FEW_PARTICLES
     return ("stencil", lattice) if small or used > LEAST_USED else ("gather", None)
 
 
 def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
-    """Return the algorithm for many worlds of a system: one whose sums are in a fixed order.
+    """Return the algorithm for many worlds of a system; its sums are in a fixed order.
 
     Lattices with ties use a table, because ties have their own constants.
     """
@@ -74,10 +74,10 @@ def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
 
 
 def scatter_order(system: System) -> NDArray[np.int64] | None:
-    """Return an order of connections in which scattering seldom waits; None if the current order is suitable.
+    """Return an order of connections in which scatter seldom waits; None if the current order is suitable.
 
-    Successive connections are added at the same time; connections that share a particle wait for each other. So
-    one connection of each first particle comes first, in the order of particles, then a second one, and so on.
+    Successive connections are added at the same time; two with a common particle wait for each other. So the order
+    consists of rounds, each with at most one connection of every first particle.
     """
     first = system.connections[:, 0]
     if len(first) < 2 or np.count_nonzero(first[1:] == first[:-1]) < 0.2 * len(first):

@@ -24,10 +24,10 @@ class Steps(NamedTuple):
     substeps: int
     """Substeps in a frame."""
     stage_times: Sequence[float] = (0.0,)
-    """Times at which a method's launches evaluate forces, as fractions of the substep; the first is 0."""
+    """Times at which launches of a method evaluate forces, as fractions of a substep; the first is 0."""
 
     weights: Sequence[float] = (1.0,)
-    """Weights of these evaluations in an integral over the substep; they sum to 1."""
+    """Weights of the forces at `stage_times` in an integral over the substep; they sum to 1."""
     lag: float = 0.0
     """Time by which the method's velocities lag behind positions, in substeps."""
 
@@ -40,7 +40,7 @@ class Steps(NamedTuple):
         return 1.0 / (self.fps * self.substeps)
 
     def times(self, start: float) -> NDArray[np.float64]:
-        """Return the times of all force evaluations in the frame that begins at `start` [s], and of its end."""
+        """Return the times of all force evaluations in the frame from `start` [s], then the frame's end."""
         stages = np.arange(self.substeps)[:, None] + np.asarray(self.stage_times)
         return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
 
@@ -57,16 +57,16 @@ class Numbers(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Groups of points with forces that depend only on the group, for gradients."""
+    """Groups of points, each with forces that depend only on the points of the group, for gradients."""
 
     data: Any
     """The struct that `projected` reads."""
     projected: Any
     """wp.func that returns φ·F of an element, see `kernels.adjoint.elements_adjoint`."""
     points: NDArray[np.integer]
-    """The points of each element, -1 for none, shape [element_count, k]: indices of particles or vertices."""
+    """Points of each element, −1 for none, shape [element_count, k]: indices of particles or of `vertices`."""
     vertices: Facets | None = None
-    """The vertices, if points are vertices."""
+    """The surface's vertices, if points are vertices; else None."""
     prepare: Callable[..., None] | None = None
     """Function (particle, weight, x, φ, by_numbers) that launches what must precede; see `elements_adjoint`."""
     of_all_worlds: bool = False
@@ -89,7 +89,7 @@ class Parameter(NamedTuple):
 def summed(
     model: Model, kernel: Any, count: int, inputs: Sequence[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Launch a kernel over worlds and `count` parts of an effect; return the sums of both its outputs, by world.
+    """Launch a kernel over worlds and `count` parts of an effect; return the sums of its two outputs by world.
 
     The outputs are energies [J] and powers [W], float64 of shape [worlds, count].
     """
@@ -103,33 +103,33 @@ def summed(
 class Effect:
     """Something that acts in a scene beside springs, dampers and gravity.
 
-    An effect is one file in `engine`, one in `kernels`, and one line in `engine.stepping.assemble`. In a scene
-    without it nothing of it is compiled, stored or launched. The stepper, checkpoints, the divergence monitor and
-    the measures call every effect; an effect overrides the methods that it needs.
+    An effect is a file in `engine`, a file in `kernels`, and a line in `engine.stepping.assemble`. A scene without
+    the effect compiles, stores and launches nothing of it. The stepper, checkpoints, the divergence monitor and
+    the measures call every effect; a subclass overrides the methods that it needs.
     """
 
     piece: ForceTerm | ColliderTerm | None
-    """The term that it adds to kernels; None if the force algorithms do its work."""
+    """The effect's term in kernels; None if the force algorithms do its work."""
     data: Any
-    """The struct that the kernels read; it may be replaced in `begin` and `begin_substep`."""
+    """The struct that kernels read; `begin` and `begin_substep` may replace it."""
     members: NDArray[np.bool_] | None = None
-    """Mask of the particles that its force acts on, shape [particle_count], if `piece` is selective."""
+    """Mask of the particles under the effect's force, shape [particle_count], if `piece` is selective."""
     by_world: Sequence[str] = ()
     """Names of the arrays of `data` that have a part for each world."""
     done: wp.array | None = None
-    """External work that it has done so far, as terms to sum [J], float64; None if it does none.
+    """External work done by the effect so far, as terms to sum [J], float64; None if it does no work.
 
-    If `piece.works`, `Work` sums it.
+    If `piece.works`, `Work` sums the work instead.
     """
 
     shared_points: int = 0
-    """Number of its points that CPU threads can share, each about as much work as a connection."""
+    """Number of the effect's points that CPU threads can divide; a point costs about as much as a connection."""
 
     conserves: bool = False
-    """Whether its forces only store or dissipate energy, so that a rise of energy is due to the step."""
+    """Whether the forces only store or dissipate energy, so that energy rises only if the step is too long."""
 
     numbers_substeps: bool = False
-    """Whether its launches depend on the number of the substep in a frame, beyond the first two and the last."""
+    """Whether launches differ between all substeps of a frame, not only for the first two and the last."""
 
     launcher = Launcher()
 
@@ -137,7 +137,7 @@ class Effect:
     """The substeps of the coming frames; set when `begin` is called."""
 
     def go_on_from(self, other: "Effect") -> None:
-        """Take over the state of `other`, which is this effect in the model before a change."""
+        """Take over the state of `other`: the same effect in the model before a change."""
 
     def use_launcher(self, launcher: Launcher) -> None:
         """Make launches that CPU threads may divide by this launcher."""
@@ -153,19 +153,19 @@ class Effect:
         """Write the prescribed part of a `State` at `time` [s], the start of a frame of 1 / `fps` seconds."""
 
     def prepare(self, time: float) -> None:
-        """Prepare early, on the host, for the frame that begins at `time` [s], while another frame is running.
+        """Prepare early, on the host, for the frame that begins at `time` [s], while another frame may be running.
 
-        The frame may never be run, or be replaced by another. So nothing may change that the device or
+        The frame may never run, or another frame may run instead. So nothing may change that the device or
         `begin_frame` reads, and no exception may be raised.
         """
 
     def hold(self, time: float) -> None:
-        """Set what depends on time to its value at `time` [s] in all stages, for launches between frames."""
+        """Set all stages of time-dependent tables to the value at `time` [s], for launches between frames."""
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace loads (keys) by other loads of the same kind (values); `hold` is called next.
 
-        Graphs may have recorded only the loads' arrays. See `differ_in_values` in `msdwarp/world/loads.py`.
+        Graphs may have recorded the loads' arrays, nothing else. See `differ_in_values` in `world/loads.py`.
         """
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
@@ -174,26 +174,26 @@ class Effect:
     def search(
         self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
     ) -> None:
-        """Launch the search for neighbours, if it is due, for positions x and velocities v.
+        """Launch the search for neighbours, if one is due, for positions x and velocities v.
 
-        It is launched before `before_forces`. `after` is the time from the end of the last substep [s]; `begins`
-        and `frame_begins` tell whether a substep and a frame begin. Between frames only `frame_begins` is true.
+        The search precedes `before_forces`. `after` is the time since the end of the last substep [s]; `begins`:
+        a substep begins; `frame_begins`: a frame begins. Between frames only `frame_begins` is true.
         """
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch what must precede the evaluation of forces, for positions x and velocities v.
+        """Launch kernels that must precede the evaluation of forces, for positions x and velocities v.
 
-        `compensation` is the kernels' struct; `begins` tells whether these forces begin a substep. If an effect
-        overrides this, each stage is a separate launch.
+        `compensation` is a struct of kernels; `begins`: these are the first forces of a substep. If an effect
+        overrides this method, each stage is a separate launch.
         """
 
     def watch(self) -> None:
-        """Launch what `end_substep` needs, after `search`; it may run beside a substep's first forces."""
+        """Launch kernels that `end_substep` needs, after `search`; they may run beside the first forces."""
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
-        """Launch changes of the state at a substep's end, `after`, given the state at its start.
+        """Launch changes of `after`, the state at a substep's end, given `before`, the state at its start.
 
-        Only effects that also override `before_forces` may do so.
+        Only effects that also override `before_forces` may change the state.
         """
 
     @property
@@ -202,20 +202,20 @@ class Effect:
         return self.overrides("before_forces")
 
     def overrides(self, *names: str) -> bool:
-        """Tell whether the effect's class overrides any of these methods."""
+        """Return whether the effect's class overrides any of these methods."""
         return any(getattr(type(self), name) is not getattr(Effect, name) for name in names)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sum of the forces that `before_forces` has computed, weighted with `seconds`.
 
-        Over the stages of a substep these weights sum to its length. Forces that are only measured are not summed.
+        Over a substep's stages the weights sum to its length. Only measurements read these sums.
         """
 
     def look(self) -> None:
         """Launch the kernels whose results `is_void` reads, after a frame's substeps; a graph may record it."""
 
     def is_void(self) -> bool:
-        """Return whether the finished frame must be repeated; if so, reserve the room that it lacked."""
+        """Return whether the finished frame must be repeated; if so, first reserve the missing room."""
         return False
 
     def begin_substep(self, substep: int) -> bool:
@@ -224,7 +224,7 @@ class Effect:
 
     @property
     def changing(self) -> list[wp.array]:
-        """Arrays that substeps change: a return to the start of a frame must restore them."""
+        """Arrays that substeps change: a return to a frame's start must restore them."""
         return []
 
     def checkpoint(self) -> dict[str, NDArray]:
@@ -235,21 +235,21 @@ class Effect:
         """Restore the state that `checkpoint` returned."""
 
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return the current values of the system's fields that the run has changed."""
+        """Return current values of the system's fields that the run has changed, by name."""
         return {}
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the effect's stiffness [N/m] and damping [N s/m] to the blocks for the stability bound.
 
         The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
-        [particle_count], for the particles of a world at x. The bound is twice the largest eigenvalue of a block
-        over the mass, as a spring between two particles needs. A force that depends on one particle adds half.
+        [particle_count], for a world's particles at x. The bound is twice the largest eigenvalue of block over
+        mass, which suits a spring between two particles. A force that depends on one particle adds half.
         """
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
-        """Add the derivative of resisting forces by each particle's speed [N s/m], shape [particle_count].
+        """Add the derivative of each particle's resisting forces by its speed [N s/m], shape [particle_count].
 
-        Only for forces that depend on speeds, at positions x and velocities v.
+        For forces that depend on speeds, at positions x and velocities v.
         """
 
     def elements(self) -> Elements | None:

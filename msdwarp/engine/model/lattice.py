@@ -1,8 +1,8 @@
 """Find the lattices from which a system is cut, so that neighbours need no table.
 
-A lattice's points are stored row after row along x. A point's neighbours in the row (y, z) are around the index
-`shift` after its own; a bit mask tells to which of them it is connected. Connections in no lattice direction, such
-as those made by `join`, are ties.
+A lattice's points are stored row after row along x. A point's neighbours in row (y, z) have indices around its own
+index plus `shift`; a bit mask has the neighbours to which the point is connected. Connections in no lattice
+direction, such as connections from `join`, are ties.
 """
 
 from typing import NamedTuple
@@ -15,14 +15,14 @@ from ...kernels.springs import COLUMN, CONSTANTS, MOST_NEIGHBOURS, stencil_rows
 
 
 class Lattice(NamedTuple):
-    """A system as lattices, the form that `msdwarp.kernels.springs.stencil` needs."""
+    """A system in terms of its lattices, as `msdwarp.kernels.springs.stencil` needs it."""
 
     steps: tuple[tuple[int, int, int], ...]
     """The directions: steps from a point to half of its neighbours."""
     mask: NDArray[np.uint32]
     """The neighbours to which each particle is connected, as bits, shape [particle_count]."""
     shift: NDArray[np.int32]
-    """Offset of each row of neighbours, shape [row_count], or [row_count, particle_count] if it differs."""
+    """Offset to each row of neighbours, shape [row_count], or [row_count, particle_count] if it varies."""
     kind: NDArray[np.int32]
     """Row of `constants` for each particle, shape [particle_count]; all 0 if there is one kind."""
     constants: dict[str, NDArray[np.float64]]
@@ -31,7 +31,7 @@ class Lattice(NamedTuple):
     """The connections that follow no direction, shape [tie_count]; see `msdwarp.engine.springs.extra_springs`."""
 
     def numbers(self, system: System) -> NDArray[np.int32]:
-        """Return the index of the connection in each direction from each particle, −1 for none.
+        """Return the index of the connection from each particle in each direction, −1 for none.
 
         `system` is the system of this lattice. Shape [direction_count, particle_count].
         """
@@ -43,7 +43,7 @@ class Lattice(NamedTuple):
         return found
 
     def neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Return the offsets and constants of neighbours in a uniform lattice, in the order of sums.
+        """Return offsets and constants of the neighbours in a uniform lattice, in the order of summation.
 
         Shapes [neighbour_count] and [neighbour_count, 3]; constants are in the order of CONSTANTS.
         """
@@ -54,12 +54,12 @@ class Lattice(NamedTuple):
 
     @property
     def uniform(self) -> bool:
-        """Whether shifts and constants are the same for all particles."""
+        """Whether all particles have the same shifts and constants."""
         return self.shift.ndim == 1 and len(self.constants["stiffness"]) == 1
 
     @property
     def stride(self) -> int:
-        """Index distance to the next layer, if layers are evenly spaced; else 0."""
+        """Index distance from a layer to the next if layers are evenly spaced; else 0."""
         if not self.uniform:
             return 0
         rows, _ = stencil_rows(self.steps)
@@ -72,17 +72,17 @@ class Lattice(NamedTuple):
 
     @property
     def margin(self) -> int:
-        """Number of entries before the first and after the last particle that kernels may read, but do not use."""
+        """Number of entries before the first and after the last particle that kernels read without using them."""
         return 2 + (2 + COLUMN) * (self.reach - 2)
 
     @property
     def reach(self) -> int:
-        """`margin` without columns, for kernels over single particles."""
+        """`margin` for kernels over single particles instead of columns."""
         return 2 + (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
 
 
 class NotALattice(ValueError):
-    """The system is not cut from lattices, or constants differ within a direction."""
+    """Raised if a system is not cut from lattices, or constants vary within a direction of a body."""
 
 
 def step_of(name: str) -> tuple[int, int, int]:
@@ -102,23 +102,23 @@ def step_of(name: str) -> tuple[int, int, int]:
 
 
 class _Part(NamedTuple):
-    """The connections of a body in one direction."""
+    """The connections of one body in one direction."""
 
     body: int
     direction: int
     along: int
     """Step along x."""
     there: int
-    """Row of the second particle, relative to the first."""
+    """Row of the second particle of a connection, as seen from the first."""
     back: int
     connections: slice
 
 
 def find_lattice(system: System) -> Lattice:
-    """Return a system's lattices by its named directions, and check each direction.
+    """Return a system's lattices, found by its named directions; each direction is checked.
 
     Raises NotALattice if no connection is in a direction, if a direction's connections do not follow its step, or
-    if their constants differ within a body.
+    if its constants vary within a body.
     """
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")
@@ -157,7 +157,7 @@ def find_lattice(system: System) -> Lattice:
 
 
 def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
-    """Return the ties: the connections in no direction of the lattice.
+    """Return the ties: connections in no direction of the lattice.
 
     Raise NotALattice if a connection is in two directions, or all connections are ties.
     """
@@ -175,7 +175,7 @@ def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
 
 
 def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32] | None:
-    """Return the offset of each row, shape [row_count], if it is equal for all particles."""
+    """Return the offset to each row, shape [row_count]; None if it differs between particles."""
     shift: dict[int, int] = {}
     for part in parts:
         i, j = system.connections[part.connections].T
@@ -190,9 +190,9 @@ def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray
 
 
 def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32]:
-    """Return the offset of each row from each particle, shape [row_count, particle_count]."""
+    """Return the offset to each row from each particle, shape [row_count, particle_count]."""
     shift = np.zeros((row_count, system.particle_count), dtype=np.int32)
-    for check in (False, True):  # neighbours in a row must agree: the value written last must equal all others
+    for check in (False, True):  # connections to one row must agree: the value written last must equal all others
         for part in parts:
             i, j = system.connections[part.connections].T
             offset = j - i - part.along
@@ -204,7 +204,7 @@ def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> ND
 
 
 def _mask(system: System, parts: list[_Part], direction_count: int) -> NDArray[np.uint32]:
-    """Return the mask of each particle's neighbours: those ahead in the low bits, then those behind."""
+    """Return the mask of each particle's neighbours: low bits for neighbours ahead, high bits for others."""
     mask = np.zeros(system.particle_count, dtype=np.uint32)
     expected = np.zeros(2 * direction_count, dtype=np.int64)
     for part in parts:
@@ -220,9 +220,9 @@ def _mask(system: System, parts: list[_Part], direction_count: int) -> NDArray[n
 def _constants(
     system: System, parts: list[_Part], direction_count: int
 ) -> tuple[dict[int, int], dict[str, NDArray[np.float64]]]:
-    """Return the kind of each body that is a lattice, and each kind's constants by name.
+    """Return the kind of each body that is a lattice, and the constants of each kind by name.
 
-    The constants have the shape [kind_count, direction_count].
+    Each array of constants has shape [kind_count, direction_count].
     """
     bodies = np.zeros((len(system.directions), len(CONSTANTS), direction_count))
     for part in parts:
@@ -232,7 +232,7 @@ def _constants(
                 bodies[part.body, k, part.direction] = values[0]
                 if (stored(values) != values[0]).any():
                     raise NotALattice(f"{name} differs among the connections of a direction")
-    named = sorted({part.body for part in parts})  # bodies without directions have no constants that could differ
+    named = sorted({part.body for part in parts})  # bodies without directions have no constants
     kinds, kind = np.unique(bodies[named], axis=0, return_inverse=True)
     of_body = dict(zip(named, map(int, kind.ravel()), strict=True))
     return of_body, {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}

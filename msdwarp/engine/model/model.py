@@ -20,32 +20,32 @@ from ..device.vector_arrays import records_together
 from .algorithm_choice import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
 
 Rows = Mapping[str, NDArray[np.float64]]
-"""Parameters that differ between worlds, by name: world w has row w mod (number of rows)."""
+"""Parameters that differ between worlds, by name: world w uses row w mod (number of rows)."""
 LINE = 8
-"""Particles in a cache line of a GPU; each world begins with a new line."""
+"""Particles in a cache line of a GPU; each world begins at a new line."""
 MOST_RECORDS = 2**31 - 1
-"""Maximal number of particles of all worlds: 32-bit indices."""
+"""Maximal number of particles of all worlds, from 32-bit indices."""
 
 
 class Model:
-    """The part of a system that substeps read but never write, on a device, in one world or many.
+    """The part of a system that substeps read but never change, on a device, in one world or many.
 
-    The vectors of many worlds are concatenated, `stride` particles apart. Constants that differ between worlds are
-    in `rows`; all else is shared. An `Assembly` adds the effects on the system.
+    Vectors of many worlds are concatenated, `stride` particles apart. Constants that differ between worlds are in
+    `rows`; worlds share all others. An `Assembly` adds the effects on the system.
 
     `system` is the simulated system, common to all worlds. `gravity`, `device`, `precision` and `force_algorithm`
-    are as for `msdwarp.Simulation`; gravity that is a function of time is a load, `falling`. `driven` is the mask
-    of the particles that prescribed motions move.
+    are as for `msdwarp.Simulation`; time-dependent gravity is a load, `falling`. `driven` is the mask of particles
+    with prescribed motions.
 
     `rows` differ between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
     [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
-    [rows, particle_count, d]. Each number of rows divides `worlds`. None outside of ensembles.
+    [rows, particle_count, d]. Each number of rows divides `worlds`. For a single world `rows` is None.
 
     Raises ValueError if an argument is out of range, or a stencil is requested for a system that is no lattice.
     """
 
     generation = 0
-    """Increases when a kernel or an argument of launches is replaced, which invalidates recorded graphs."""
+    """Increases when a kernel or an argument of its launches is replaced: recorded graphs are then invalid."""
 
     @in_turn
     def __init__(
@@ -66,9 +66,9 @@ class Model:
         self.scalar, self.dtype = PRECISIONS[precision]
         self.worlds, self.in_worlds, self.rows = worlds, rows is not None, dict(rows or {})
         self.tables = dict[str, wp.array]()
-        """Tables that `table` has uploaded; effects that change constants put their own arrays here."""
+        """Tables that `table` has uploaded; effects that change constants store their own arrays here."""
         if self.in_worlds:
-            # The largest mass and damping of all worlds, since a pin or damper in any world needs code.
+            # The largest mass and damping of all worlds: a pin or damper in one world needs code in all.
             largest = {name: self.rows[name].max(axis=0) for name in ("mass", "damping") if name in self.rows}
             first = {name: self.rows[name][0] for name in ("position", "velocity") if name in self.rows}
             if force_algorithm == AUTO:
@@ -85,17 +85,17 @@ class Model:
         self.force_algorithm, self.lattice = choose_force_algorithm(
             system, force_algorithm, on_gpu=self.device.is_cuda
         )
-        # A stencil also reads missing neighbours, at most this many particles beyond the ends; rounded to cache
+        # A stencil also reads missing neighbours, at most `margin` particles beyond the ends; rounded up to cache
         # lines (128 bytes).
         self.margin = -(-self.lattice.margin // 8) * 8 if self.lattice else 0
 
         self.compensated = precision == "float32-compensated"
-        # Features that a scene lacks are not compiled.
+        # Code for features that a scene lacks is not compiled.
         self.damper = system.damper.law if system.damping.any() else None
         self.laws = Laws(self.damper, system.spring.law)
         self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
-        """Mask of the particles that prescribed motions move, shape [particle_count]."""
-        # No force moves driven particles: like pinned ones they have infinite mass.
+        """Mask of particles with prescribed motions, shape [particle_count]."""
+        # No force moves driven particles, so their mass is infinite, as for pinned ones.
         self.mass = np.where(self.driven, np.inf, system.mass) if self.driven.any() else system.mass
         self.pinned = bool(np.isinf(self.mass).any())
         if "mass" in self.rows and self.driven.any():
@@ -115,7 +115,7 @@ class Model:
         self.rest_length = self._upload(self.ordered(rest_length), "rest_length")
         self.stiffness = self._upload_unbroken(system.stiffness, "stiffness")
         self.damping = self._upload_unbroken(system.damping, "damping")
-        # An explicit step must be stable at the steepest slope of the damping law.
+        # An explicit step must be stable at the steepest slope of a damping law.
         slope = system.damper.steepest
         self.steepest_damping = self.damping
         if self.damper and slope != 1:
@@ -130,7 +130,7 @@ class Model:
             )
 
     def fall(self, gravity: ArrayLike) -> None:
-        """Set gravity [m/s²]; callers that cached it must reread it. Raises ValueError if it is invalid."""
+        """Set gravity [m/s²]; callers with a cached value must read it again. Raises ValueError if invalid."""
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
@@ -138,14 +138,14 @@ class Model:
         self.generation += 1
 
     def _is_alike_by_direction(self, system: System) -> bool:
-        """Return whether the connections of a direction have equal constants in each world, as a stencil needs."""
+        """Return whether connections of a direction have equal constants in each world, as a stencil needs."""
         rows = [self.rows[name] for name in CONSTANTS if name in self.rows and self.rows[name].strides[1] != 0]
         parts = [part for body in system.directions for part in body.values()]
         return all((values[:, part] == values[:, part][:, :1]).all() for values in rows for part in parts)
 
     @property
     def stride(self) -> int:
-        """Index distance from the first particle of a world to that of the next."""
+        """Index distance between the first particles of successive worlds."""
         return -(-(self.particle_count + self.margin) // LINE) * LINE if self.in_worlds else self.particle_count
 
     @property
@@ -155,11 +155,11 @@ class Model:
 
     @property
     def different(self) -> int:
-        """Number of worlds with different parameters: world w has those of world w mod `different`."""
+        """Number of worlds with different parameters: world w has the parameters of world w mod `different`."""
         return lcm(*map(len, self.rows.values()))
 
     def row_of(self, name: str) -> NDArray[np.float64]:
-        """Return the rows of a parameter, shape [rows, ...]: a single row if it is equal in all worlds."""
+        """Return the rows of a parameter, shape [rows, ...]: one row if all worlds have the same."""
         if name in self.rows:
             return self.rows[name]
         if name == "gravity":
@@ -167,7 +167,7 @@ class Model:
         return np.asarray(self.mass if name == "mass" else getattr(self.system, name))[None]
 
     def _check_masses(self) -> None:
-        """Raise ValueError for a mass whose inverse is out of this precision's range: 0 would pin the particle."""
+        """Raise ValueError for a mass whose inverse is out of range in this precision: 0 would pin a particle."""
         mass, numbers = self.system.mass, np.finfo(self.dtype)
         # Inverses must be normal numbers: some devices flush smaller ones to 0.
         least, most = 1.0 / float(numbers.max), 1.0 / float(numbers.tiny)
@@ -178,12 +178,12 @@ class Model:
             checks.every("mass", mass, np.broadcast_to(fits, mass.shape), allowed)
 
     def check_range(self, values: NDArray[np.float64], name: str) -> None:
-        """Raise ValueError if a number is too large for this precision."""
+        """Raise ValueError if a value is too large for this precision."""
         most = float(np.finfo(self.dtype).max)
         checks.within(name, values, (lambda v: np.abs(v) <= most, f"at most {most:.2g} in {self.precision}"))
 
     def ordered(self, values: NDArray) -> NDArray:
-        """Return values of connections in the order of the device."""
+        """Return values of connections, given in the system's order, in the device's order."""
         return values if self.order is None or is_uniform(values) else values[self.order]
 
     def in_system_order(self, values: NDArray) -> NDArray:
@@ -197,31 +197,31 @@ class Model:
     def vectors(self) -> wp.array:
         """Return an array of zeros with a vector for each particle, in the records of `msdwarp.kernels.records`.
 
-        Up to `margin` particles may be read before the first and after the last.
+        Kernels may read up to `margin` particles before the first and after the last.
         """
         return self.vectors_together(1)[0]
 
     def vectors_together(self, count: int) -> tuple[wp.array, ...]:
-        """Return `count` arrays like `vectors`, in one allocation, `_ref`, if Warp allows such a size."""
-        each = self.worlds * self.stride  # with the margins between worlds
+        """Return `count` arrays like `vectors`, in one shared allocation (`_ref`) if Warp allows its size."""
+        each = self.worlds * self.stride  # including the gaps between worlds
         return records_together(count, each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
-        """Return values of connections, concatenated by world, in the device's order."""
+        """Return values of connections, given in rows, in the device's order, concatenated by world."""
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
-        """Upload numbers of shape [rows, count]; a row of equal numbers is stored as one (a broadcast array)."""
+        """Upload numbers of shape [rows, count]; a uniform row is stored as one number (a broadcast array)."""
         if values.shape[1] < 2 or values.strides[1] != 0:
             return wp.array(np.ascontiguousarray(values), dtype=self.scalar, device=self.device)
         once = wp.array(np.ascontiguousarray(values[:, 0]), dtype=self.scalar, device=self.device)
         return view_of(once, values.shape, (wp.types.type_size_in_bytes(self.scalar), 0))
 
     def table(self, name: str) -> wp.array:
-        """Return a parameter on the device, where world w reads row w mod (number of rows).
+        """Return a parameter on the device; world w reads row w mod (number of rows).
 
-        It is `inverse_mass`, of shape [rows, particle_count]; a constant of connections, in the device's order, of
-        shape [rows, connection_count]; or `gravity`, of shape [rows].
+        Parameters: `inverse_mass`, shape [rows, particle_count]; a constant of connections, in the device's order,
+        shape [rows, connection_count]; or `gravity`, shape [rows].
         """
         if name in self.tables:
             return self.tables[name]
@@ -240,17 +240,17 @@ class Model:
         return table
 
     def by_world(self, vectors: NDArray) -> NDArray:
-        """Return a view, shape [worlds, particle_count, d], of a host copy of an array of `vectors`."""
+        """Return a view of shape [worlds, particle_count, d] of a host copy of an array made by `vectors`."""
         return vectors.reshape(self.worlds, self.stride, self.dim)[:, : self.particle_count]
 
     def of_each(self, rows: NDArray) -> Any:
-        """Return the row of each world, shape [worlds, ...]; outside of ensembles the only row, or number."""
+        """Return the row of each world, shape [worlds, ...]; for a single world its row or number."""
         if self.in_worlds:
             return rows if len(rows) == self.worlds else rows[np.arange(self.worlds) % len(rows)]
         return rows[0].item() if rows.ndim == 1 else rows[0]
 
     def spread(self, values: NDArray) -> NDArray:
-        """Return vectors of shape [rows, particle_count, d] in the layout of `vectors`, for all worlds."""
+        """Return vectors of shape [rows, particle_count, d] for all worlds, in the layout of `vectors`."""
         if values.shape[:2] == (self.worlds, self.stride):
             return values.reshape(-1, self.dim)
         flat = np.zeros((self.worlds, self.stride, self.dim), dtype=values.dtype)
@@ -259,7 +259,7 @@ class Model:
         return flat.reshape(-1, self.dim)
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
-        """Upload values of connections, 0 for broken ones; if connections can break, each has its own number."""
+        """Upload values of connections, 0 for broken ones; one number per connection if connections can break."""
         if self.system.tears:
             values = np.where(self.system.broken, 0.0, values)
         return self._upload(self.ordered(values), name)

@@ -1,4 +1,4 @@
-"""Effects whose numbers are functions of time, in tables that are filled for each frame."""
+"""Effects with time-dependent values, in tables that are filled for each frame."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,7 +17,7 @@ class FrameTables(Effect):
 
     _frames: InFrames | None = None
     varies = True
-    """Whether tables are filled for each frame; else they keep the values written by `hold`."""
+    """Whether tables are filled for each frame; else they keep the values that `hold` wrote."""
 
     def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> Tables:
         """Make tables of these shapes and Warp types, store them in `data` by name, and return the host's."""
@@ -40,35 +40,35 @@ class FrameTables(Effect):
             self._frames.begin_frame(time)
 
     def prepare(self, time: float) -> None:
-        """Fill the tables of the frame that begins at `time` [s], while another is running."""
+        """Fill the tables of the frame that begins at `time` [s], while another frame is running."""
         if self._frames is not None and self.varies:
             self._frames.prepare(time)
 
 
 class StageTables(FrameTables):
-    """An effect with a table that kernels read: a row for each stage of a frame, and one for its end.
+    """An effect with a table that kernels read: a row for each stage of a frame, and one for the frame's end.
 
-    A row has the value of each of its loads at that time, unless a subclass overrides `at`.
+    A row has the value of each of the effect's loads at that time, unless a subclass overrides `at`.
     """
 
     table = "value"
     """Name of the table in kernels."""
     named: Sequence[tuple[str, Any]] = ()
-    """Its loads, each with the name of its values in messages."""
+    """The effect's loads, each with the name of its values in messages."""
     now: NDArray[np.float64]
     """The rows of the current frame, or the single row set by `hold`."""
 
     def set_up(self, model: Model, width: int, dtype: Any, *, varies: bool) -> None:
-        """Set up rows of `width` numbers or vectors of a Warp type."""
+        """Set up rows with `width` elements of a Warp type."""
         self._model, self._width, self._dtype, self.varies = model, width, dtype, varies
-        self.now = self.at(np.zeros(1))  # a function that fails should do so before anything runs
+        self.now = self.at(np.zeros(1))  # a function that raises should do so before anything runs
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows at these times, shape [time_count, width] or [time_count, width, d]."""
         return np.stack([one.at(times, self._model.dim, name) for name, one in self.named], axis=1)
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
-        """Replace loads by others on the same particles."""
+        """Replace loads by other loads on the same particles."""
         before, self.named = self.named, exchanged(self.named, others)
         try:
             self.at(np.zeros(1))
@@ -97,5 +97,5 @@ class StageTables(FrameTables):
 
 
 def exchanged(named: Sequence[tuple[str, Any]], others: Mapping[Load, Load]) -> list[tuple[str, Any]]:
-    """Return named loads, with some of them replaced by others."""
+    """Return named loads; each load that is a key of `others` is replaced by the value."""
     return [(name, others.get(one, one)) for name, one in named]

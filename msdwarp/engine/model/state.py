@@ -19,17 +19,17 @@ class Instant(NamedTuple):
     x: wp.array
     """Positions [m]."""
     v: wp.array
-    """Velocities [m/s]; between a frame's substeps at the integrator's own times."""
+    """Velocities [m/s]; between the substeps of a frame at the integrator's own times, which may lag."""
     method_state: tuple[wp.array, ...]
     """The integrator's own arrays, kept from one substep to the next."""
     compensation: Any
-    """Struct of the rounding errors of sums: `x`, `v`, and `x_out` for the next instant."""
+    """Struct of rounding errors of sums: `x`, `v`, and `x_out` for the next instant."""
 
 
 class State:
-    """Positions, velocities and the integrator's own arrays: current (`state_in`) and next (`state_out`).
+    """Positions, velocities and the integrator's own arrays, for now (`state_in`) and the next step (`state_out`).
 
-    `method_state`: number of arrays that the integrator keeps between substeps besides positions and velocities.
+    `method_state` is the number of further arrays that the integrator keeps from one substep to the next.
     """
 
     def __init__(self, model: Model, method_state: int = 0) -> None:
@@ -49,7 +49,7 @@ class State:
     @classmethod
     @in_turn
     def from_system(cls, system: System, model: Model, method_state: int = 0) -> Self:
-        """Upload positions and velocities: by world from the model's rows if it has any, else from the system."""
+        """Upload positions and velocities: the model's rows, by world, if there are any; else the system's."""
         state = cls(model, method_state)
         for name, field in (("x", "position"), ("v", "velocity")):
             exact = model.rows[field] if field in model.rows else getattr(system, field)[None]
@@ -58,9 +58,9 @@ class State:
         return state
 
     def write(self, name: str, exact: NDArray[np.float64], chosen: NDArray[np.bool_] | None = None) -> None:
-        """Write positions "x" [m] or velocities "v" [m/s] of all particles, or of chosen ones.
+        """Write positions "x" [m] or velocities "v" [m/s] of all or of chosen particles.
 
-        `exact` has shape [rows, particle_count, d], where world w gets row w mod rows; `chosen` [particle_count].
+        `exact` has shape [rows, particle_count, d]: world w gets row w mod rows. `chosen`: shape [particle_count].
         """
         model = self.model
         rounded = exact.astype(model.dtype)
@@ -96,7 +96,7 @@ class State:
         return self.state_in.compensation
 
     def motion(self) -> dict[str, Any]:
-        """Return the arrays of a stage that advances a whole substep, by the names in its `Step`."""
+        """Return the arrays of a stage that advances a whole substep, named as in the method's `Step`."""
         now, then = self.state_in, self.state_out
         return {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
 
@@ -105,14 +105,14 @@ class State:
         self.state_in, self.state_out, self._at_home = self.state_out, self.state_in, not self._at_home
 
     def settle(self) -> None:
-        """Copy the current state to the arrays that had it at first, which recorded graphs read."""
+        """Copy the current state into the arrays that held it at first, since recorded graphs read them."""
         if not self._at_home:
             self.flip()
             copy_vectors(moving(self.state_in), moving(self.state_out))
 
 
 def moving(instant: Instant) -> list[wp.array]:
-    """Return the arrays of an instant that are not shared with the next one."""
+    """Return the arrays of an instant that the next instant does not share."""
     return [array for array in (instant.x, instant.v, *instant.method_state, instant.compensation.x) if array.size]
 
 

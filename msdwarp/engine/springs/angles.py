@@ -39,7 +39,7 @@ class AngleSprings(Effect):
         )
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of a bound of the angles' stiffness and damping, since the step's bound doubles blocks."""
+        """Add half a bound of the angles' stiffness and damping, since the stability bound doubles blocks."""
         outputs = [stiffness, damping]
         wp.launch(angle_blocks(*self._kinds), self._count, [self.data, x], outputs, device=self._model.device)
 

@@ -23,15 +23,15 @@ from ..model.effect import Effect, Elements, summed
 from ..model.model import Model
 
 FACES_ON_CPU = False
-"""Whether CPUs also sum the forces of a lattice's cells by faces: more arithmetic, less memory traffic."""
+"""Whether CPUs also sum forces of a lattice's cells by faces: more arithmetic, less memory traffic."""
 SPRINGS = 20
-"""Number of springs that cost a CPU as much time as a cell."""
+"""Number of springs that take a CPU as long as one cell."""
 
 
 class CellVolumes(Effect):
-    """Computes pressures or forces of cells before the forces of springs; particles then sum the forces.
+    """Computes pressures or forces of cells before the forces of springs; particles then sum the cells' forces.
 
-    For cells of a lattice the pressure of each cell is stored, for other cells the forces on its corners.
+    In a lattice each cell's pressure is stored, in other meshes the forces on each cell's corners.
     """
 
     conserves = True
@@ -63,7 +63,7 @@ class CellVolumes(Effect):
         on_faces = model.device.is_cuda or FACES_ON_CPU
         steps = lattice_steps(cells.corners) if on_faces and model.dim == 3 else None
         self._size: int | None = None
-        """Number of entries of pressures in a world; None if the cells are no lattice."""
+        """Number of pressure entries of a world; None if the cells form no lattice."""
         if steps is not None:
             margin = sum(steps)
             self._size = model.stride + 2 * margin
@@ -86,7 +86,7 @@ class CellVolumes(Effect):
         self.shared_points = SPRINGS * self._count
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch the kernel of pressures, or of forces on corners, for positions x and velocities v."""
+        """Launch the kernel that computes pressures, or forces on corners, for positions x and velocities v."""
 
         def launch(part: int, parts: int) -> None:
             begin, end = part * self._count // parts, (part + 1) * self._count // parts
@@ -101,7 +101,7 @@ class CellVolumes(Effect):
         self.launcher.launch_parts(launch)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of a bound of the cells' stiffness and damping: the bound doubles blocks."""
+        """Add half a bound of the cells' stiffness and damping, since the stability bound doubles blocks."""
         model = self._model
         table = model.table("inverse_mass")
         inputs = [self._table, table[world % table.shape[0]], x]
@@ -122,9 +122,9 @@ class CellVolumes(Effect):
 
 
 def lattice_steps(corners: NDArray[np.integer]) -> tuple[int, int, int] | None:
-    """Return the index steps from a cell's first corner along three axes, if equal for all cells; else None.
+    """Return the index steps along three axes from a cell's first corner, if equal for all cells; else None.
 
-    All steps are positive, and the other corners are reached by sums of them.
+    All steps are positive; sums of them lead to the other corners.
     """
     apart = corners - corners[:, :1]
     if (apart[0, 1:] <= 0).any() or (apart != apart[0]).any():

@@ -1,4 +1,4 @@
-"""Extra springs: springs that follow no lattice direction, which the stencil leaves out."""
+"""Extra springs: springs in no direction of the lattice, which a stencil leaves out."""
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from ..model.model import Model
 class ExtraSprings(Effect):
     """The forces of the springs that a stencil leaves out (`Lattice.ties`).
 
-    As springs of the system they are already in energies, in the stability bound and in linearised products. So
-    this effect adds only their forces.
+    Energies, the stability bound and linearised products already include them, as springs of the system. So this
+    effect adds only forces.
     """
 
     conserves = True
@@ -23,7 +23,7 @@ class ExtraSprings(Effect):
         system, ties = model.system, model.lattice.ties
         laws = model.laws if system.damping[ties].any() else model.laws._replace(damper=None)
         self.piece = tie_force(model.dim, model.scalar, model.compensated, laws)
-        # The ends, sorted by particle, then by spring.
+        # The ends of springs, sorted by particle, then by spring.
         ends = system.connections[ties]
         particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)
         order, first = rows(particle, model.particle_count)

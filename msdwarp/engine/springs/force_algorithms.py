@@ -34,14 +34,14 @@ from ..model.model import Model
 from .fracture import Fracture
 
 MANY_NEIGHBOURS = 12
-"""With more neighbours than this, several threads per particle save more time."""
+"""Number of neighbours per particle above which several threads per particle save more time."""
 LANES = {
     ("stencil", "many"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (12_000, 8), (30_000, 4)),
     ("stencil", "few"): ((32, 8), (64, 4), (4_096, 1), (30_000, 4)),
     ("gather", "many"): ((20_000, 8), (32_000, 4)),
     ("gather", "few"): ((32, 8), (64, 4), (350, 1), (1_024, 4), (2_048, 1), (20_000, 4)),
 }
-"""Pairs (maximal particle count, threads per particle) by algorithm and number of neighbours; above them 1 thread.
+"""(maximal particle count, threads per particle) by algorithm and number of neighbours; above these, 1 thread.
 
 From measurements on an H200. For some sizes in between one thread per particle is fastest, because one block or
 cluster advances such systems for a whole frame.
@@ -49,7 +49,7 @@ cluster advances such systems for a whole frame.
 
 
 class Scatter:
-    """The scattering algorithm: a thread per spring."""
+    """The scatter algorithm: a thread per spring."""
 
     def __init__(self, model: Model, fracture: Fracture | None = None) -> None:
         storage, fields = stored_constants(model)
@@ -65,16 +65,16 @@ class Scatter:
 
 
 def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
-    """Set broken springs to connect their first particles to themselves."""
+    """Replace the second particle of each broken spring by its first."""
     joined = np.array(connections.numpy())
     joined[fracture.broken, 1] = joined[fracture.broken, 0]
     connections.assign(joined)
 
 
 class Gather:
-    """The gathering algorithm: a thread per particle, with a table of neighbours built on the device.
+    """The gather algorithm: a thread per particle, with a table of neighbours built on the device.
 
-    More than one of `lanes` (threads per particle) needs a GPU, and springs that do not break.
+    `lanes` is the number of threads per particle; more than one needs a GPU, and springs that do not break.
     """
 
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
@@ -101,14 +101,14 @@ class Gather:
             fracture.carry_out(self.data.other, partial(self._name_themselves, model, fracture))
 
     def _name_themselves(self, model: Model, fracture: Fracture) -> None:
-        """Set the slots of broken springs to their own particles."""
+        """Replace the neighbour in slots of broken springs by the particle itself."""
         inputs = [self.data.first, fracture.data.number, fracture.broken_at]
         kernel, outputs = tables.name_itself_where_broken, [self.data.other]
         wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
 
 
 def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
-    """Return the best storage for the constants of springs, and the fields of its struct.
+    """Return the most compact storage for the constants of springs, and the fields of its struct.
 
     See `msdwarp.kernels.springs.constants`.
     """
@@ -136,9 +136,9 @@ def records_of_three(model: Model, values: NDArray) -> wp.array:
 
 
 def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
-    """Return the different sets of constants, shape [kind_count, 3], and the kind of each spring.
+    """Return the distinct sets of constants, shape [kind_count, 3], and the kind of each spring.
 
-    None if there are more kinds than a byte can number.
+    Return None if there are more kinds than a byte can number.
     """
     tables, kind = [], np.zeros(system.connection_count, dtype=np.uint8)
     count = 1
@@ -147,7 +147,7 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
         if len(values) == 0 or is_uniform(values):
             tables.append(values[:1] if len(values) else np.zeros(1))
             continue
-        different = np.unique(values[:: max(1, len(values) // 4096)])  # usually a sample contains all kinds
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample usually has all kinds
         place = np.zeros(len(values), dtype=np.uint8)
         while True:
             if count * len(different) > MOST_KINDS:
@@ -166,22 +166,22 @@ def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] 
 
 
 def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
-    """Return the value of each slot's spring; 1 in padding slots."""
+    """Return the value of each slot's spring; 1 for padding slots."""
     slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
     wp.launch(tables.take(values.dtype), len(connection), [connection, values], [slots], device=values.device)
     return slots
 
 
 def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
-    """Return (first, other, connection): the starts of the table's slices, and each slot's particle and spring.
+    """Return (first, other, connection): where slices of the table start, and each slot's particle and spring.
 
-    The slots of a particle are in the order of its springs, on every device. Padding slots have the particle
-    itself, and no spring (−1).
+    A particle's slots are in the order of its springs, on every device. A padding slot has the particle itself,
+    and −1 as its spring.
     """
     n, ends, device = model.particle_count, 2 * model.connection_count, model.device
     count = np.zeros(-(-n // SLICE) * SLICE, dtype=np.int64)
     count[:n] = np.bincount(model.system.connections.ravel(), minlength=n)
-    # All particles of a slice have as many slots as the one with most neighbours, in whole chunks.
+    # Each particle of a slice has as many slots as the one with most neighbours, in whole chunks.
     slots = CHUNK * SLICE * -(-count.reshape(-1, SLICE).max(axis=1) // CHUNK)
     start, first = (
         wp.array(np.append(0, np.cumsum(each)), dtype=int, device=device) for each in (count[:n], slots)
@@ -190,11 +190,11 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     def launch(kernel: Any, threads: int, inputs: list, outputs: list) -> None:
         wp.launch(kernel, threads, inputs, outputs, device=device)
 
-    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # one half is for sorting
+    particle, end = (wp.zeros(2 * ends, dtype=int, device=device) for _ in range(2))  # half is for sorting
     launch(tables.list_ends, model.connection_count, [model.connections], [particle, end])
     wp.utils.radix_sort_pairs(particle, end, ends)
     total = int(slots.sum())
-    other = wp.zeros(total + SLICE * CHUNK, dtype=int, device=device)  # one more chunk is read but not used
+    other = wp.zeros(total + SLICE * CHUNK, dtype=int, device=device)  # one more chunk is read without use
     connection = wp.full(total, -1, dtype=int, device=device)
     launch(tables.name_itself, len(slots), [first, n], [other])
     launch(tables.fill_slots, ends, [particle, end, start, first, model.connections], [other, connection])
@@ -202,9 +202,9 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 
 
 class Stencil:
-    """The gathering algorithm for lattices, without a table; extra springs between lattices are an effect.
+    """The gather algorithm for lattices, without a table; ties between lattices are an effect, `ExtraSprings`.
 
-    More than one of `lanes` (threads per particle) needs a GPU, and a uniform lattice that does not tear.
+    `lanes` is the number of threads per particle; more than one needs a GPU and a uniform lattice without tearing.
     """
 
     def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
@@ -256,7 +256,7 @@ class Stencil:
         self.data.constants = records_of_three(model, constants)
 
     def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
-        """Clear the mask bits of broken springs; `numbers` has a spring by direction and first particle."""
+        """Clear mask bits of broken springs; `numbers` is the spring by direction and first particle, or −1."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
         gone = (numbers >= 0) & fracture.broken[numbers]
         for d, first in enumerate(map(np.flatnonzero, gone)):
@@ -266,7 +266,7 @@ class Stencil:
 
 
 def lanes(model: Model, tears: bool = False) -> int:
-    """Return the number of threads per particle: several on a GPU if there are few particles."""
+    """Return the number of threads per particle: more than 1 on a GPU with few particles."""
     lattice = model.lattice
     if model.force_algorithm == "scatter" or not model.device.is_cuda or tears:
         return 1
@@ -281,7 +281,7 @@ CLASSES = {"scatter": Scatter, "gather": Gather, "stencil": Stencil}
 
 
 def forces_of(model: Model, fracture: Fracture | None = None) -> Scatter | Gather | Stencil:
-    """Return the force algorithm of a model, in the form that is fastest for a single world."""
+    """Return a model's force algorithm, in the fastest form for a single world."""
     if model.force_algorithm == "scatter":
         return Scatter(model, fracture)
     return CLASSES[model.force_algorithm](model, fracture, lanes(model, fracture is not None))

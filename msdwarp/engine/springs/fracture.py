@@ -14,14 +14,14 @@ from ..model.effect import Effect
 from ..model.model import Model
 
 JOINED = {"scatter": "connections", "gather": "other", "stencil": "mask"}
-"""The array, for each algorithm, that tells which particles are connected."""
+"""The array of each algorithm that has the pairs of connected particles."""
 
 
 class Fracture(Effect):
     """Lets springs of a model break at the start of each substep; see `msdwarp.kernels.springs.fracture`.
 
-    The force algorithms compute all lengths, so they also find springs that are too long. Each algorithm has an
-    array of connected particles, and removes broken springs from it.
+    The force algorithms compute all lengths, so they also find overstretched springs. Each algorithm has an array
+    of connected particles, from which it removes broken springs.
     """
 
     piece = None
@@ -32,9 +32,9 @@ class Fracture(Effect):
     def __init__(self, model: Model) -> None:
         self._model = model
         self.breaking = breaking(model.scalar)
-        """The functions of breaking with which algorithms are composed."""
+        """Device functions of breaking, with which the force algorithms are composed."""
         system, device = model.system, model.device
-        # Limited so that rounding cannot mend broken springs.
+        # Clipped to finite values, since inf in float32 would mean an unbroken spring.
         rounded = np.minimum(system.broken_at, np.finfo(np.float32).max)
         broken_at = np.where(system.broken, rounded, np.inf).astype(np.float32)
         self.broken_at = wp.array(model.of_each_world(broken_at[None]), dtype=wp.float32, device=device)
@@ -54,17 +54,17 @@ class Fracture(Effect):
         if "stiffness" in model.rows:
             self.by_world = (*self.by_world, "stretch")
             upload_fields(data, device, stretch=model.of_each_world(np.array(stretches)))
-        # The constants that energies and bounds are computed from.
+        # The constants from which energies and bounds are computed.
         self._summed = [data.stiffness, data.damping]
         if data.steepest is not data.damping:
             self._summed.append(data.steepest)
         self._joined: list[wp.array] = []
         self.joined_field = JOINED[model.force_algorithm]
-        """Name of the algorithm's array from which broken springs are removed."""
+        """Name of the algorithm's array of connected particles, from which broken springs are removed."""
         self._strike_out: Callable[[], None] = lambda: None
 
     def _give_each_world_its_own(self) -> None:
-        """Upload, for each world, the constants that breaking changes."""
+        """Upload separate constants for each world, since breaking changes them."""
         model, data, whole = self._model, self.data, ~self._model.system.broken
         self.by_world = ("broken_at", "stiffness", "damping", "steepest")
         rows = {name: model.row_of(name) for name in ("stiffness", "damping")}
@@ -76,7 +76,7 @@ class Fracture(Effect):
             model.tables[name] = array.reshape((model.worlds, model.connection_count))
 
     def repeat_for_worlds(self, forces: Any) -> None:
-        """Give each world its own copy of the array from which broken springs are removed."""
+        """Give each world its own copy of the array of connected particles."""
         one = getattr(forces, self.joined_field)
         each = np.tile(one.numpy(), (self._model.worlds, *[1] * (one.numpy().ndim - 1)))
         joined = wp.array(each, dtype=one.dtype, device=one.device)
@@ -84,7 +84,7 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Register an algorithm's array of connected particles, and remove springs that are already broken."""
+        """Register an algorithm's array of connected particles; remove springs that are already broken."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()
@@ -103,7 +103,7 @@ class Fracture(Effect):
         self.data.start.assign(np.array([time]))
 
     def begin_substep(self, substep: int) -> bool:
-        """Make the next launch begin a substep."""
+        """Set the number of the substep that the next launch begins."""
         self.data.substep = substep
         return True
 
@@ -117,7 +117,7 @@ class Fracture(Effect):
         return {"broken_at": self._model.in_system_order(np.array(self.broken_at.numpy()))}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore the state that `checkpoint` returned; springs that are broken now must be broken there too."""
+        """Restore the state from `checkpoint`; springs that are broken now must be broken in that state."""
         self.broken_at.assign(self._model.ordered(arrays["broken_at"]))
         broken = self.broken
         for constants in self._summed:
@@ -130,7 +130,7 @@ class Fracture(Effect):
 
 
 def _least_ratio(model: Model, rest_length: NDArray[np.float64], stretch: NDArray[np.float64]) -> float:
-    """Return a ratio of length to rest length below which no spring breaks, even after yielding."""
+    """Return a ratio of length to rest length below which no spring breaks, also after yielding."""
     system, whole = model.system, ~model.system.broken
     if not whole.any():
         return np.inf

@@ -24,9 +24,9 @@ def add_linearised(
     scale: float,
     everyone: bool = False,
 ) -> None:
-    """Add scale (spring·K + damper·B) p to z, with K and B linearised at x; scatters with every force algorithm.
+    """Add scale (spring·K + damper·B) p to z, with K and B linearised at x; scatters, whatever the algorithm.
 
-    Pinned and driven particles are left out, unless `everyone` is set.
+    Pinned and driven particles are excluded, unless `everyone` is set.
     """
     if model.connection_count:
         constants = [model.connections, model.rest_length, model.stiffness, model.steepest_damping]
@@ -47,7 +47,7 @@ def zero_blocks(model: Model) -> list[wp.array]:
 
 
 def largest_rates(model: Model, springs: wp.array, dampers: wp.array) -> NDArray[np.float64]:
-    """Return twice the largest of all blocks' eigenvalues over their particles' masses, shape [different, 2]."""
+    """Return twice the largest eigenvalue of block over mass, of K and of B, shape [different, 2]."""
     bounds = wp.zeros((model.different, 2), dtype=wp.float64, device=model.device)
     inputs = [model.table("inverse_mass"), springs, dampers]
     wp.launch(largest_rate(model.dim, model.scalar), springs.shape, inputs, [bounds], device=model.device)

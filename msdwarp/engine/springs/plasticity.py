@@ -1,4 +1,4 @@
-"""Plasticity: springs that deform permanently; their rest lengths become state."""
+"""Plasticity: springs that deform permanently; their rest lengths are part of the state."""
 
 from collections.abc import Mapping
 
@@ -12,7 +12,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 
 STORED = ("original_length", "yield_strain", "relaxation_time", "largest_plastic_strain")
-"""Fields of the system that describe how springs yield."""
+"""Fields of the system with the parameters of yielding."""
 
 
 class Plasticity(Effect):
@@ -49,7 +49,7 @@ class Plasticity(Effect):
         return [self.rest_length]
 
     def checkpoint(self) -> dict[str, NDArray]:
-        """Return the rest lengths of the system's springs [m], in its precision."""
+        """Return the rest lengths of the system's springs [m], in the model's precision."""
         return {"rest_length": self._model.in_system_order(self.rest_length.numpy().copy())}
 
     def restore(self, arrays: Mapping[str, NDArray]) -> None:
@@ -57,5 +57,5 @@ class Plasticity(Effect):
         self.rest_length.assign(self._model.ordered(arrays["rest_length"]))
 
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return the current rest lengths, and the original ones, which do not change."""
+        """Return the current and the original rest lengths [m]; the latter do not change."""
         return self.checkpoint() | {"original_length": self._model.system.original_length}

@@ -1,8 +1,8 @@
 """The forces of an ensemble: the algorithm of a single world, with constants of springs for each world.
 
 Springs with equal constants within every world form a class. The algorithm is first set up for an auxiliary system
-(the stand-in), whose stiffnesses are class indices. Where the algorithm stores such an index (in a table, an
-array or by direction), it is replaced by the constants of the class in each world.
+(the stand-in), whose stiffnesses are class indices. Where the algorithm stores an index, in a table, an array or
+by direction, each world's constants of that class replace it.
 """
 
 from math import lcm
@@ -25,19 +25,19 @@ class EnsembleForces(NamedTuple):
     force_algorithm: Any
     """The algorithm, as for a single world."""
     data: Any
-    """The struct for its kernels, which worlds share."""
+    """The struct that the algorithm's kernels read, shared by all worlds."""
     storage: str = ""
     """See `kernels.integrators.Differences`."""
     how: dict[str, str] = {}  # noqa: RUF012 (a default that is never changed)
-    """How each constant differs between worlds, by name."""
+    """How each constant differs between worlds, by name: SHARED, UNIFORM or EACH."""
     fields: dict[str, wp.array] = {}  # noqa: RUF012
     """The arrays that kernels index by world."""
 
 
 def ensemble_forces(model: Model, fracture: Fracture | None, rest_length: wp.array | None) -> EnsembleForces:
-    """Return the forces of an ensemble with its model's algorithm; `rest_length`, by world, if springs yield.
+    """Return an ensemble's forces by its model's algorithm; `rest_length` has a row per world if springs yield.
 
-    Raises ValueError if the algorithm is a stencil, and constants differ among the springs of a direction.
+    Raises ValueError if the algorithm is a stencil, and constants vary among a direction's springs.
     """
     forces = _algorithm_of_worlds(model, fracture, rest_length)
     if fracture is not None:
@@ -46,7 +46,7 @@ def ensemble_forces(model: Model, fracture: Fracture | None, rest_length: wp.arr
 
 
 def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: wp.array | None) -> EnsembleForces:
-    """Return the algorithm, and the constants of springs where they differ."""
+    """Return the algorithm, and spring constants by world where they differ."""
     if rest_length is not None:
         return _yielding(model, CLASSES[model.force_algorithm](model, fracture), rest_length)
     if not model.rows.keys() & set(CONSTANTS):
@@ -54,7 +54,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
         return EnsembleForces(forces.force_algorithm, forces.data)
     classes = Classes(model)
     forces = CLASSES[model.force_algorithm](_stand_in(model, classes), fracture)
-    if model.force_algorithm == "scatter":  # its array of sums is for all worlds
+    if model.force_algorithm == "scatter":  # the stand-in has one world, the array of forces has all
         forces.data.f = model.vectors()
     if model.force_algorithm == "stencil":
         return _by_direction(model, forces, classes)
@@ -80,7 +80,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
 
 
 def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForces:
-    """Return forces with separate constants for each spring, because rest lengths change."""
+    """Return forces with constants for each spring, because rest lengths change."""
     fields = {"rest_length": rest_length.reshape((model.worlds, model.connection_count))}
     how = {"rest_length": EACH}
     for name in ("stiffness", "damping"):
@@ -91,7 +91,7 @@ def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForce
 
 
 class Classes:
-    """The classes of springs; springs of a class have equal constants within every world."""
+    """Classes of springs; within every world the springs of a class have equal constants."""
 
     def __init__(self, model: Model) -> None:
         self._model, count = model, model.connection_count
@@ -106,23 +106,23 @@ class Classes:
         """One spring of each class."""
 
     def values(self, name: str) -> NDArray[np.float64]:
-        """Return a constant of each class, shape [rows, class_count]."""
+        """Return one constant, by name, of each class, shape [rows, class_count]."""
         return self._model.row_of(name)[:, self._member]
 
     def together(self) -> NDArray[np.float64]:
-        """Return all constants by row and class, shape [rows, class_count, 3] in the order of CONSTANTS."""
+        """Return all constants by row and class, shape [rows, class_count, 3], in the order of CONSTANTS."""
         each = [self.values(name) for name in CONSTANTS]
         rows = lcm(*map(len, each))
         return np.stack([values[np.arange(rows) % len(values)] for values in each], axis=-1)
 
     @staticmethod
     def named(numbers: NDArray) -> NDArray[np.int64]:
-        """Return the classes for a stand-in's stiffnesses; 0 means no spring, and an arbitrary class."""
+        """Return the class indices for stiffnesses of the stand-in; 0, which is no spring, gives class 0."""
         return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
 
 
 def _stand_in(model: Model, classes: Classes) -> Model:
-    """Return a model in which a spring's stiffness is the number of its class, counted from 1."""
+    """Return a model whose spring stiffnesses are class indices, counted from 1."""
     numbers: Any = classes.of + 1.0
     if model.dtype is np.float32 and numbers.max(initial=0.0) > 2**24:
         raise ValueError("connections differ in more ways than float32 can count; precision must be 'float64'")
@@ -140,7 +140,7 @@ def _stand_in(model: Model, classes: Classes) -> Model:
 
 
 def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
-    """Upload a table of the constants of each kind for each row, in records."""
+    """Upload a table with the constants of each kind, one row of the table per row of parameters, in records."""
     values = classes.together()[:, kinds]
     records: Any = records_of_three(model, values.reshape(-1, 3))
     (size,) = records.strides
@@ -148,13 +148,13 @@ def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.arra
 
 
 def _by_direction(model: Model, forces: Any, classes: Classes) -> EnsembleForces:
-    """Return the forces of a stencil, whose constants are by direction, or by kind of lattice and direction."""
+    """Return a stencil's forces, with constants by direction, or by kind of lattice and direction."""
     data, how, fields = forces.data, {}, {}
     uniform = not isinstance(data.stiffness, wp.array)
     numbers = np.array([float(one) for one in data.stiffness]) if uniform else data.stiffness.numpy()
     chosen = classes.named(numbers)
     for name in CONSTANTS:
-        # Directions in which there is no spring have no constants.
+        # Directions without a spring have no constants.
         values = np.where(numbers > 0, classes.values(name)[:, chosen], 0.0)
         how[name] = SHARED if name not in model.rows else EACH
         if uniform and name in model.rows and (values == values[:, :1]).all():
