@@ -39,7 +39,7 @@ def build(
     cloth = cloth.replace(position=position).rotate(1.0, axis=(1, 0, 0))
     top = size * (size - 1)
     cloth = cloth.pin([top, top + size // 2, top + size - 1])
-    look = Look(texture=gingham("#2f6f9f", "#f4f1e8"), gloss=0.05, azimuth=-64, elevation=10)
+    look = Look(texture=gingham("#2f6f9f", "#f4f1e8"), finish="cloth", azimuth=-64, elevation=10)
     return Scene(system=cloth, duration=4.0, look=look)
 
 

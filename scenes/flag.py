@@ -45,7 +45,7 @@ def build(
     flag = flag.pin(flag.position[:, 0] < 0.04 + 0.5 * spacing)
     pole = Capsule((0, 0, -0.7), (0, 0, 1.1), 0.03, restitution=0.0, friction=0.3)
     air = Wind(lambda time: (wind, 0.1 * wind * np.sin(2.0 * time), 0.0), drag=1.2, lift=1.5)
-    look = Look(texture=cross(), gloss=0.05, obstacle="#e8e6df", azimuth=-58, elevation=14)
+    look = Look(texture=cross(), finish="cloth", obstacle="#e8e6df", azimuth=-58, elevation=14)
     return Scene(system=flag, colliders=[pole], loads=[air], duration=6.0, look=look)
 
 

@@ -39,7 +39,7 @@ def build(
         schedule=[at(LET_GO, unpin="ball")],
         contact=Contact(friction=0.5, restitution=0.5),
         duration=4.5,
-        look=Look(texture=ticking("#f3efe4", "#5b7ea6"), gloss=0.05, azimuth=-55, elevation=18),
+        look=Look(texture=ticking("#f3efe4", "#5b7ea6"), finish="cloth", azimuth=-55, elevation=18),
         looks={"ball": Look(texture=rings("#c8403a", "#f4efe6", 8), gloss=0.5)},
     )
 

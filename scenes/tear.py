@@ -35,7 +35,9 @@ def build(
     cloth = cloth.replace(break_strain=break_strain, broken_at=broken_at)
     cloth = cloth.pin(np.abs(cloth.position[:, 0]) > 0.75 - 0.5 * spacing).translate((0, 0, 1.0))
     ball = Sphere((0, 0, 1.26), 0.25, restitution=0.0, friction=0.2, motion=push)
-    look = Look(texture=gingham("#b5443a", "#f4f1e8"), gloss=0.05, obstacle="#5b6f86", azimuth=-62, elevation=26)
+    look = Look(
+        texture=gingham("#b5443a", "#f4f1e8"), finish="cloth", obstacle="#5b6f86", azimuth=-62, elevation=26
+    )
     return Scene(system=cloth, colliders=[ball], duration=3.5, look=look)
 
 

@@ -35,7 +35,7 @@ def build(
     # It rises as much as it falls on the way, so that it hits the second cube in the middle.
     rise = 0.5 * 9.82 * (away - width / 2 - radius) / speed
     system = ball.translate((-away, 0, 1.5 * width)).with_velocity((speed, 0, rise)).named("ball")
-    looks = {"ball": Look(colour="#2b2d33", gloss=0.8)}
+    looks = {"ball": Look(colour="#2b2d33", gloss=0.8, finish="metal")}
     for k in range(count):
         name = f"cube {k + 1}"
         system = system + cube.translate((0, 0, (k + 0.5) * width)).named(name)

@@ -40,8 +40,8 @@ def build(
     ball = from_mesh(icosphere(radius, 2), across=5, mass=0.01, stiffness=300.0, damping=0.1)
     ball = ball.translate((0.03, 0.02, high + radius + height)).spin((1.0, 0.5, 0)).named("ball")
     looks = {
-        "bed": Look(texture=gingham("#22384f", "#e9eef2"), gloss=0.05),
-        "ball": Look(texture=gingham("#e2572b", "#f7c948", count=2), gloss=0.4),
+        "bed": Look(texture=gingham("#22384f", "#e9eef2"), finish="cloth"),
+        "ball": Look(texture=gingham("#e2572b", "#f7c948", count=2), gloss=0.2, finish="rubber"),
     }
     corners = [(edge, edge), (-edge, edge), (-edge, -edge), (edge, -edge)]
     frame = [

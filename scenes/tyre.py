@@ -47,7 +47,9 @@ def build(*, across: int = 18, speed: float = 2.4, kerb: float = 0.08) -> Scene:
     tyre = tyre.rotate(np.pi / 2, axis=(1, 0, 0)).translate((-1.0, 0, outer + 0.003))
     tyre = tyre.with_velocity((speed, 0.0, 0.0)).spin((0.0, speed / outer, 0.0))
     pavement = Box((1.1, 0, kerb / 2), (2.2, 1.0, kerb), restitution=0.0, friction=0.9)
-    look = Look(texture=tyre_wall("#26262a", "#ece8de", "#f2b230"), gloss=0.25, obstacle="#c9c3b8", azimuth=-68)
+    look = Look(
+        texture=tyre_wall("#26262a", "#ece8de", "#f2b230"), finish="rubber", obstacle="#c9c3b8", azimuth=-68
+    )
     road = Plane(restitution=0.0, friction=0.9)
     contact = Contact(surface_colliders=True)
     return Scene(system=tyre, colliders=[road, pavement], contact=contact, duration=1.3, look=look)

@@ -28,7 +28,15 @@ def build(*, size: int = 4, stiffness: float = 2e4, damping: float = 4.0, yield_
     wire = wire.pin(np.abs(wire.position[:, 2]) > 1.0 - 1.5 * spacing)
     wire = wire.rotate(np.pi / 2, axis=(0, 1, 0), about=(0, 0, 0)).translate((0, 0, 1.0))
     rod = Capsule((0, -0.14, 1.25), (0, 0.14, 1.25), 0.12, restitution=0.0, friction=0.1, motion=press)
-    look = Look(colour="#b8874a", gloss=0.9, obstacle="#4a5560", obstacle_gloss=0.5, azimuth=-78, elevation=9)
+    look = Look(
+        colour="#b8874a",
+        gloss=0.9,
+        finish="metal",
+        obstacle="#4a5560",
+        obstacle_gloss=0.5,
+        azimuth=-78,
+        elevation=9,
+    )
     return Scene(system=wire, colliders=[Plane(offset=0.35), rod], duration=3.5, look=look)
 
 

@@ -58,6 +58,7 @@ def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 def draw_triangles(
     body: Body,
     view: Surroundings,
+    hidden_by: wp.array2d(dtype=wp.uint64),  # the nearest of others, behind which none is kept; or of shape [0, 0]
     # In and out:
     nearest: wp.array2d(dtype=wp.uint64),  # of each point, shape [4 · height, width]
 ):
@@ -117,7 +118,8 @@ def draw_triangles(
         for column in range(first, int(wp.floor(wp.max(reach[1], -1.0))) + 1):
             share = near + float(column) * near_slope
             key = (wp.uint64(wp.cast(share, wp.uint32)) << wp.uint64(32)) | number
-            wp.atomic_max(nearest, row, column, key)
+            if hidden_by.shape[0] == 0 or key > hidden_by[row, column]:
+                wp.atomic_max(nearest, row, column, key)
 
 
 @kernel
@@ -196,7 +198,7 @@ def shade_triangle(
 
     Namely: brightness of its colour, highlights, share of the key light, colour if it has no texture, texture
     coordinates and their change per pixel across and down, height above the ground there and the lowest within a
-    pixel, and how far the normal turns from one pixel to the next.
+    pixel, how far the normal turns from one pixel to the next, and opacity.
     """
     corners = body.triangles[face]
     a = body.points[corners[0]] - view.eye
@@ -241,8 +243,9 @@ def shade_triangle(
     share = float(1.0)
     if view.shadows == 1 and face >= body.first_shaded and wp.dot(upright, view.light) > 0.0:
         share = share_of_light(shadows, view.eye + shares[0] * a + shares[1] * b + shares[2] * c, normal, around)
-    bright, glint = light_on(view, body.gloss[face], upright, ray, share)
-    return bright, glint, share, colour, at, across, down, above, least, turn
+    finish = body.finishes[body.finish[face]]
+    bright, glint, opacity = light_on(view, finish, body.gloss[face], upright, ray, share, above)
+    return bright, glint, share, colour, at, across, down, above, least, turn, opacity
 
 
 @wp.func
@@ -277,18 +280,21 @@ def shade_pixel(
             if faces[p] < 0:
                 bare += count
             else:
-                bright, glint, _share, colour, at, across, down, above, _least, _turn = shade_triangle(
+                bright, glint, _share, colour, at, across, down, above, _least, _turn, opacity = shade_triangle(
                     body, view, shadows, faces[p], float(column) + x, float(row) + y, 0.0
                 )
                 if body.textured == 1:
                     colour = mean_texel(body, at, across, down, x, y, covered)
                 if above >= -view.below:
-                    mean += 0.25 * count * within_one(bright * colour + wp.vec3(glint, glint, glint))
+                    mean += 0.25 * count * opacity * within_one(bright * colour + wp.vec3(glint, glint, glint))
+                    bare += count * (1.0 - opacity)
                 else:
                     bare += count
         p += 1
     if bare > 0.0:
-        share = light_on_ground(view, shadows, float(column) + 0.5, float(row) + 0.5, 0.0)
+        share = float(1.0)
+        if body.glass == 0:
+            share = light_on_ground(view, shadows, float(column) + 0.5, float(row) + 0.5, 0.0)
         if share == 1.0 and bare == 4.0:
             return
         mean += 0.25 * bare * (view.shadow + (1.0 - view.shadow) * share) * colour_of(pixels[row, column])
@@ -301,8 +307,8 @@ def shade_square(
 ) -> int:
     """Shade 2 x 2 pixels, each triangle once, and return 0; return 4 if each pixel needs its own shading.
 
-    Pixels need it at edges of shadows, in highlights, where normals turn, and where a triangle may reach below the
-    ground. Elsewhere light hardly changes between pixels. Textures are always sampled in each pixel.
+    Pixels need it at edges of shadows, in highlights and glass, where normals turn, and where a triangle may reach
+    below the ground. Elsewhere light hardly changes between pixels. Textures are always sampled in each pixel.
     """
     if 4 * row + 8 > nearest.shape[0] or column + 2 > nearest.shape[1]:
         return 4
@@ -316,11 +322,13 @@ def shade_square(
             covered, _count, x, y = points_of(faces, faces[point])
             left = left - covered
             # On thin tubes normals change from pixel to pixel, and so may colours that show values.
-            if covered != ALL and body.textured == 0:
+            if (covered != ALL and body.textured == 0) or (faces[point] >= 0 and body.glass == 1):
                 return 4
             if faces[point] < 0:
                 bare = covered
-                share = light_on_ground(view, shadows, float(column) + x, float(row) + y, SQUARE_MARGIN)
+                share = float(1.0)
+                if body.glass == 0:
+                    share = light_on_ground(view, shadows, float(column) + x, float(row) + y, SQUARE_MARGIN)
                 if share > 0.0 and share < 1.0:
                     return 4
                 if covered == ALL and share == 1.0:
@@ -330,7 +338,7 @@ def shade_square(
                     weight = 0.25 * bright * number_of(covered >> (4 * n))
                     means[n] += weight * colour_of(pixels[row + n / 2, column + n % 2])
             else:
-                bright, glint, share, colour, at, across, down, _above, least, turn = shade_triangle(
+                bright, glint, share, colour, at, across, down, _above, least, turn, _opacity = shade_triangle(
                     body, view, shadows, faces[point], float(column) + x, float(row) + y, SQUARE_MARGIN
                 )
                 if least < -view.below or (share > 0.0 and share < 1.0) or glint > MOST_GLINT or turn > MOST_TURN:

@@ -27,6 +27,7 @@ def place(i: int, width: int):
 @kernel
 def cast(
     body: Body,
+    glass: Body,
     view: Surroundings,
     # Out:
     image: wp.array2d(dtype=wp.vec4),  # red, green, blue, share of the light, shape [height, width]
@@ -38,7 +39,7 @@ def cast(
     row, column = place(wp.tid(), image.shape[1])
     if row < image.shape[0] and column < image.shape[1]:
         spot = 2 * (row % 2) + column % 2
-        colour, share = shade_ray(body, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
+        colour, share = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
         colour = within_one(colour)
         image[row, column] = wp.vec4(colour[0], colour[1], colour[2], share)
 
@@ -84,6 +85,7 @@ def refine(lanes: int):
     @kernel
     def refine_pixels(
         body: Body,
+        glass: Body,
         view: Surroundings,
         spots: int,  # points of the light per ray in a penumbra
         threads: int,
@@ -114,7 +116,7 @@ def refine(lanes: int):
                     first = k
                     if i < count[0]:  # adjacent pixels sample other points, to avoid visible steps
                         first = FIRST_SAMPLES + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
-                    colour, _share = shade_ray(body, view, x, y, first, looks)
+                    colour, _share = shade_ray(body, glass, view, x, y, first, looks)
                     mean += (0.25 / float(shared)) * within_one(colour)
             mean = together(mean)
             if lane == 0:
@@ -142,7 +144,7 @@ def lay_over(
         hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
         if hit.result:
             met += 1
-            colour, _share = shade_hit(body, view, hit, ray, 0, 0)
+            colour, _share, _opacity = shade_hit(body, view, hit, ray, 0, 0)
             mean += 0.25 * within_one(colour)
     if met > 0:
         pixels[row, column] = in_bytes(mean + (1.0 - 0.25 * float(met)) * colour_of(pixels[row, column]))

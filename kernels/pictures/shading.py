@@ -6,10 +6,22 @@ import warp as wp
 
 
 @wp.struct
+class Finish:
+    """What a surface is made of; see `msdwarp/pictures/light.py`."""
+
+    shininess: float  # Phong's exponent of highlights
+    gleam: float  # cosine of the angle beyond which highlights are too weak to see: powers are expensive
+    metallic: float
+    sheen: float
+    opacity: float
+
+
+@wp.struct
 class Body:
     """The triangles that are drawn."""
 
     mesh: wp.uint64  # search tree for rays
+    other_mesh: wp.uint64  # that of other triangles that cast shadows on these; 0: none
     # Of vertices, each of shape [vertex_count]:
     points: wp.array(dtype=wp.vec3)  # [m]
     normals: wp.array(dtype=wp.vec3)  # of unit length
@@ -19,6 +31,9 @@ class Body:
     triangles: wp.array(dtype=wp.vec3i)  # three vertices each
     closed: wp.array(dtype=wp.bool)  # whether the back is never visible
     gloss: wp.array(dtype=float)  # strength of highlights
+    finish: wp.array(dtype=int)  # number of its finish
+    finishes: wp.array(dtype=Finish)  # shape [finish_count]
+    glass: int  # 1 if what is behind is seen through all triangles, 0 if through none
     first_shaded: int  # triangles before this one take no shadows
     texture: wp.array2d(dtype=wp.vec3ub)  # shape [height, width]
     textured: int  # 1 if the texture is drawn, 0 if the colours are
@@ -40,18 +55,17 @@ class Surroundings:
     towards_viewer: wp.vec3  # unit vector against the direction of view: towards the headlight
     fill_from: wp.vec3  # unit vector towards the fill light
     background: wp.vec3  # colour in 0 … 1
-    # Strengths of ambient light, of light from below, and of the three lights.
-    ambient: float
+    # Strengths of light from the sky and from the ground, and of the three lights.
+    sky: float
     bounce: float
     key: float
     head: float
     fill: float
-    shininess: float  # Phong's exponent of highlights
-    gleam: float  # cosine of the angle beyond which highlights are too weak to see: powers are expensive
     shadows: int  # 1 if there are shadows, else 0
     shaded: float  # share of the key light on bodies in full shadow, 0 … 1
     shadow: float  # share of the ground's colour in full shadow, 0 … 1
     has_ground: int
+    contact: float  # height above the ground where half of the light from there arrives [m]
     below: float  # points deeper below the ground are not drawn [m]
     ground: wp.array2d(dtype=wp.vec3ub)  # its texture, shape [height, width]
     ground_centre: wp.vec3  # its middle [m]
@@ -60,6 +74,15 @@ class Surroundings:
     ground_v: wp.vec3  # the same for v [1/m]
 
 
+MIRRORED_SKY, MIRRORED_GROUND = 1.25, 0.4
+"""Brightness of what metal and glass mirror: the sky above the horizon, and the ground."""
+DARK_BELOW, BRIGHT_ABOVE = -0.15, 0.3
+"""Vertical components of directions between which that changes."""
+ZENITH = 0.45
+"""By how much the sky is less bright towards the zenith."""
+MIRRORS = 0.05
+"""Share of light that glass mirrors where it is seen face-on; towards its edges it grows by C. Schlick's formula
+("An inexpensive BRDF model for physically-based rendering", Computer Graphics Forum 13, 1994)."""
 GAP = wp.constant(1.0e-4)
 """Offset of a shadow ray's start from the surface, over the distance of the camera: well above the rounding of
 float32, and less than a tenth of a pixel."""
@@ -122,34 +145,56 @@ def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def visible_light(mesh: wp.uint64, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
+def height(view: Surroundings, spot: wp.vec3) -> float:
+    """Return the height of a point above the ground [m]; 0 if there is none."""
+    return wp.dot(spot - view.ground_centre, view.ground_normal)
+
+
+@wp.func
+def surroundings_at(upwards: float) -> float:
+    """Return the brightness of what is mirrored, in a direction with this vertical component, -1 … 1."""
+    share = wp.clamp((upwards - wp.static(DARK_BELOW)) / wp.static(BRIGHT_ABOVE - DARK_BELOW), 0.0, 1.0)
+    sky = wp.static(MIRRORED_SKY) - wp.static(ZENITH) * wp.max(upwards, 0.0)
+    return wp.static(MIRRORED_GROUND) + (sky - wp.static(MIRRORED_GROUND)) * share * share * (3.0 - 2.0 * share)
+
+
+@wp.func
+def visible_light(body: Body, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
     """Return the visible share of `count` points of the key light, starting at `first`."""
     if view.shadows == 0:
         return 1.0
     hidden = int(0)
     for k in range(first, first + count):
         way = view.light + view.spots[k][0] * view.light_u + view.spots[k][1] * view.light_v
-        if wp.mesh_query_ray_anyhit(mesh, start, wp.normalize(way), view.far):
+        way = wp.normalize(way)
+        if wp.mesh_query_ray_anyhit(body.mesh, start, way, view.far):
             hidden += 1
+        elif body.other_mesh != wp.uint64(0):
+            if wp.mesh_query_ray_anyhit(body.other_mesh, start, way, view.far):
+                hidden += 1
     return 1.0 - float(hidden) / float(count)
 
 
 @wp.func
-def highlight(view: Surroundings, mirrored: wp.vec3, ray: wp.vec3) -> float:
+def highlight(finish: Finish, mirrored: wp.vec3, ray: wp.vec3) -> float:
     """Return the strength of a highlight along a ray, given the mirrored direction of the light; 0 below 1e-4."""
     along = -wp.dot(mirrored, ray)
-    if along < view.gleam:
+    if along < finish.gleam:
         return 0.0
-    return wp.pow(along, view.shininess)
+    return wp.pow(along, finish.shininess)
 
 
 @wp.func
-def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float):
-    """Return the brightness of a surface's colour, and its highlights; see `msdwarp/pictures/light.py`.
+def light_on(
+    view: Surroundings, finish: Finish, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float, above: float
+):
+    """Return the brightness of a surface's colour, highlights, and opacity; see `msdwarp/pictures/light.py`.
 
-    `normal` is that of the visible side; `arrives` is the share of the key light that reaches it.
+    `normal` is that of the visible side; `arrives` is the share of the key light that reaches it, and `above` the
+    height above the ground [m].
     """
-    diffuse = view.ambient + 0.5 * view.bounce * (1.0 - normal[2])
+    from_ground = view.bounce * (1.0 - view.contact / (wp.max(above, 0.0) + view.contact + 1.0e-30))
+    diffuse = view.sky + 0.5 * (1.0 - normal[2]) * (from_ground - view.sky)
     diffuse += view.fill * wp.max(wp.dot(normal, view.fill_from), 0.0)
     glint = float(0.0)
     facing = wp.dot(normal, view.towards_viewer)
@@ -157,19 +202,33 @@ def light_on(view: Surroundings, gloss: float, normal: wp.vec3, ray: wp.vec3, ar
         diffuse += view.head * facing
         if gloss > 0.0:
             mirrored = 2.0 * facing * normal - view.towards_viewer
-            glint += view.head * gloss * highlight(view, mirrored, ray)
+            glint += view.head * gloss * highlight(finish, mirrored, ray)
     facing = wp.dot(normal, view.light)
     if facing > 0.0:
         diffuse += view.key * facing * (view.shaded + (1.0 - view.shaded) * arrives)
         if gloss > 0.0:
             mirrored = 2.0 * facing * normal - view.light
-            glint += view.key * gloss * arrives * highlight(view, mirrored, ray)
-    return diffuse, glint
+            glint += view.key * gloss * arrives * highlight(finish, mirrored, ray)
+    opacity = float(1.0)
+    if finish.sheen + finish.metallic > 0.0 or finish.opacity < 1.0:
+        along = wp.min(-wp.dot(normal, ray), 1.0)
+        edge = 1.0 - wp.max(along, 0.0)
+        diffuse += finish.sheen * edge * edge
+        around = surroundings_at(ray[2] + 2.0 * along * normal[2])
+        if finish.metallic > 0.0:
+            diffuse += finish.metallic * (around - diffuse) + glint
+            glint = 0.0
+        elif finish.opacity < 1.0:
+            mirrors = wp.static(MIRRORS) + (1.0 - wp.static(MIRRORS)) * edge * edge * edge * edge * edge
+            opacity = 1.0 - (1.0 - finish.opacity) * (1.0 - mirrors) * (1.0 - wp.min(glint, 1.0))
+            diffuse = diffuse * finish.opacity / opacity
+            glint = (glint + mirrors * around) / opacity
+    return diffuse, glint, opacity
 
 
 @wp.func
 def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
-    """Return the colour of the body where the ray hit it, and the share of the key light that reaches it.
+    """Return the colour of the body where the ray hit it, the share of the key light that reaches it, and opacity.
 
     Phong's shading, for both sides. If triangles approximate a smooth surface, a ray towards the light starts on
     that surface, since the triangles' own shadow would be jagged at grazing light (J. Hanika, "Hacking the shadow
@@ -187,23 +246,19 @@ def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
         colour = texel(body.texture, at[0], at[1])
     share = FACING_AWAY
     arrives = float(1.0)
+    spot = view.eye + hit.t * ray
     if wp.dot(normal, view.light) > 0.0 and count > 0 and hit.face >= body.first_shaded:
-        spot = view.eye + hit.t * ray
         start = spot + GAP * hit.t * normal
         for k in range(3):
             # Move up to the tangent plane at each corner.
             upwards = side * body.normals[corners[k]]
             start += shares[k] * (wp.max(wp.dot(body.points[corners[k]] - spot, upwards), 0.0) * upwards)
-        share = visible_light(body.mesh, view, start, first, count)
+        share = visible_light(body, view, start, first, count)
         arrives = share
-    bright, glint = light_on(view, body.gloss[hit.face], normal, ray, arrives)
-    return bright * colour + wp.vec3(glint, glint, glint), share
-
-
-@wp.func
-def height(view: Surroundings, spot: wp.vec3) -> float:
-    """Return the height of a point above the ground [m]."""
-    return wp.dot(spot - view.ground_centre, view.ground_normal)
+    finish = body.finishes[body.finish[hit.face]]
+    above = height(view, spot)
+    bright, glint, opacity = light_on(view, finish, body.gloss[hit.face], normal, ray, arrives, above)
+    return bright * colour + wp.vec3(glint, glint, glint), share, opacity
 
 
 @wp.func
@@ -221,21 +276,32 @@ def meets_ground(view: Surroundings, way: wp.vec3):
 
 
 @wp.func
-def shade_ray(body: Body, view: Surroundings, column: float, row: float, first: int, count: int):
+def shade_ray(body: Body, glass: Body, view: Surroundings, column: float, row: float, first: int, count: int):
     """Return the colour at a point of the picture, in pixels from its upper left, and the light that reaches it.
 
-    That is the visible share of `count` points of the key light, from `first` on.
+    That is the visible share of `count` points of the key light, from `first` on. Only the nearest glass is drawn.
     """
     ray = wp.normalize(view.corner + column * view.across + row * view.down)
     colour = view.background
     share = FACING_AWAY
     hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
     if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
-        colour, share = shade_hit(body, view, hit, ray, first, count)
+        colour, share, _opacity = shade_hit(body, view, hit, ray, first, count)
     else:
         t, uv = meets_ground(view, ray)
         if t > 0.0:
             spot = view.eye + t * ray
-            share = visible_light(body.mesh, view, spot + GAP * t * view.ground_normal, first, count)
+            share = visible_light(body, view, spot + GAP * t * view.ground_normal, first, count)
             colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
+    if body.other_mesh != wp.uint64(0):
+        through = wp.mesh_query_ray(glass.mesh, view.eye, ray, view.far)
+        if through.result and (through.t < hit.t or not hit.result):
+            if view.has_ground == 0 or height(view, view.eye + through.t * ray) >= -view.below:
+                seen, own, opacity = shade_hit(glass, view, through, ray, first, count)
+                colour = (1.0 - opacity) * colour + opacity * within_one(seen)
+                # It changes where a penumbra on the glass begins, and where one behind it does.
+                if share == FACING_AWAY:
+                    share = own
+                elif own != FACING_AWAY:
+                    share = wp.abs(share - own)
     return colour, share

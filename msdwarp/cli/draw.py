@@ -17,7 +17,7 @@ from ..bodies import lengths, stress, von_mises
 from ..files import FrameArray, Trajectory, UsdFrame, UsdMesh, finite_values, write_usd
 from ..pictures import ColourScale, Drawing, Renderer, Stage, framed, still, timelapse, write_film
 from ..studies import particle_energies, system_in
-from ..world import Scene
+from ..world import FINISHES, Scene
 from .options import Pictures, parse_resolution
 from .process import stop_requests
 from .results import overlay_path, still_path
@@ -113,10 +113,13 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
     stage = Stage(scene, framed(scene, trajectory.positions, numbers, size[0] / size[1]), size)
     drawing = Drawing(scene, "strain" if scene.look.strain else "texture")
     parts = [*drawing.body, *drawing.obstacles]
-    meshes = [
-        UsdMesh(one.name, one.triangles - np.int32(one.vertices.start), one.uv, *one.finish, moves=one.moves)
-        for one in parts
-    ]
+    meshes = list[UsdMesh]()
+    for one in parts:
+        made_of = one.finish.reflectance
+        roughness = None if made_of == FINISHES["matt"] else made_of.roughness
+        faces = one.triangles - np.int32(one.vertices.start)
+        light = roughness, made_of.metallic, made_of.opacity
+        meshes.append(UsdMesh(one.name, faces, one.uv, *one.finish[:3], one.moves, *light))
     floor = list[NDArray]()
     if stage.ground is not None:
         floor = [stage.ground.corners]

@@ -32,6 +32,10 @@ class UsdMesh(NamedTuple):
     texture: NDArray[np.uint8] | None
     gloss: float
     moves: bool
+    roughness: float | None = None
+    """Of UsdPreviewSurface, as the next two, 0 … 1; None: by its gloss."""
+    metallic: float = 0.0
+    opacity: float = 1.0
 
 
 class UsdFrame(NamedTuple):
@@ -162,7 +166,11 @@ def _bind_material(stage: Any, shape: Any, name: str, mesh: UsdMesh, image: str)
     material = UsdShade.Material.Define(stage, at)
     surface = UsdShade.Shader.Define(stage, f"{at}/surface")
     surface.CreateIdAttr("UsdPreviewSurface")
-    surface.CreateInput("roughness", types.Float).Set(max(0.15, 0.9 - mesh.gloss))
+    surface.CreateInput("roughness", types.Float).Set(
+        max(0.15, 0.9 - mesh.gloss) if mesh.roughness is None else mesh.roughness
+    )
+    surface.CreateInput("metallic", types.Float).Set(mesh.metallic)
+    surface.CreateInput("opacity", types.Float).Set(mesh.opacity)
     surface.CreateInput("specular", types.Float).Set(0.5 * min(1.0, 2 * mesh.gloss))
     seen = surface.CreateInput("diffuseColor", types.Color3f)
     reader = UsdShade.Shader.Define(stage, f"{at}/reader")

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..world import FINISHES
 from .drawing import Drawing
-from .light import FILL, HEAD, KEY, SHININESS
-from .shading import Shading
+from .light import FILL, HEAD, KEY, shininess
+from .shading import Shading, of_finish
 from .shadow_map import ShadowMap
 from .stage import UNSEEN, Camera, Ground
 
@@ -48,7 +49,7 @@ class Actors:
         self._drawing, self._ground = drawing, ground
         self._pv, self._plotter = pv, plotter
         self._map = ShadowMap(drawing, light)
-        self._shading = Shading(pv, self._map, drawing.bounce)
+        self._shading = Shading(pv, self._map, drawing, ground)
         self._bodies: list[Any] = []
         self._actors: list[Any] = []
         self._cut = False
@@ -60,16 +61,21 @@ class Actors:
         drawing, texture = self._drawing, None
         if drawing.texture is not None:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
-        of_triangle = np.stack([drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1)
+        finishes = list(FINISHES.values())
+        is_glass = np.array([one.opacity < 1 for one in finishes])[drawing.finish]  # which is drawn last
+        of_triangle = np.stack(
+            [is_glass, drawing.finish, drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1
+        )
         kinds, kind = np.unique(of_triangle, axis=0, return_inverse=True)
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
         points, normals = drawing.points.numpy(), drawing.normals.numpy()
-        for k, (gloss, closed, shaded) in enumerate(kinds):
+        for k, (_, finish, gloss, closed, shaded) in enumerate(kinds):
             body, actor = mesh_actor(self._pv, drawing.triangles[kind.ravel() == k], points, normals)
             prop = actor.prop
             prop.interpolation = "Phong"
-            prop.ambient, prop.diffuse = drawing.ambient, drawing.diffuse
-            prop.specular, prop.specular_power = float(gloss), SHININESS
+            prop.ambient, prop.diffuse = drawing.sky, drawing.diffuse
+            reflectance = finishes[int(finish)]
+            prop.specular, prop.specular_power = float(gloss), shininess(reflectance.roughness)
             prop.color, prop.culling = "white", "back" if closed else "none"
             if texture is not None:
                 body.active_texture_coordinates, actor.texture = drawing.uv, texture
@@ -77,7 +83,7 @@ class Actors:
                 body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
                 body.GetPointData().SetActiveScalars("colours")
                 actor.mapper.ScalarVisibilityOn()
-            self._shading.light(actor, shadows=bool(shaded))
+            self._shading.light(actor, of_finish(reflectance), shadows=bool(shaded))
             # Moving actors must neither reset the camera nor be rendered before they are in place.
             self._plotter.add_actor(actor, reset_camera=False, render=False)
             self._bodies.append(body)
@@ -92,7 +98,7 @@ class Actors:
         self._piece.active_texture_coordinates = np.zeros((AROUND, 2), np.float32)
         actor.texture, actor.prop.color = texture, "white"
         actor.prop.culling = "back"  # invisible from below
-        self._shading.light(actor, ground=True)
+        self._shading.light(actor)
         return actor
 
     def _clip_at_ground(self, points: NDArray, ground: Ground) -> None:

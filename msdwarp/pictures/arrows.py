@@ -34,6 +34,7 @@ class Arrows:
         self.points, self.normals = (wp.zeros(vertices, dtype=wp.vec3, device=device) for _ in "pn")
         self.colours = wp.full(vertices, wp.vec3(*COLOUR), dtype=wp.vec3, device=device)
         self.uv, self.texture = np.zeros((vertices, 2)), None
+        self.finish = np.zeros(len(self.triangles), dtype=np.int32)
         self.gloss, self.closed = np.zeros(len(self.triangles)), np.zeros(len(self.triangles), dtype=bool)
         self._start, self._way = (wp.zeros(self._count, dtype=wp.vec3, device=device) for _ in "sw")
 

@@ -13,7 +13,7 @@ from .. import checks
 from ..bodies import AXES, System, in_space
 from ..kernels.pictures import drawing
 from ..runtime import in_turn
-from ..world import Look, Scene
+from ..world import FINISHES, Look, Scene
 from .collider_meshes import meshes, walls
 from .dressing import (
     inside_of,
@@ -24,7 +24,7 @@ from .dressing import (
     torn,
     uncovered,
 )
-from .light import AMBIENT, BOUNCE, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, towards
+from .light import BOUNCE, CONTACT, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, SKY, towards
 from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes
 from .sheets import Sheet, kept_off, triangles_of_sheets
 from .stage import axes_of
@@ -62,9 +62,10 @@ class Drawing:
     If `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
     spring and, in small systems, a ball at each particle. Solid colliders come last. Springs are not drawn
     once they are broken by the system's `broken_at`. `points`, `normals` and `colours` are float32 of shape
-    [vertex_count, 3], `gloss`, `closed` and `takes_shadows` of [triangle_count]. `body` are the parts that follow
-    the particles, `obstacles` those of the colliders. `scale` is the scale of the colours, `stops` the colours
-    along it: of values of the particles or of the strain of springs; None if colours show no quantity.
+    [vertex_count, 3], `gloss`, `closed`, `takes_shadows` and `finish` (numbers of `FINISHES`) of [triangle_count].
+    `body` are the parts that follow the particles, `obstacles` those of the colliders. `scale` is the scale of the
+    colours, `stops` the colours along it: of values of the particles or of the strain of springs; None if colours
+    show no quantity.
     """
 
     @in_turn
@@ -85,8 +86,8 @@ class Drawing:
             checks.one_of("colouring", colouring, COLOURINGS)
             if self.shows_strain:
                 self.scale = ColourScale("strain (below 0: shorter than at rest)", self._full_strain, True)
-        even = (EVEN_AMBIENT, EVEN_SHARE, 0.0)
-        self.ambient, self.diffuse, self.bounce = even if self.by_value else (AMBIENT, 1.0, BOUNCE)
+        even = (EVEN_AMBIENT, EVEN_AMBIENT, 0.0, EVEN_SHARE)
+        self.sky, self.bounce, self.contact, self.diffuse = even if self.by_value else (SKY, BOUNCE, CONTACT, 1.0)
         self.colours_move = self.scale is not None
         self.device = device
         self.body = self._body_of(scene)
@@ -109,6 +110,8 @@ class Drawing:
         self.triangles = np.concatenate([part.triangles for part in parts])
         counts = [len(part.triangles) for part in parts]
         self.gloss = np.repeat([part.finish.gloss for part in parts], counts)
+        numbers = {reflectance: k for k, reflectance in enumerate(FINISHES.values())}
+        self.finish = np.repeat([numbers[part.finish.reflectance] for part in parts], counts).astype(np.int32)
         self.closed = np.repeat([part.closed for part in parts], counts)
         takes_shadows = [not (self.colours_move and k < len(self.body)) for k in range(len(parts))]
         self.takes_shadows = np.repeat(takes_shadows, counts)
@@ -148,7 +151,7 @@ class Drawing:
         body: list[Part] = []
         for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
             before = len(body)
-            finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss)
+            finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss, look.finish)
             for bends in (False, True):
                 if surface is None or not (mine := (of_triangle == k) & (of_sheet == bends)).any():
                     continue
@@ -214,9 +217,14 @@ class Drawing:
         broken_at = np.array(system.broken_at[shown]) if system.tears else None
         return Tubes(system.connections[shown], TUBE * unit, finish, self.device, sides, broken_at)
 
-    def _finish(self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float) -> Finish:
-        """Return a finish, without highlights if colours show a quantity."""
-        return Finish(np.array(colour), texture, 0.0 if self.colours_move else gloss)
+    def _finish(
+        self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float, name: str = "matt"
+    ) -> Finish:
+        """Return a finish, matt and without highlights if colours show a quantity."""
+        if self.colours_move:
+            return Finish(np.array(colour), texture)
+        reflectance = FINISHES[name]
+        return Finish(np.array(colour), texture, gloss if reflectance.roughness < 1 else 0.0, reflectance)
 
     def _textured(self, parts: Sequence[Part]) -> tuple[NDArray | None, list[NDArray]]:
         """Return the texture of all parts, and their coordinates in it; None if no part has a texture."""
@@ -225,7 +233,7 @@ class Drawing:
             return None, uvs
         images: dict[object, NDArray] = {}
         keys: list[object] = []
-        for colour, texture, _ in finishes:
+        for colour, texture, *_ in finishes:
             keys.append(tuple(colour) if texture is None else id(texture))
             one_pixel = np.round(255 * colour).astype(np.uint8)[None, None]
             images.setdefault(keys[-1], one_pixel if texture is None else np.asarray(texture))

@@ -2,13 +2,21 @@
 
 A surface of colour c, unit normal n and gloss g, seen from the direction v, has the brightness
 
-    c (AMBIENT + BOUNCE (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0))
-        + g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e),
+    c d + w, where w = g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e) and
+    d = SKY (1 + n·z)/2 + BOUNCE b (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0).
 
-where the unit vector z points up, l to the key light, h back along the camera's view, f to the fill light, p and q
-are l and h, mirrored at n, and e is SHININESS. The share s of the key light is visible from the surface, 0 in full
-shadow; k = SHADED + (1 - SHADED) s of it arrives, since the surroundings scatter some. The ground is unlit, and
-keeps SHADOW + (1 - SHADOW) s of its colour.
+The unit vector z points up, l to the key light, h back along the camera's view, f to the fill light, p and q are l
+and h, mirrored at n, and e is the `shininess` of its roughness. The share s of the key light is visible from the
+surface, 0 in full shadow; k = SHADED + (1 - SHADED) s of it arrives, since the surroundings scatter some. Near the
+ground a body hides the light from there: b = h / (h + a) at the height h, with CONTACT in a. The ground is unlit,
+and keeps SHADOW + (1 - SHADOW) s of its colour.
+
+Surfaces with other finishes (`world.Reflectance`: sheen t, metallic m, opacity o) that mirror the brightness r of
+their surroundings (`kernels/pictures/shading.py`) have, with i = 1 - n·v,
+
+- for cloth  c (d + t i²) + w,
+- for metal  c ((1 - m) d + m r + w),
+- for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, where f is the share that it mirrors.
 """
 
 import numpy as np
@@ -16,15 +24,17 @@ from numpy.typing import NDArray
 
 KEY_FROM, FILL_FROM = (-0.75, -0.35, 1.1), (0.9, -0.4, 0.1)
 """Directions (right, forwards, upwards) of the key light, over the camera's left shoulder, and the fill light."""
-AMBIENT, KEY, HEAD, FILL = 0.42, 0.44, 0.32, 0.15
-"""Ambient light, the key light, a weaker light at the camera, and a fill light for faces turned away from the key
-light; only the key light casts shadows."""
-BOUNCE = 0.18
-"""Light from below, as from a bright floor: without it faces that look down are dark. A face sees the share
-(1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
+KEY, HEAD, FILL = 0.44, 0.32, 0.15
+"""The key light, a weaker light at the camera, and a fill light for faces turned away from the key light; only the
+key light casts shadows."""
+SKY, BOUNCE = 0.58, 0.44
+"""Light from all of the sky, and from a bright floor: without it faces that look down are dark. A face sees the
+shares (1 + n·z)/2 of the sky and (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
+CONTACT = 0.03
+"""Height above the ground where half of the floor's light arrives, over the extent of all that the camera sees."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
-"""The light from all around, and the share left of the two lights, where colours show values: even light, and none
-from below, so that they look on all sides as they do in the legend."""
+"""The light from all around, and the share left of the two lights, where colours show values: as much
+from above as from below, so that they look on all sides as they do in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow, over its brightness in light."""
 SHADED = 0.12
@@ -35,10 +45,17 @@ this."""
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 """Corners of the square around the key light, sampled first: a straight edge that hides none or all of them hides
 none or all of the light."""
-SHININESS = 30.0
-"""Phong's exponent of highlights."""
 GOLDEN = np.pi * (3 - np.sqrt(5))
 """The golden angle [rad]."""
+
+
+def shininess(roughness: float) -> float:
+    """Return Phong's exponent of highlights as wide as those of a microfacet model of this roughness.
+
+    That is a quarter of J. Blinn's exponent, 2 / roughness⁴ - 2 (B. Walter et al., "Microfacet models for
+    refraction through rough surfaces", EGSR 2007, with the roughness of UsdPreviewSurface).
+    """
+    return 0.5 / roughness**4 - 0.5
 
 
 def towards(light: tuple[float, float, float], right: NDArray, forward: NDArray) -> NDArray[np.float64]:

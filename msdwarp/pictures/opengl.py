@@ -54,8 +54,8 @@ class OpenGL:
             points, normals = arrows.points.numpy(), arrows.normals.numpy()
             self._arrow_mesh, actor = mesh_actor(pv, arrows.triangles, points, normals)
             actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
-            # VTK has no light from below: add half of it to ambient light, as for an upright face.
-            actor.prop.ambient, actor.prop.diffuse = drawing.ambient + 0.5 * drawing.bounce, drawing.diffuse
+            # VTK has no light from the sky and from below: ambient light is as for an upright face.
+            actor.prop.ambient, actor.prop.diffuse = 0.5 * (drawing.sky + drawing.bounce), drawing.diffuse
             self._layer(FRONT).AddActor(actor)
 
     def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..bodies import Surface
 from ..kernels.pictures import drawing
 from ..shapes import icosphere
-from ..world import Collider
+from ..world import FINISHES, Collider, Reflectance
 from .collider_meshes import Mesh, pose_in_space
 
 
@@ -22,6 +22,7 @@ class Finish(NamedTuple):
     colour: NDArray[np.float64]
     texture: NDArray[np.uint8] | None = None
     gloss: float = 0.0
+    reflectance: Reflectance = FINISHES["matt"]
 
 
 class Part:

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.pictures import shadow
+from ..kernels.pictures import shading, shadow
+from ..world import Reflectance
+from .drawing import Drawing
 from .light import GOLDEN, SHADED, SHADOW, SOFTNESS, spread
 from .shadow_map import SIZE, ShadowMap
+from .stage import Ground
 
 TAPS = 4
 """Texels of the shadow map sampled for a fragment; four neighbouring fragments sample different ones."""
@@ -27,7 +30,7 @@ _START = np.pad(_POINTS[:, 0] / _RINGS[:, :1], ((0, 0), (0, 2)))
 _COS, _SIN = np.cos(GOLDEN), np.sin(GOLDEN)
 
 _DECLARED = f"""
-in vec3 lampVSOutput;
+in vec4 lampVSOutput;
 vec4 oneOf(ivec2 fragment, vec4 a, vec4 b, vec4 c, vec4 d)
 {{
   return fragment.y == 0 ? (fragment.x == 0 ? a : b) : (fragment.x == 0 ? c : d);
@@ -75,12 +78,14 @@ _ON_BODIES = f"""
   vec3 towardsEye = normalize(-vertexVC.xyz);
   float keyFacing = dot(normalVCVSOutput, -lightDirectionVC0);
   float headFacing = dot(normalVCVSOutput, -lightDirectionVC1);
-  float share = keyLight(lampVSOutput, keyFacing);
+  float share = keyLight(lampVSOutput.xyz, keyFacing);
   float key = lightColor0.r * max(keyFacing, 0.0) * mix({SHADED}, 1.0, share);
   float head = lightColor1.r * max(headFacing, 0.0);
   float fill = lightColor2.r * max(dot(normalVCVSOutput, -lightDirectionVC2), 0.0);
-  float bounce = 0.5 * lampUnits.z * (1.0 - dot(normalVCVSOutput, upVSOutput));
-  gl_FragData[0] = vec4(ambientColor + (bounce + key + head + fill) * diffuseColor, opacity);
+  float above = max(lampVSOutput.w, 0.0);
+  float down = 0.5 - 0.5 * dot(normalVCVSOutput, upVSOutput);
+  float around = 1.0 + down * (lampUnits.z * above / (above + 1.0) - 1.0);
+  gl_FragData[0] = vec4(around * ambientColor + (key + head + fill) * diffuseColor, opacity);
   float glint = 0.0;
   if (specularColor.r > 0.0)
   {{
@@ -89,21 +94,59 @@ _ON_BODIES = f"""
       glint += share * lightColor0.r * pow(max(dot(mirrored, -lightDirectionVC0), 1e-5), specularPower);
     if (headFacing > 0.0)
       glint += lightColor1.r * pow(max(dot(mirrored, -lightDirectionVC1), 1e-5), specularPower);
+    glint *= specularColor.r;
   }}
 """
+_MIRRORED = f"""
+  float along = min(dot(normalVCVSOutput, towardsEye), 1.0);
+  float edge = 1.0 - max(along, 0.0);
+  float upwards = dot(reflect(-towardsEye, normalVCVSOutput), upVSOutput);
+  float sky = smoothstep({shading.DARK_BELOW}, {shading.BRIGHT_ABOVE}, upwards);
+  float mirroredSky = {shading.MIRRORED_SKY} - {shading.ZENITH} * max(upwards, 0.0);
+  float mirrored = mix({shading.MIRRORED_GROUND}, mirroredSky, sky);
+"""
 _GLINT = """
-  gl_FragData[0].rgb += glint * specularColor;
+  gl_FragData[0].rgb += vec3(glint);
 """
 _ON_GROUND = f"""
-  gl_FragData[0] = vec4(vec3(mix({SHADOW}, 1.0, keyLight(lampVSOutput, 1.0))), 1.0);
+  gl_FragData[0] = vec4(vec3(mix({SHADOW}, 1.0, keyLight(lampVSOutput.xyz, 1.0))), 1.0);
 """
+
+
+def of_finish(reflectance: Reflectance) -> str:
+    """Return the code that lights a body of a finish, as `light_on` in `kernels/pictures/shading.py` does."""
+    _, metallic, sheen, opacity = reflectance
+    code = _ON_BODIES
+    if sheen or metallic or opacity < 1:
+        code += _MIRRORED
+    if sheen:
+        code += f"  gl_FragData[0].rgb += {sheen} * edge * edge * diffuseColor;\n"
+    if metallic:
+        code += f"""
+  gl_FragData[0].rgb += {metallic} * (mirrored * diffuseColor - gl_FragData[0].rgb) + glint * diffuseColor;
+  glint = 0.0;
+"""
+    elif opacity < 1:
+        code += f"""
+  float mirrors = mix({shading.MIRRORS}, 1.0, pow(edge, 5.0));
+  float held = 1.0 - {1 - opacity} * (1.0 - mirrors) * (1.0 - min(glint, 1.0));
+  gl_FragData[0] = vec4({opacity} / held * gl_FragData[0].rgb, held);
+  glint = (glint + mirrors * mirrored) / held;
+"""
+    return code
 
 
 class Shading:
-    """The key light with its shadows, and light from below of strength `bounce`, for OpenGL's actors."""
+    """The light of a drawing, with shadows of the key light, for OpenGL's actors."""
 
-    def __init__(self, pv: Any, shadow_map: ShadowMap, bounce: float) -> None:
-        self._map, self._bounce = shadow_map, bounce
+    def __init__(self, pv: Any, shadow_map: ShadowMap, drawing: Drawing, ground: Ground | None) -> None:
+        self._map, self._bounce = shadow_map, drawing.bounce / drawing.sky
+        self._height = np.array([0.0, 0.0, 0.0, 1e9])
+        """Height above the ground over that where half of its light arrives, along x, y, z and 1."""
+        if ground is not None and drawing.contact:
+            self._height = np.append(ground.normal, -ground.centre @ ground.normal) / (
+                drawing.contact * ground.reach
+            )
         self._matrix = pv.vtkmatrix_from_array(np.eye(4))
         self._textures = {
             "shadowMap": _of_numbers(pv, shadow_map.depth.reshape(SIZE, SIZE // 4, 4), between=False),
@@ -111,8 +154,8 @@ class Shading:
         }
         self._programs: list[tuple[Any, bool]] = []
 
-    def light(self, actor: Any, *, ground: bool = False, shadows: bool = True) -> None:
-        """Light an actor, which takes shadows; the ground's own colour is unlit, and takes only shadows."""
+    def light(self, actor: Any, code: str | None = None, *, shadows: bool = True) -> None:
+        """Light an actor by the code of its finish. That of the ground is None: unlit, it takes only shadows."""
         program = actor.GetShaderProperty()
         for name, (_, texture) in self._textures.items():
             actor.prop.SetTexture(name, texture)
@@ -123,12 +166,12 @@ class Shading:
         def add(to: Any, tag: str, code: str) -> None:
             to(tag, True, f"{tag}\n{code}\n", False)
 
-        add(vertex, "//VTK::PositionVC::Dec", "out vec3 lampVSOutput;")
-        add(vertex, "//VTK::PositionVC::Impl", "  lampVSOutput = (toLamp * vertexMC).xyz;")
+        add(vertex, "//VTK::PositionVC::Dec", "out vec4 lampVSOutput;")
+        add(vertex, "//VTK::PositionVC::Impl", "  lampVSOutput = toLamp * vertexMC;")
         # After the textures' own declarations, which are used here.
         add(fragment, "//VTK::TCoord::Dec", _DECLARED)
-        fragment("//VTK::Light::Impl", True, _ON_GROUND if ground else _ON_BODIES, False)
-        if not ground:
+        fragment("//VTK::Light::Impl", True, _ON_GROUND if code is None else code, False)
+        if code is not None:
             add(fragment, "//VTK::TCoord::Impl", _GLINT)
             # The upward direction in camera coordinates.
             add(vertex, "//VTK::Normal::Dec", "out vec3 upVSOutput;")
@@ -138,7 +181,8 @@ class Shading:
 
     def follow(self, *, shadows: bool = True) -> None:
         """Update from the shadow map; without `shadows` the key light reaches everything."""
-        self._matrix.DeepCopy(self._map.to_lamp().T.ravel().tolist())  # OpenGL reads column by column
+        matrix = np.vstack([self._map.to_lamp()[:3], self._height])
+        self._matrix.DeepCopy(matrix.T.ravel().tolist())  # OpenGL reads column by column
         for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
             units = (1 / self._map.width, self._map.texel, self._bounce, float(shadows and takes_shadows))

@@ -1,6 +1,7 @@
 """Renderers on Warp, with OpenGL's camera and look: a rasteriser on the CPU, and a ray caster on any device."""
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from .. import checks
 from ..kernels.pictures import raster, raycast, shading
 from ..runtime import cores, in_turn
+from ..world import FINISHES, Reflectance
 from .arrows import Arrows
 from .drawing import Drawing
-from .light import CORNERS, FILL, HEAD, KEY, SHADED, SHADOW, SHININESS, SOFTNESS, across, spread
+from .light import CORNERS, FILL, HEAD, KEY, SHADED, SHADOW, SOFTNESS, across, shininess, spread
 from .shadow_map import ShadowMap
 from .stage import UNSEEN, Camera, Stage
 
@@ -28,6 +30,7 @@ LANES = 16
 """Threads that share a pixel: one alone would cast 68 rays in sequence."""
 REFITS = 32
 """Number of refits of a search tree before it is rebuilt: its boxes overlap more as bodies move."""
+ALL = slice(None)
 _BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
@@ -42,13 +45,16 @@ class Rasteriser:
         shape = (stage.height, stage.width)
         self._map, self._view = ShadowMap(drawing, stage.camera.light), _surroundings_of(drawing, stage)
         self._pool = ThreadPoolExecutor(min(MOST_THREADS, cores()))
-        self._body = _body_of(drawing)
+        glass = _is_glass(drawing)
+        self._bodies = [_body_of(drawing, chosen) for chosen in ([~glass, glass] if glass.any() else [~glass])]
         self._over = None if arrows is None else _body_of(arrows)
-        self._nearest = wp.zeros((4 * shape[0], shape[1]), dtype=wp.uint64, device="cpu")
+        self._nearest = [wp.zeros((4 * shape[0], shape[1]), dtype=wp.uint64, device="cpu") for _ in self._bodies]
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self.look_from(stage.camera, (stage.width, stage.height))
-        self._shade(self._body, (0, 0, 1, 0))  # draws nothing, but compiles the kernel before threads launch it
+        self._shade(
+            self._bodies[0], self._nearest[0], (0, 0, 1, 0)
+        )  # draws nothing, but compiles the kernel before threads launch it
 
     def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
         """Set the camera of the next pictures, which have the stage's `size`; the lights stay."""
@@ -73,30 +79,35 @@ class Rasteriser:
                 self._map.follow(points)
                 if self._stage.ground is not None:
                     changed = np.concatenate([points, self._map.on_ground(points, self._stage.ground, AROUND)])
-            self._lay_over(self._body, changed, shadows=shadows)
+            self._lay_over(self._bodies, changed, shadows=shadows)
         if self._arrows is not None:
-            self._lay_over(self._over, self._arrows.points.numpy(), shadows=False)
+            self._lay_over([self._over], self._arrows.points.numpy(), shadows=False)
         return self._pixels.numpy().astype(np.uint8)  # a copy
 
-    def _lay_over(self, body: Any, points: NDArray, *, shadows: bool) -> None:
-        """Draw triangles over the picture, within the part that holds `points`."""
+    def _lay_over(self, bodies: list[Any], points: NDArray, *, shadows: bool) -> None:
+        """Draw triangles over the picture, and glass over these, within the part that holds `points`."""
         self._view.shadows = int(shadows)
-        inputs = [body, self._view]
-        wp.launch(raster.draw_triangles, len(body.triangles), inputs, [self._nearest], device="cpu")
+        layers = list(zip(bodies, self._nearest, strict=False))
+        before = wp.zeros((0, 0), dtype=wp.uint64, device="cpu")
+        for body, nearest in layers:
+            inputs = [body, self._view, before]
+            wp.launch(raster.draw_triangles, len(body.triangles), inputs, [nearest], device="cpu")
+            before = nearest
         row, column, rows, columns = self._camera.frame(points, *self._pixels.shape)
         # Align squares of 2 x 2 pixels equally in all pictures, whatever part changes.
         rows, columns = rows + row % 2, columns + column % 2
         row, column = row - row % 2, column - column % 2
         bands = [(row + k, column, min(BAND, rows - k), columns) for k in range(0, rows, BAND)]
         # Warp's native code releases Python's lock.
-        for _ in self._pool.map(lambda band: self._shade(body, band), bands):
-            pass
+        for layer in layers:
+            for _ in self._pool.map(partial(self._shade, *layer), bands):
+                pass
 
-    def _shade(self, body: Any, part: tuple[int, int, int, int]) -> None:
+    def _shade(self, body: Any, nearest: wp.array, part: tuple[int, int, int, int]) -> None:
         """Shade a part of the picture: first row, first column, rows, columns."""
         row, column, rows, columns = part
         inputs = [body, self._view, self._map.data, row, column, columns]
-        wp.launch(raster.shade, (rows + 1) // 2, inputs, [self._nearest, self._pixels], device="cpu")
+        wp.launch(raster.shade, (rows + 1) // 2, inputs, [nearest, self._pixels], device="cpu")
 
 
 class RayCaster:
@@ -105,7 +116,8 @@ class RayCaster:
     @in_turn
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         self.drawing, device = drawing, drawing.device
-        self._searched = _Searched(drawing)
+        glass = _is_glass(drawing)
+        self._searched = [_Searched(drawing, chosen) for chosen in ([~glass, glass] if glass.any() else [~glass])]
         self._over = None if arrows is None else _Searched(arrows)
         self._on_gpu, self._size = wp.get_device(device).is_cuda, (0, 0)
         self._points = POINTS["cuda" if self._on_gpu else "cpu"]
@@ -141,7 +153,7 @@ class RayCaster:
         self._view.shadows = int(shadows)
         width, height = self._size
         device = self.drawing.device
-        inputs = [self._searched.body, self._view]
+        inputs = [self._searched[0].body, self._searched[-1].body, self._view]
         tiles = -(-width // raycast.TILE) * -(-height // raycast.TILE)
         every = tiles * raycast.TILE**2
         wp.launch(raycast.cast, every, inputs, [self._rays], device=device)
@@ -161,15 +173,21 @@ class RayCaster:
     @in_turn
     def refit(self) -> None:
         """Update the search tree from the drawing."""
-        self._searched.refit()
+        for one in self._searched:
+            one.refit()
+        one, other = self._searched[0].body, self._searched[-1].body
+        if one is not other:
+            one.other_mesh, other.other_mesh = other.mesh, one.mesh
 
 
 class _Searched:
-    """Triangles with a search tree for rays."""
+    """Chosen triangles with a search tree for rays."""
 
-    def __init__(self, drawn: Drawing | Arrows) -> None:
-        self.body, self._points, self._refits = _body_of(drawn), drawn.points, REFITS
-        self._indices = wp.array(drawn.triangles.ravel(), dtype=int, device=drawn.device)
+    def __init__(self, drawn: Drawing | Arrows, chosen: NDArray[np.bool_] | slice = ALL) -> None:
+        self.body, self._points, self._refits = _body_of(drawn, chosen), drawn.points, REFITS
+        # A mesh has a triangle at least: where all is glass, one that no ray meets.
+        triangles = drawn.triangles[chosen] if len(self.body.triangles) else np.zeros(3)
+        self._indices = wp.array(triangles.ravel(), dtype=int, device=drawn.device)
 
     def refit(self) -> None:
         """Refit the search tree to the triangles, or rebuild it; it is first built at the first picture."""
@@ -181,14 +199,22 @@ class _Searched:
             self._refits += 1
 
 
-def _body_of(drawn: Drawing | Arrows) -> Any:
-    """Return the struct of a drawing or of arrows for kernels, in the same memory, without a search tree."""
+def _is_glass(drawn: Drawing | Arrows) -> NDArray[np.bool_]:
+    """Return a mask of the triangles through which one sees what is behind."""
+    return np.array([one.opacity < 1 for one in FINISHES.values()])[drawn.finish]
+
+
+def _body_of(drawn: Drawing | Arrows, chosen: NDArray[np.bool_] | slice = ALL) -> Any:
+    """Return the struct of chosen triangles for kernels, in the same memory, without a search tree."""
     body, device = shading.Body(), drawn.device
     body.points, body.normals, body.colours = drawn.points, drawn.normals, drawn.colours
     body.uv = wp.array(drawn.uv, dtype=wp.vec2, device=device)
-    body.triangles = wp.array(drawn.triangles, dtype=wp.vec3i, device=device)
-    body.closed = wp.array(drawn.closed, dtype=wp.bool, device=device)
-    body.gloss = wp.array(drawn.gloss, dtype=float, device=device)
+    body.triangles = wp.array(drawn.triangles[chosen], dtype=wp.vec3i, device=device)
+    body.closed = wp.array(drawn.closed[chosen], dtype=wp.bool, device=device)
+    body.gloss = wp.array(drawn.gloss[chosen], dtype=float, device=device)
+    body.finish = wp.array(drawn.finish[chosen], dtype=int, device=device)
+    body.finishes = wp.array([_finish(one) for one in FINISHES.values()], dtype=shading.Finish, device=device)
+    body.glass = int(_is_glass(drawn)[chosen].any())
     body.texture = _image(_BLANK if drawn.texture is None else drawn.texture, device)
     body.textured = int(drawn.texture is not None)
     # Fine shadows of a lattice of tubes on itself would hide its colours.
@@ -197,20 +223,29 @@ def _body_of(drawn: Drawing | Arrows) -> Any:
     return body
 
 
+def _finish(reflectance: Reflectance) -> Any:
+    """Return the struct of a reflectance for kernels."""
+    finish = shading.Finish()
+    finish.shininess = shininess(reflectance.roughness)
+    finish.gleam = 1e-4 ** (1 / max(finish.shininess, 1e-3))
+    finish.metallic, finish.sheen, finish.opacity = reflectance[1:]
+    return finish
+
+
 def _surroundings_of(drawing: Drawing, stage: Stage) -> Any:
     """Return the camera, the lights and the ground."""
     view, device, ground, light = shading.Surroundings(), drawing.device, stage.ground, stage.camera.light
     view.background = wp.vec3(*checks.colour("background", stage.look.background))
-    view.ambient, view.bounce = drawing.ambient, drawing.bounce
+    view.sky, view.bounce = drawing.sky, drawing.bounce
     view.key, view.head, view.fill = (drawing.diffuse * strength for strength in (KEY, HEAD, FILL))
     view.fill_from = wp.vec3(*stage.camera.fill)
     view.light = wp.vec3(*light)
     view.light_u, view.light_v = (wp.vec3(*(SOFTNESS * axis)) for axis in across(light))
-    view.shininess, view.shaded, view.shadow = SHININESS, SHADED, SHADOW
-    view.gleam = 1e-4 ** (1 / SHININESS)
+    view.shaded, view.shadow = SHADED, SHADOW
     view.has_ground = int(ground is not None)
     view.ground = _image(_BLANK, device)
     if ground is not None:
+        view.contact = drawing.contact * ground.reach
         view.below = drawing.below + UNSEEN * ground.reach
         view.ground = _image(ground.texture[::-1], device)
         view.ground_centre, view.ground_normal = wp.vec3(*ground.centre), wp.vec3(*ground.normal)

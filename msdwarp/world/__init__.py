@@ -31,7 +31,7 @@ from .loads import (
     differ_in_values as differ_in_values,
     is_device_function as is_device_function,
 )
-from .look import Look as Look, Viewpoint as Viewpoint
+from .look import FINISHES as FINISHES, Look as Look, Reflectance as Reflectance, Viewpoint as Viewpoint
 from .motion import Motion as Motion, displacement_and_turn as displacement_and_turn, poses as poses
 from .pressure import EnclosedGas as EnclosedGas, Pressure as Pressure, volume as volume
 from .probes import (

@@ -2,14 +2,38 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
 
-OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "particles", "tube")
-"""Fields that a body can set for itself; other fields apply to the whole picture."""
+OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "finish", "particles", "tube")
+"""Fields that a body can set for itself; the others belong to the whole picture."""
+
+
+class Reflectance(NamedTuple):
+    """How a surface reflects light, beside its colour and its gloss."""
+
+    roughness: float
+    """Width of highlights, as in USD's preview surface, 0 … 1; at 1 there are none."""
+    metallic: float = 0.0
+    """Share of light that is mirrored, in the surface's colour, 0 … 1."""
+    sheen: float = 0.0
+    """Light that fibres scatter where a surface is seen edge-on, in its colour."""
+    opacity: float = 1.0
+    """Share of light from behind that is held back where a surface is seen face-on, 0 … 1; below 1 it mirrors."""
+
+
+FINISHES = {
+    "matt": Reflectance(0.3578),
+    "rubber": Reflectance(0.6),
+    "metal": Reflectance(0.28, metallic=0.8),
+    "glass": Reflectance(0.25, opacity=0.6),
+    "cloth": Reflectance(1.0, sheen=0.35),
+}
+"""What surfaces can be made of, as pictures show it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,14 +51,14 @@ class Viewpoint:
 class Look:
     """How a scene, or a body in it, is drawn.
 
-    A body's look, in `Scene.looks`, sets its colour, inside, texture, smooth, gloss, particles and tube. All other
-    parameters apply to the whole picture; only the scene's look sets them.
+    A body's look, in `Scene.looks`, sets its colour, inside, texture, smooth, gloss, finish, particles and tube.
+    All other parameters apply to the whole picture; only the scene's look sets them.
 
     Parameters
     ----------
     colour
-        Colour of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without surface
-        have this colour if it or `gloss` is not the default; otherwise they are coloured by strain.
+        Colour of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without
+        surface have it if this, `gloss` or `finish` is not the default; else they are coloured by their strain.
     inside
         Colour of the fracture surfaces of a torn solid, "#rrggbb". None: the colour of the body.
     texture
@@ -43,6 +67,10 @@ class Look:
         Smooth shading (True) or flat shading (False).
     gloss
         Strength of highlights on the body, 0 … 1.
+    finish
+        What the body seems to be made of: "matt"; "rubber", with wide highlights; "metal", which mirrors the sky;
+        "glass", through which one sees what is behind, but no other glass; or "cloth", bright where it is seen
+        edge-on. Colours that show quantities are matt.
     azimuth, elevation
         Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
     target
@@ -81,6 +109,7 @@ class Look:
     texture: NDArray[np.uint8] | None = None
     smooth: bool = True
     gloss: float = 0.25
+    finish: str = "matt"
     azimuth: float = -60.0
     elevation: float = 16.0
     target: tuple[float, ...] | None = None
@@ -107,6 +136,7 @@ class Look:
             _check_image(name, getattr(self, name))
         checks.one_of("smooth", self.smooth, (False, True))
         checks.between("gloss", self.gloss, 0, 1)
+        checks.one_of("finish", self.finish, tuple(FINISHES))
         checks.between("obstacle_gloss", self.obstacle_gloss, 0, 1)
         checks.between("azimuth", self.azimuth, -360, 360)
         checks.between("elevation", self.elevation, -90, 90)
@@ -148,8 +178,8 @@ class Look:
 
     @property
     def says_colour(self) -> bool:
-        """Whether colour or gloss differs from the default, so that connections are drawn with both."""
-        return (self.colour, self.gloss) != (Look.colour, Look.gloss)
+        """Whether its colour, gloss or finish is not the default, so that connections are drawn with them."""
+        return (self.colour, self.gloss, self.finish) != (Look.colour, Look.gloss, Look.finish)
 
     def of_the_picture(self) -> list[str]:
         """Return the names of non-default fields that apply to the whole picture."""

@@ -19,7 +19,7 @@ Stored = tuple[dict[str, Any], dict[str, NDArray]]
 """JSON data, and arrays by name."""
 _COLLIDERS = {kind.__name__: kind for kind in (Plane, Sphere, Box, Capsule, Cone)}
 _TEXTURES = ("texture", "obstacle_texture")
-_AIM = ("target", "distance", "follow", "field_of_view", "path")
+_LATER = ("target", "distance", "follow", "field_of_view", "path", "finish")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +95,10 @@ def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[
         image = values.pop(name)
         if image is not None:
             arrays[f"{place}/{name}"] = np.asarray(image)
-    # Without camera paths the data are as in earlier versions, which can open these files.
+    # Earlier versions open files of scenes that use nothing later.
     values["path"] = [asdict(one) for one in look.path] or look.path
     return {
-        name: _plain(value) for name, value in values.items() if name not in _AIM or value != getattr(Look, name)
+        name: _plain(value) for name, value in values.items() if name not in _LATER or value != getattr(Look, name)
     }
 
 
