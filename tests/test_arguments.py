@@ -110,6 +110,10 @@ PICTURES = [
     (lambda: msd.Look(gloss="1"), "gloss is '1'; it must be a number from 0 to 1"),
     (lambda: msd.Look(obstacle_gloss=-1), "obstacle_gloss is -1.0; it must be from 0 to 1"),
     (lambda: msd.Look(gloss=2), "gloss is 2.0; it must be from 0 to 1"),
+    (
+        lambda: msd.Look(finish="wood"),
+        "finish is 'wood'; it must be one of 'matt', 'rubber', 'metal', 'glass', 'cloth'",
+    ),
     (lambda: msd.Look(smooth="yes"), "smooth is 'yes'; it must be one of False, True"),
     (lambda: msd.Look(azimuth="1"), "azimuth is '1'; it must be a number from -360 to 360"),
     (lambda: msd.Look(particles=np.array([1, 2])), "particles is array([1, 2]); it must be one of None, False"),

@@ -2,7 +2,7 @@
 
     python -m benchmarks.report.load_pictures [--only NAME ...] [--out FOLDER]
 
-simulates on the CPU and writes docs/images/loads/*.webp, which docs/loads.md shows.
+simulates on the CPU and writes docs/images/loads/*.webp, which docs/loads.md and docs/pictures.md show.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import msdwarp as msd
 from msdwarp.pictures.timelapse import timelapse
 from msdwarp.studies.plots import BLUE, DARK, RED
 from msdwarp.textures import gingham
+from msdwarp.world import FINISHES
 
 from ..common import IMAGES, scene_scripts
 
@@ -120,6 +121,20 @@ def looks() -> NDArray[np.uint8]:
     return at_times(msd.Scene(system=system, colliders=[msd.Plane()], look=look, looks=looks), (0.5,))
 
 
+def finishes() -> NDArray[np.uint8]:
+    """Return the same ball with each finish, in two colours, before a bar."""
+    ball, rows = msd.ball(0.25, 0.05), []
+    for colour in ("#c8503c", "#a3acb6"):
+        balls = [ball.translate((0.62 * k, 0, 0.25)).named(name) for k, name in enumerate(FINISHES)]
+        system = sum(balls[1:], balls[0])
+        looks = {name: msd.Look(colour=colour, gloss=0.5, finish=name) for name in FINISHES}
+        solids = [msd.Plane(), msd.Box((1.24, 0.6, 0.2), (3.2, 0.1, 0.4))]
+        look = msd.Look(azimuth=-90, elevation=12, field_of_view=8.0, obstacle="#8a6238")
+        scene = msd.Scene(system=system, colliders=solids, look=look, looks=looks)
+        rows.append(msd.Renderer(scene, system.position, resolution=(960, 240)).image(system.position))
+    return np.concatenate(rows)
+
+
 def probe() -> NDArray[np.uint8]:
     """Return a plot of what the ground pushes a soft cube with that is dropped on it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -164,6 +179,7 @@ PICTURES: dict[str, Callable[[], NDArray[np.uint8]]] = {
     "cookie": lambda: shipped("cookie", 0.36),
     "probe": probe,
     "looks": looks,
+    "finishes": finishes,
 }
 
 

@@ -258,7 +258,7 @@ def halve_over(
     bare = 4 * 255 - int(a[3]) - int(b[3]) - int(c[3]) - int(d[3])
     if bare == 4 * 255:
         return
-    if a == b and a == c and a == d:
+    if bare == 0 and a == b and a == c and a == d:
         pixels[row, column] = a
         return
     pixel = pixels[row, column]

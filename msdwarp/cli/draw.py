@@ -118,8 +118,8 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
         made_of = one.finish.reflectance
         roughness = None if made_of == FINISHES["matt"] else made_of.roughness
         faces = one.triangles - np.int32(one.vertices.start)
-        light = roughness, made_of.metallic, made_of.opacity
-        meshes.append(UsdMesh(one.name, faces, one.uv, *one.finish[:3], one.moves, *light))
+        light = {"roughness": roughness, "metallic": made_of.metallic, "opacity": made_of.opacity}
+        meshes.append(UsdMesh(one.name, faces, one.uv, *one.finish[:3], moves=one.moves, **light))
     floor = list[NDArray]()
     if stage.ground is not None:
         floor = [stage.ground.corners]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..world import FINISHES
 from .drawing import Drawing
 from .light import FILL, HEAD, KEY, shininess
-from .shading import Shading, of_finish
+from .shading import DEPTH_ALONE, Shading, of_finish
 from .shadow_map import ShadowMap
 from .stage import UNSEEN, Camera, Ground
 
@@ -61,21 +61,23 @@ class Actors:
         drawing, texture = self._drawing, None
         if drawing.texture is not None:
             texture = self._pv.Texture(np.ascontiguousarray(drawing.texture))
-        finishes = list(FINISHES.values())
-        is_glass = np.array([one.opacity < 1 for one in finishes])[drawing.finish]  # which is drawn last
-        of_triangle = np.stack(
-            [is_glass, drawing.finish, drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1
-        )
+        of_triangle = np.stack([drawing.finish, drawing.gloss, drawing.closed, drawing.takes_shadows], axis=1)
         kinds, kind = np.unique(of_triangle, axis=0, return_inverse=True)
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
         points, normals = drawing.points.numpy(), drawing.normals.numpy()
-        for k, (_, finish, gloss, closed, shaded) in enumerate(kinds):
+        codes = [of_finish(list(FINISHES.values())[int(one)]) for one in kinds[:, 0]]
+        glass = [k for k in range(len(kinds)) if drawing.glass[kind.ravel() == k][0]]
+        opaque = [k for k in range(len(kinds)) if k not in glass]
+        # Glass is drawn last, and only the nearest.
+        layers = [(opaque, codes), (glass, [DEPTH_ALONE] * len(kinds)), (glass, codes)]
+        for k, code in [(k, of_kind[k]) for chosen, of_kind in layers for k in chosen]:
+            finish, gloss, closed, shaded = kinds[k]
             body, actor = mesh_actor(self._pv, drawing.triangles[kind.ravel() == k], points, normals)
             prop = actor.prop
             prop.interpolation = "Phong"
             prop.ambient, prop.diffuse = drawing.sky, drawing.diffuse
-            reflectance = finishes[int(finish)]
-            prop.specular, prop.specular_power = float(gloss), shininess(reflectance.roughness)
+            roughness = list(FINISHES.values())[int(finish)].roughness
+            prop.specular, prop.specular_power = float(gloss), shininess(roughness)
             prop.color, prop.culling = "white", "back" if closed else "none"
             if texture is not None:
                 body.active_texture_coordinates, actor.texture = drawing.uv, texture
@@ -83,7 +85,7 @@ class Actors:
                 body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
                 body.GetPointData().SetActiveScalars("colours")
                 actor.mapper.ScalarVisibilityOn()
-            self._shading.light(actor, of_finish(reflectance), shadows=bool(shaded))
+            self._shading.light(actor, code, shadows=bool(shaded))
             # Moving actors must neither reset the camera nor be rendered before they are in place.
             self._plotter.add_actor(actor, reset_camera=False, render=False)
             self._bodies.append(body)

@@ -62,10 +62,10 @@ class Drawing:
     If `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
     spring and, in small systems, a ball at each particle. Solid colliders come last. Springs are not drawn
     once they are broken by the system's `broken_at`. `points`, `normals` and `colours` are float32 of shape
-    [vertex_count, 3], `gloss`, `closed`, `takes_shadows` and `finish` (numbers of `FINISHES`) of [triangle_count].
-    `body` are the parts that follow the particles, `obstacles` those of the colliders. `scale` is the scale of the
-    colours, `stops` the colours along it: of values of the particles or of the strain of springs; None if colours
-    show no quantity.
+    [vertex_count, 3], `gloss`, `closed`, `takes_shadows`, `finish` (a number of `FINISHES`) and `glass` (whether
+    one sees through it) of [triangle_count]. `body` are the parts that follow the particles, `obstacles` those of
+    the colliders. `scale` is the scale of the colours, `stops` the colours along it: of values of the particles or
+    of the strain of springs; None if colours show no quantity.
     """
 
     @in_turn
@@ -112,6 +112,7 @@ class Drawing:
         self.gloss = np.repeat([part.finish.gloss for part in parts], counts)
         numbers = {reflectance: k for k, reflectance in enumerate(FINISHES.values())}
         self.finish = np.repeat([numbers[part.finish.reflectance] for part in parts], counts).astype(np.int32)
+        self.glass = np.array([one.opacity < 1 for one in FINISHES.values()])[self.finish]
         self.closed = np.repeat([part.closed for part in parts], counts)
         takes_shadows = [not (self.colours_move and k < len(self.body)) for k in range(len(parts))]
         self.takes_shadows = np.repeat(takes_shadows, counts)

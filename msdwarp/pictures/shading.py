@@ -111,6 +111,11 @@ _GLINT = """
 _ON_GROUND = f"""
   gl_FragData[0] = vec4(vec3(mix({SHADOW}, 1.0, keyLight(lampVSOutput.xyz, 1.0))), 1.0);
 """
+DEPTH_ALONE = """
+  gl_FragData[0] = vec4(0.0);
+  float glint = 0.0;
+"""
+"""Code that draws nothing, but hides what is behind."""
 
 
 def of_finish(reflectance: Reflectance) -> str:

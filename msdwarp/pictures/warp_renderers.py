@@ -45,8 +45,10 @@ class Rasteriser:
         shape = (stage.height, stage.width)
         self._map, self._view = ShadowMap(drawing, stage.camera.light), _surroundings_of(drawing, stage)
         self._pool = ThreadPoolExecutor(min(MOST_THREADS, cores()))
-        glass = _is_glass(drawing)
-        self._bodies = [_body_of(drawing, chosen) for chosen in ([~glass, glass] if glass.any() else [~glass])]
+        self._bodies = [_body_of(drawing, ~drawing.glass)]
+        if drawing.glass.any():
+            self._bodies.append(_body_of(drawing, drawing.glass))
+            self._bodies[1].glass = 1
         self._over = None if arrows is None else _body_of(arrows)
         self._nearest = [wp.zeros((4 * shape[0], shape[1]), dtype=wp.uint64, device="cpu") for _ in self._bodies]
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
@@ -116,8 +118,9 @@ class RayCaster:
     @in_turn
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         self.drawing, device = drawing, drawing.device
-        glass = _is_glass(drawing)
-        self._searched = [_Searched(drawing, chosen) for chosen in ([~glass, glass] if glass.any() else [~glass])]
+        self._searched = [_Searched(drawing, ~drawing.glass)]
+        if drawing.glass.any():
+            self._searched.append(_Searched(drawing, drawing.glass))
         self._over = None if arrows is None else _Searched(arrows)
         self._on_gpu, self._size = wp.get_device(device).is_cuda, (0, 0)
         self._points = POINTS["cuda" if self._on_gpu else "cpu"]
@@ -199,11 +202,6 @@ class _Searched:
             self._refits += 1
 
 
-def _is_glass(drawn: Drawing | Arrows) -> NDArray[np.bool_]:
-    """Return a mask of the triangles through which one sees what is behind."""
-    return np.array([one.opacity < 1 for one in FINISHES.values()])[drawn.finish]
-
-
 def _body_of(drawn: Drawing | Arrows, chosen: NDArray[np.bool_] | slice = ALL) -> Any:
     """Return the struct of chosen triangles for kernels, in the same memory, without a search tree."""
     body, device = shading.Body(), drawn.device
@@ -214,7 +212,6 @@ def _body_of(drawn: Drawing | Arrows, chosen: NDArray[np.bool_] | slice = ALL) -
     body.gloss = wp.array(drawn.gloss[chosen], dtype=float, device=device)
     body.finish = wp.array(drawn.finish[chosen], dtype=int, device=device)
     body.finishes = wp.array([_finish(one) for one in FINISHES.values()], dtype=shading.Finish, device=device)
-    body.glass = int(_is_glass(drawn)[chosen].any())
     body.texture = _image(_BLANK if drawn.texture is None else drawn.texture, device)
     body.textured = int(drawn.texture is not None)
     # Fine shadows of a lattice of tubes on itself would hide its colours.

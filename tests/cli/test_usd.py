@@ -8,6 +8,7 @@ from msdwarp.cli.draw import draw_usd
 from msdwarp.files import export
 from msdwarp.pictures import Drawing
 from msdwarp.textures import gingham
+from msdwarp.world import FINISHES
 
 usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
 geometry = pytest.importorskip("pxr.UsdGeom")
@@ -22,7 +23,10 @@ def scene_of(kind: str) -> Scene:
     if kind == "strain":
         return Scene(system=chain(4), look=Look(strain=True, full_strain=0.5))
     two = sheet((4, 4), 0.1).named("a cloth") + box((3, 3, 3), 0.1).translate((0, 0, 0.5)).named("cube")
-    looks = {"a cloth": Look(texture=gingham("#c03020", "#f4f1e8")), "cube": Look(colour="#3366cc", smooth=False)}
+    looks = {
+        "a cloth": Look(texture=gingham("#c03020", "#f4f1e8")),
+        "cube": Look(colour="#3366cc", smooth=False, finish="glass"),
+    }
     return Scene(system=two, colliders=[Plane(offset=-1.0), Sphere((0, 0, -0.5), 0.2)], looks=looks)
 
 
@@ -96,6 +100,11 @@ def test_materials_have_textures_and_colours(drawn, tmp_path):
     for name, image in (("a_cloth", "./b_textures/a_cloth.png"), ("cube", None)):
         material, _ = shade.MaterialBindingAPI(stage.GetPrimAtPath(f"/scene/{name}")).ComputeBoundMaterial()
         assert material.GetPath() == f"/scene/materials/{name}"
+        surface = shade.Shader(stage.GetPrimAtPath(f"/scene/materials/{name}/surface"))
+        found = [surface.GetInput(one).Get() for one in ("roughness", "metallic", "opacity")]
+        # A matt one has the roughness of its gloss; inputs are float32.
+        made_of = FINISHES["glass"] if name == "cube" else FINISHES["matt"]._replace(roughness=0.65)
+        assert found == pytest.approx([made_of.roughness, made_of.metallic, made_of.opacity], abs=1e-6)
         texture = stage.GetPrimAtPath(f"/scene/materials/{name}/image")
         assert (shade.Shader(texture).GetInput("file").Get().path if texture else None) == image
     still = stage.GetPrimAtPath("/scene/obstacle").GetAttribute("points")

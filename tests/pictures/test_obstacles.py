@@ -10,7 +10,7 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.pictures.collider_meshes import AROUND, extent, mesh_of, meshes, pose_in_space
 from msdwarp.pictures.drawing import Drawing
-from msdwarp.pictures.light import AMBIENT, BOUNCE, FILL, HEAD, KEY, SHADOW
+from msdwarp.pictures.light import BOUNCE, CONTACT, FILL, HEAD, KEY, SHADOW, SKY
 
 SIZE = (320, 180)
 
@@ -200,11 +200,12 @@ def pixel_of(renderer, point):
     return int(row[0]), int(column[0])
 
 
-def shade(colour, normal, camera):
-    """Return the colour of a matt surface with this normal, 0 … 255."""
+def shade(colour, normal, camera, height):
+    """Return the colour of a matt surface with this normal, 0 … 255; `height` is over the extent of the view."""
     facing = KEY * max(normal @ camera.light, 0) + HEAD * max(-normal @ camera.forward, 0)
     facing += FILL * max(normal @ camera.fill, 0)
-    around = AMBIENT + BOUNCE * (1 - normal[2]) / 2
+    below = (1 - normal[2]) / 2
+    around = SKY * (1 - below) + BOUNCE * below * height / (height + CONTACT)
     return np.minimum(255 * np.array(colour) * (around + facing), 255)
 
 
@@ -225,7 +226,7 @@ def test_an_obstacle_is_seen_where_it_is_in_its_colour(body, backend, colouring)
     image = renderer.image(body.position).astype(int)
     camera, colour = renderer.stage.camera, checks.colour("", "#4060c0")
     for place, normal in (((1.2, -0.3, 0.25), (0, -1, 0)), ((1.2, 0.0, 0.5), (0, 0, 1))):
-        wanted = shade(colour, np.array(normal), camera)
+        wanted = shade(colour, np.array(normal), camera, place[2] / renderer.stage.ground.reach)
         np.testing.assert_allclose(image[pixel_of(renderer, place)], wanted, atol=2)
     # Where its lower half would be seen, if the ground did not hide it, there is ground.
     blue = image[pixel_of(renderer, (1.2, -0.3, -0.2))]

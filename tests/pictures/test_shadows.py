@@ -9,7 +9,7 @@ import warp as wp
 
 import msdwarp as msd
 from msdwarp.pictures import renderer as renderer_module
-from msdwarp.pictures.light import AMBIENT, FILL, HEAD, KEY, SHADED, SHADOW, SOFTNESS, across, spread
+from msdwarp.pictures.light import FILL, HEAD, KEY, SHADED, SHADOW, SKY, SOFTNESS, across, spread
 from msdwarp.pictures.stage import Stage
 from msdwarp.pictures.warp_renderers import RayCaster
 
@@ -101,9 +101,9 @@ def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
     head, key = HEAD * -camera.forward[2] + FILL * camera.fill[2], KEY * camera.light[2]
     colour = 255 * 0x80 / 255
     # In full shadow SHADED of the key light is left; bytes are rounded, and float32 colours too.
-    np.testing.assert_allclose(both[row, column], colour * (AMBIENT + head + SHADED * key), atol=1)
-    np.testing.assert_allclose(alone[row, column], colour * (AMBIENT + head + key), atol=1)
-    np.testing.assert_allclose(both[far_row, far_column], colour * (AMBIENT + head + key), atol=1)
+    np.testing.assert_allclose(both[row, column], colour * (SKY + head + SHADED * key), atol=1)
+    np.testing.assert_allclose(alone[row, column], colour * (SKY + head + key), atol=1)
+    np.testing.assert_allclose(both[far_row, far_column], colour * (SKY + head + key), atol=1)
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def stored_and_back(scene, forget=()):
 def test_a_file_keeps_looks_in_their_order():
     own = {
         "rope": msd.Look(colour="#2050b0", tube=0.02, particles=True),
-        "ball": msd.Look(texture=IMAGE, smooth=False, gloss=0.5),
+        "ball": msd.Look(texture=IMAGE, smooth=False, gloss=0.5, finish="glass"),
     }
     scene = msd.Scene(system=BODIES, look=msd.Look(texture=255 - IMAGE, azimuth=10), looks=own)
     found = stored_and_back(scene)
@@ -53,12 +53,12 @@ def test_a_file_keeps_looks_in_their_order():
             np.testing.assert_array_equal(getattr(one, name), value)
 
 
-def test_a_file_keeps_where_the_camera_is_aimed_and_says_nothing_if_it_is_not():
+def test_a_file_keeps_where_the_camera_is_aimed_and_says_nothing_of_what_earlier_versions_lack():
     for look in (msd.Look(target=(1, 2, 3), distance=4.0), msd.Look(follow="ball")):
         found = stored_and_back(msd.Scene(system=BODIES, look=look)).look
         assert (found.target, found.distance, found.follow) == (look.target, look.distance, look.follow)
     described, _ = scene_as_stored(msd.Scene(system=BODIES), [0.0])
-    assert not {"target", "distance", "follow"} & described["look"].keys()
+    assert not {"target", "distance", "follow", "finish"} & described["look"].keys()
 
 
 def test_a_file_from_before_there_were_looks_of_bodies_opens():
