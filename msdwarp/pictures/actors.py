@@ -65,19 +65,18 @@ class Actors:
         kinds, kind = np.unique(of_triangle, axis=0, return_inverse=True)
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
         points, normals = drawing.points.numpy(), drawing.normals.numpy()
-        codes = [of_finish(list(FINISHES.values())[int(one)]) for one in kinds[:, 0]]
-        glass = [k for k in range(len(kinds)) if drawing.glass[kind.ravel() == k][0]]
-        opaque = [k for k in range(len(kinds)) if k not in glass]
+        made_of = [list(FINISHES.values())[int(number)] for number in kinds[:, 0]]
+        codes = [(k, of_finish(one)) for k, one in enumerate(made_of) if one.opacity == 1]
         # Glass is drawn last, and only the nearest.
-        layers = [(opaque, codes), (glass, [DEPTH_ALONE] * len(kinds)), (glass, codes)]
-        for k, code in [(k, of_kind[k]) for chosen, of_kind in layers for k in chosen]:
-            finish, gloss, closed, shaded = kinds[k]
+        glass = [k for k, one in enumerate(made_of) if one.opacity < 1]
+        codes += [(k, DEPTH_ALONE) for k in glass] + [(k, of_finish(made_of[k])) for k in glass]
+        for k, code in codes:
+            _, gloss, closed, shaded = kinds[k]
             body, actor = mesh_actor(self._pv, drawing.triangles[kind.ravel() == k], points, normals)
             prop = actor.prop
             prop.interpolation = "Phong"
             prop.ambient, prop.diffuse = drawing.sky, drawing.diffuse
-            roughness = list(FINISHES.values())[int(finish)].roughness
-            prop.specular, prop.specular_power = float(gloss), shininess(roughness)
+            prop.specular, prop.specular_power = float(gloss), shininess(made_of[k].roughness)
             prop.color, prop.culling = "white", "back" if closed else "none"
             if texture is not None:
                 body.active_texture_coordinates, actor.texture = drawing.uv, texture

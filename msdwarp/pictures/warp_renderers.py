@@ -54,9 +54,8 @@ class Rasteriser:
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
         self.look_from(stage.camera, (stage.width, stage.height))
-        self._shade(
-            self._bodies[0], self._nearest[0], (0, 0, 1, 0)
-        )  # draws nothing, but compiles the kernel before threads launch it
+        # Draws nothing, but compiles the kernel before threads launch it.
+        self._shade(self._bodies[0], self._nearest[0], (0, 0, 1, 0))
 
     def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
         """Set the camera of the next pictures, which have the stage's `size`; the lights stay."""
