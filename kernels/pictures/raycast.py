@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..springs.lanes import sum_over_lanes
-from .shading import FIRST_SAMPLES, Body, Surroundings, colour_of, in_bytes, shade_hit, shade_ray, within_one
+from .shading import FIRST_SAMPLES, Body, Surroundings, colour_of, in_bytes, ray_shader, shade_hit, within_one
 
 CONTRAST = wp.constant(0.08)
 """Pixels whose neighbours differ by more are refined."""
@@ -24,24 +24,31 @@ def place(i: int, width: int):
     return TILE * (square / squares) + inside / TILE, TILE * (square % squares) + inside % TILE
 
 
-@kernel
-def cast(
-    body: Body,
-    glass: Body,
-    view: Surroundings,
-    # Out:
-    image: wp.array2d(dtype=wp.vec4),  # red, green, blue, share of the light, shape [height, width]
-):
-    """Draw the picture with one ray through each pixel's centre, and one from the hit towards the light.
+@functools.cache
+def cast(through_glass: bool):
+    """Compose the kernel that draws a picture with or without glass."""
+    shade_ray = ray_shader(through_glass)
 
-    Each of 2 x 2 pixels samples another point of the light.
-    """
-    row, column = place(wp.tid(), image.shape[1])
-    if row < image.shape[0] and column < image.shape[1]:
-        spot = 2 * (row % 2) + column % 2
-        colour, share = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
-        colour = within_one(colour)
-        image[row, column] = wp.vec4(colour[0], colour[1], colour[2], share)
+    @kernel
+    def cast_rays(
+        body: Body,
+        glass: Body,
+        view: Surroundings,
+        # Out:
+        image: wp.array2d(dtype=wp.vec4),  # red, green, blue, share of the light, shape [height, width]
+    ):
+        """Draw the picture with one ray through each pixel's centre, and one from the hit towards the light.
+
+        Each of 2 x 2 pixels samples another point of the light.
+        """
+        row, column = place(wp.tid(), image.shape[1])
+        if row < image.shape[0] and column < image.shape[1]:
+            spot = 2 * (row % 2) + column % 2
+            colour, share = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
+            colour = within_one(colour)
+            image[row, column] = wp.vec4(colour[0], colour[1], colour[2], share)
+
+    return cast_rays
 
 
 @kernel
@@ -74,13 +81,14 @@ def choose(
 
 
 @functools.cache
-def refine(lanes: int):
+def refine(lanes: int, through_glass: bool):
     """Compose the kernel that draws chosen pixels with four rays each.
 
     Pixels in penumbras come first, since they take longest. `lanes` (1, 4 or 16) adjacent threads share a pixel.
     Of 4 threads each casts one ray. Of 16, four share a penumbra's ray and divide the samples of its light.
     """
     together, parts = sum_over_lanes(3, wp.float32, lanes), max(lanes // 4, 1)
+    shade_ray = ray_shader(through_glass)
 
     @kernel
     def refine_pixels(

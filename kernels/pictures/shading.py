@@ -1,5 +1,6 @@
 """Shading along a ray: bodies and obstacles, lit and in shadow, the ground, and the background."""
 
+import functools
 from typing import Any
 
 import warp as wp
@@ -214,11 +215,12 @@ def light_on(
         along = wp.min(-wp.dot(normal, ray), 1.0)
         edge = 1.0 - wp.max(along, 0.0)
         diffuse += finish.sheen * edge * edge
-        around = surroundings_at(ray[2] + 2.0 * along * normal[2])
         if finish.metallic > 0.0:
+            around = surroundings_at(ray[2] + 2.0 * along * normal[2])
             diffuse += finish.metallic * (around - diffuse) + glint
             glint = 0.0
         elif finish.opacity < 1.0:
+            around = surroundings_at(ray[2] + 2.0 * along * normal[2])
             mirrors = wp.static(MIRRORS) + (1.0 - wp.static(MIRRORS)) * edge * edge * edge * edge * edge
             opacity = 1.0 - (1.0 - finish.opacity) * (1.0 - mirrors) * (1.0 - wp.min(glint, 1.0))
             diffuse = diffuse * finish.opacity / opacity
@@ -275,33 +277,40 @@ def meets_ground(view: Surroundings, way: wp.vec3):
     return t, uv
 
 
-@wp.func
-def shade_ray(body: Body, glass: Body, view: Surroundings, column: float, row: float, first: int, count: int):
-    """Return the colour at a point of the picture, in pixels from its upper left, and the light that reaches it.
+@functools.cache
+def ray_shader(through_glass: bool):
+    """Compose the function that shades a ray; `through_glass` tells whether there is glass."""
 
-    That is the visible share of `count` points of the key light, from `first` on. Only the nearest glass is drawn.
-    """
-    ray = wp.normalize(view.corner + column * view.across + row * view.down)
-    colour = view.background
-    share = FACING_AWAY
-    hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
-    if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
-        colour, share, _opacity = shade_hit(body, view, hit, ray, first, count)
-    else:
-        t, uv = meets_ground(view, ray)
-        if t > 0.0:
-            spot = view.eye + t * ray
-            share = visible_light(body, view, spot + GAP * t * view.ground_normal, first, count)
-            colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
-    if body.other_mesh != wp.uint64(0):
-        through = wp.mesh_query_ray(glass.mesh, view.eye, ray, view.far)
-        if through.result and (through.t < hit.t or not hit.result):
-            if view.has_ground == 0 or height(view, view.eye + through.t * ray) >= -view.below:
-                seen, own, opacity = shade_hit(glass, view, through, ray, first, count)
-                colour = (1.0 - opacity) * colour + opacity * within_one(seen)
-                # It changes where a penumbra on the glass begins, and where one behind it does.
-                if share == FACING_AWAY:
-                    share = own
-                elif own != FACING_AWAY:
-                    share = wp.abs(share - own)
-    return colour, share
+    @wp.func
+    def shade_ray(body: Body, glass: Body, view: Surroundings, column: float, row: float, first: int, count: int):
+        """Return the colour at a point of the picture, in pixels from its upper left, and the light there.
+
+        That is the visible share of `count` points of the key light, from `first` on. Only the nearest glass is
+        drawn.
+        """
+        ray = wp.normalize(view.corner + column * view.across + row * view.down)
+        colour = view.background
+        share = FACING_AWAY
+        hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
+        if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
+            colour, share, _opacity = shade_hit(body, view, hit, ray, first, count)
+        else:
+            t, uv = meets_ground(view, ray)
+            if t > 0.0:
+                spot = view.eye + t * ray
+                share = visible_light(body, view, spot + GAP * t * view.ground_normal, first, count)
+                colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
+        if wp.static(through_glass):
+            through = wp.mesh_query_ray(glass.mesh, view.eye, ray, view.far)
+            if through.result and (through.t < hit.t or not hit.result):
+                if view.has_ground == 0 or height(view, view.eye + through.t * ray) >= -view.below:
+                    seen, own, opacity = shade_hit(glass, view, through, ray, first, count)
+                    colour = (1.0 - opacity) * colour + opacity * within_one(seen)
+                    # It changes where a penumbra on the glass begins, and where one behind it does.
+                    if share == FACING_AWAY:
+                        share = own
+                    elif own != FACING_AWAY:
+                        share = wp.abs(share - own)
+        return colour, share
+
+    return shade_ray

@@ -130,7 +130,9 @@ class Browser:
                 drawing = view.shown.drawing
                 points: Any = drawing.points.numpy()
                 for k, patch in enumerate(patches(drawing)):
-                    node = self._add_mesh(f"{ALL}/patch/{k}", patch.points(points), patch.faces, patch.colour)
+                    node = self._add_mesh(
+                        f"{ALL}/patch/{k}", patch.points(points), patch.faces, patch.colour, patch.opacity
+                    )
                     if patch.moves:
                         self._patches.append((node, patch))
                 self._add_ground()
@@ -182,9 +184,13 @@ class Browser:
         )
         self._nodes.append(grid)
 
-    def _add_mesh(self, name: str, points: np.ndarray, faces: np.ndarray, colour: np.ndarray) -> Any:
+    def _add_mesh(
+        self, name: str, points: np.ndarray, faces: np.ndarray, colour: np.ndarray, opacity: float | None = None
+    ) -> Any:
         """Add triangles that the mouse can drag."""
-        return self._let_drag(self._server.scene.add_mesh_simple(name, points, faces, color=colour, side="double"))
+        return self._let_drag(
+            self._server.scene.add_mesh_simple(name, points, faces, color=colour, opacity=opacity, side="double")
+        )
 
     def _let_drag(self, node: Any) -> Any:
         """Let the mouse pull the body through a node: at a point on triangles, or along a ray through an image."""

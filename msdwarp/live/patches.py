@@ -30,6 +30,8 @@ class Patch(NamedTuple):
     faces: NDArray[np.uint32]
     colour: NDArray[np.uint8]
     moves: bool
+    opacity: float | None
+    """Below 1; None: what is behind is hidden."""
 
     def points(self, drawn: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the patch's vertices [m], shape [vertex_count, 3], given the drawing's vertices `drawn`."""
@@ -52,7 +54,8 @@ def patches(drawing: Drawing) -> list[Patch]:
         for colour in np.unique(colours, axis=0):
             used, mine = compact(faces[(colours == colour).all(axis=1)])
             own = None if weights is None else weights[used]
-            found.append(Patch(corners[used], own, mine, colour, one.moves))
+            opacity = one.finish.reflectance.opacity
+            found.append(Patch(corners[used], own, mine, colour, one.moves, None if opacity == 1 else opacity))
     return found
 
 

@@ -28,6 +28,8 @@ except ImportError:  # there is none for this processor: slower, the same pictur
 
 MOST_WRITERS, WAITING = 8, 3
 """Maximal number of threads that write frames, and of pictures that wait for the film: limits of memory."""
+SMEARED = 16
+"""Pixels around what changes that a WebP film stores too: colours are smeared that far, and would stay."""
 FRAME_FORMATS = ("png", "none")
 FILM_FORMATS = ("webp", "mp4", "gif", "none")
 Picture = NDArray[np.uint8]
@@ -168,9 +170,12 @@ def _changed_part(image: Picture, before: Picture | None) -> tuple[bytes, bytes]
     if before is not None:
         differs = image.reshape(rows, -1) != before.reshape(rows, -1)
         row, column = (np.flatnonzero(differs.any(axis=axis)) // n for axis, n in ((1, 1), (0, 3)))
-        ends = [(part[0] // 2 * 2, part[-1] + 1) if len(part) else (0, 2) for part in (row, column)]
+        ends = [
+            (max(part[0] - SMEARED, 0) // 2 * 2, part[-1] + 1 + SMEARED) if len(part) else (0, 2)
+            for part in (row, column)
+        ]
         (top, bottom), (left, right) = ends  # the format's first row and column are even
-        rows, columns = bottom - top, right - left
+        rows, columns = min(bottom, rows) - top, min(right, columns) - left
     encoded = io.BytesIO()
     part = Image.fromarray(image[top : top + rows, left : left + columns])
     part.save(encoded, "WEBP", quality=75, method=2)  # the default method takes twice as long for 5 % fewer bytes

@@ -156,13 +156,15 @@ class RayCaster:
         width, height = self._size
         device = self.drawing.device
         inputs = [self._searched[0].body, self._searched[-1].body, self._view]
+        glass = len(self._searched) > 1
         tiles = -(-width // raycast.TILE) * -(-height // raycast.TILE)
         every = tiles * raycast.TILE**2
-        wp.launch(raycast.cast, every, inputs, [self._rays], device=device)
+        wp.launch(raycast.cast(glass), every, inputs, [self._rays], device=device)
         self._count.zero_()
         wp.launch(raycast.choose, every, [self._rays], [self._pixels, self._chosen, self._count], device=device)
         chosen = [self._points, self._threads, self._chosen, self._count]
-        wp.launch(raycast.refine(self._lanes), self._threads, [*inputs, *chosen], [self._pixels], device=device)
+        refine = raycast.refine(self._lanes, glass)
+        wp.launch(refine, self._threads, [*inputs, *chosen], [self._pixels], device=device)
         if self._over is not None:
             self._over.refit()
             inputs = [self._over.body, self._view]

@@ -14,6 +14,7 @@ from msdwarp.kernels.pictures.shading import (
     MIRRORS,
     ZENITH,
 )
+from msdwarp.live.patches import patches
 from msdwarp.pictures import Drawing
 from msdwarp.pictures.light import BOUNCE, FILL, HEAD, KEY, SKY, shininess
 from msdwarp.world import FINISHES
@@ -114,6 +115,11 @@ def test_of_two_glass_bodies_the_nearer_is_seen_wherever_it_is_in_the_system(bac
         images.append(renderer.bare(x, shadows=False).astype(int)[SIZE[1] // 2, SIZE[0] // 2])
     assert images[0][0] > images[0][2]
     np.testing.assert_array_equal(*images)
+
+
+def test_a_browser_sees_through_glass_alone():
+    scene = msd.Scene(system=BOX, colliders=[msd.Sphere((1, 0, 0), 0.2)], look=msd.Look(finish="glass"))
+    assert {one.opacity for one in patches(Drawing(scene, "texture"))} == {FINISHES["glass"].opacity, None}
 
 
 def test_where_colours_show_quantities_all_is_matt():
