@@ -49,6 +49,7 @@ class Rasteriser:
         if drawing.glass.any():
             self._bodies.append(_body_of(drawing, drawing.glass))
             self._bodies[1].glass = 1
+        self._glass = np.unique(drawing.triangles[drawing.glass])
         self._over = None if arrows is None else _body_of(arrows)
         self._nearest = [wp.zeros((4 * shape[0], shape[1]), dtype=wp.uint64, device="cpu") for _ in self._bodies]
         self._backdrop = wp.zeros(shape, dtype=wp.vec3ub, device="cpu")
@@ -80,28 +81,29 @@ class Rasteriser:
                 self._map.follow(points)
                 if self._stage.ground is not None:
                     changed = np.concatenate([points, self._map.on_ground(points, self._stage.ground, AROUND)])
-            self._lay_over(self._bodies, changed, shadows=shadows)
+            of_glass = self._drawing.points.numpy()[self._glass]
+            self._lay_over(self._bodies, [changed, of_glass], shadows=shadows)
         if self._arrows is not None:
-            self._lay_over([self._over], self._arrows.points.numpy(), shadows=False)
+            self._lay_over([self._over], [self._arrows.points.numpy()], shadows=False)
         return self._pixels.numpy().astype(np.uint8)  # a copy
 
-    def _lay_over(self, bodies: list[Any], points: NDArray, *, shadows: bool) -> None:
-        """Draw triangles over the picture, and glass over these, within the part that holds `points`."""
+    def _lay_over(self, bodies: list[Any], points: list[NDArray], *, shadows: bool) -> None:
+        """Draw triangles over the picture, and glass over these, each within the part that holds its `points`."""
         self._view.shadows = int(shadows)
-        layers = list(zip(bodies, self._nearest, strict=False))
+        layers = list(zip(bodies, self._nearest, points, strict=False))
         before = wp.zeros((0, 0), dtype=wp.uint64, device="cpu")
-        for body, nearest in layers:
+        for body, nearest, _ in layers:
             inputs = [body, self._view, before]
             wp.launch(raster.draw_triangles, len(body.triangles), inputs, [nearest], device="cpu")
             before = nearest
-        row, column, rows, columns = self._camera.frame(points, *self._pixels.shape)
-        # Align squares of 2 x 2 pixels equally in all pictures, whatever part changes.
-        rows, columns = rows + row % 2, columns + column % 2
-        row, column = row - row % 2, column - column % 2
-        bands = [(row + k, column, min(BAND, rows - k), columns) for k in range(0, rows, BAND)]
-        # Warp's native code releases Python's lock.
-        for layer in layers:
-            for _ in self._pool.map(partial(self._shade, *layer), bands):
+        for body, nearest, around in layers:
+            row, column, rows, columns = self._camera.frame(around, *self._pixels.shape)
+            # Align squares of 2 x 2 pixels equally in all pictures, whatever part changes.
+            rows, columns = rows + row % 2, columns + column % 2
+            row, column = row - row % 2, column - column % 2
+            bands = [(row + k, column, min(BAND, rows - k), columns) for k in range(0, rows, BAND)]
+            # Warp's native code releases Python's lock.
+            for _ in self._pool.map(partial(self._shade, body, nearest), bands):
                 pass
 
     def _shade(self, body: Any, nearest: wp.array, part: tuple[int, int, int, int]) -> None:
