@@ -116,9 +116,10 @@ def _numbers_of_air(dim: int, scalar: type, Data: Any, function: Any, on_faces: 
 
     @wp.func
     def numbers(data: Data, e: int, i: int, stage: int) -> Numbers:
-        w = data.wind[i]
+        member = i
         if wp.static(on_faces):
-            w = data.wind[e]
+            member = e
+        w = data.wind[member]
         own = Numbers()
         own[0] = data.winds.drag[w]
         own[1] = data.winds.lift[w]
