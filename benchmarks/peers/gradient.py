@@ -63,8 +63,9 @@ def of_msdwarp(body: Body, device: str, precision: str = "float32") -> Run:
         run.backward(by_position, [None] * (FRAMES + 1))
 
     count, c = body.system.particle_count, body.system.connection_count
-    # States: a checkpoint a frame, and the tape of one; derivatives; constants of springs in both precisions.
-    memory = 32.0 * count * (FRAMES + 1 + SUBSTEPS + 1) + 92.0 * count + 12.0 * c
+    # States: a checkpoint a frame, and the tapes of all and of one; derivatives; constants of springs in both
+    # precisions.
+    memory = 32.0 * count * (FRAMES + 1 + (FRAMES + 1) * (SUBSTEPS + 1)) + 92.0 * count + 12.0 * c
     return both, lambda: run.found(["position"])["position"], memory
 
 

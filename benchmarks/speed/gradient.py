@@ -25,7 +25,7 @@ from msdwarp import Ensemble, Leapfrog, Simulation, box
 from ..common import arguments, machine, read_csv, table, write_csv
 
 WORLDS = (64, 1000, 10_000)
-SIZES, FRAMES, SUBSTEPS, REPEATS = (10, 20, 32, 64, 100), 10, 20, 5
+SIZES, FRAMES, SUBSTEPS, REPEATS = (10, 20, 32, 64, 100), 10, 20, 15
 BY = {"state": ("position", "velocity"), "state and stiffness": ("position", "velocity", "stiffness")}
 
 

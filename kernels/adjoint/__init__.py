@@ -18,7 +18,13 @@ from .springs import (
     Wanted as Wanted,
     in_lattice as in_lattice,
     in_table as in_table,
+    is_linear as is_linear,
     springs_adjoint as springs_adjoint,
 )
 from .stages import combination_adjoint as combination_adjoint, keep_state as keep_state
+from .stencil import (
+    BLOCK as BLOCK,
+    stencil_adjoint as stencil_adjoint,
+    stencil_table as stencil_table,
+)
 from .worlds import in_worlds as in_worlds

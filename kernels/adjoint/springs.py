@@ -97,12 +97,16 @@ def linear_adjoint(dim: int, scalar: type, damped: bool):
     return adjoint
 
 
+def is_linear(laws: Laws) -> bool:
+    """Tell whether springs and dampers have linear laws, whose adjoint is written by hand."""
+    return laws.spring is None and laws.damper in (None, LINEAR)
+
+
 @functools.cache
 def derivatives(dim: int, scalar: type, laws: Laws):
     """Compose the derivatives of ψ·F of a spring, by Δx, Δv, rest length, stiffness, damping and strain."""
-    V, (damper, spring) = vector(dim, scalar), laws
-    plain = spring is None and damper in (None, LINEAR)
-    projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, damper is not None)
+    V, plain = vector(dim, scalar), is_linear(laws)
+    projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, laws.damper is not None)
 
     @wp.func
     def derive(dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
@@ -250,6 +254,44 @@ def keeping(scalar: type, wanted: Wanted):
 
 
 @functools.cache
+def adding(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
+    """Compose wp.func that adds sums over springs to the derivatives by the state of particle i.
+
+    Then it propagates these back through the kick and drift of the substep before; see `kick_back`.
+    """
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    lead_back = kick_back(dim, scalar, by_mass, by_gravity)
+
+    @wp.func
+    def add(
+        i: int,
+        sum_x: V,
+        sum_v: V,
+        v: wp.array(dtype=V),
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        drift: scalar,
+        kick: scalar,
+        inverse_mass: wp.array(dtype=scalar),
+        gravity: V,
+        v_before: wp.array(dtype=V),
+        by_inverse_mass: wp.array(dtype=scalar),
+        by_gravity_of: wp.array(dtype=V),
+        phi_before: wp.array(dtype=V),
+    ):
+        back_x = load(by_x, i) + sum_x
+        store(by_x, i, back_x)
+        back = load(by_v, i) + sum_v + drift * back_x
+        push = V()
+        if wp.static(by_mass):
+            push = (load(v, i) - load(v_before, i)) - kick * gravity
+        store(by_v, i, back)
+        store(phi_before, i, lead_back(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
+
+    return add
+
+
+@functools.cache
 def springs_adjoint(
     dim: int,
     scalar: type,
@@ -268,9 +310,9 @@ def springs_adjoint(
 
     Then derivatives are propagated back through the kick and drift of the substep before; see `kick_back`.
     """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    V, load = vector(dim, scalar), records(dim, scalar).load
     damped, own = laws.damper is not None, any(wanted)
-    derive, lead_back = derivatives(dim, scalar, laws), kick_back(dim, scalar, by_mass, by_gravity)
+    derive, add = derivatives(dim, scalar, laws), adding(dim, scalar, by_mass, by_gravity)
     keep = keeping(scalar, wanted)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
     Table, range_of, look, spring_of, owns, strain_of = neighbours
@@ -334,17 +376,25 @@ def springs_adjoint(
                         if owns(table, i, slot, c):
                             keep(c, by_rest, by_k, by_b, by_s, by_rest_length, by_stiffness, by_damping, by_strain)
                 slot += wp.static(lanes) * step
-            sum_x = load(by_x, i) + sum_of_lanes(sum_x)
-            sum_v = load(by_v, i) + sum_of_lanes(sum_v)
+            sum_x = sum_of_lanes(sum_x)
+            sum_v = sum_of_lanes(sum_v)
             if lane == 0:
-                store(by_x, i, sum_x)
-                w = inverse_mass[i]
-                back = sum_v + drift * sum_x
-                push = V()
-                if wp.static(by_mass):
-                    push = (load(v, i) - load(v_before, i)) - kick * gravity
-                store(by_v, i, back)
-                store(phi_before, i, lead_back(i, kick, w, back, push, by_inverse_mass, by_gravity_of))
+                add(
+                    i,
+                    sum_x,
+                    sum_v,
+                    v,
+                    by_x,
+                    by_v,
+                    drift,
+                    kick,
+                    inverse_mass,
+                    gravity,
+                    v_before,
+                    by_inverse_mass,
+                    by_gravity_of,
+                    phi_before,
+                )
             i += threads / wp.static(lanes)
 
     return add_springs_adjoint

@@ -23,9 +23,12 @@ from ..integrators import Integrator, StepChoice
 from ..runtime import record
 from .stepping import Stepping
 
-SHARE = 0.25
-"""Most of the free memory that states at the start of all frames may take. On a CPU the frames that the loss gets
-take nearly as much again, and its derivatives twice that."""
+SHARE, SHARE_OF_SUBSTEPS = 1 / 4, 1 / 16
+"""Most of the free memory that states at the start of all frames may take, and those of all substeps. On a CPU the
+frames that the loss gets take nearly as much again as the former, and its derivatives twice that."""
+
+LEAST_DIRECT = 200_000
+"""Number of particles from which on a GPU takes longer for a launch than the host for making it (on an H200)."""
 
 
 class Frames(NamedTuple):
@@ -89,11 +92,17 @@ class Differentiated:
         """Time by which the method's velocities lag behind the velocities that users give and read [s]."""
         work, tableau, names = own.workspace(state), own.tableau, set(wanted)
         self._tape = Tape(dynamics, choice.substeps, lambda one: own.substep(one, work, choice.step))
-        self._adjoint = (
-            Adjoint(dynamics, names) if tableau is None else StageAdjoint(dynamics, names, tableau, choice.step)
-        )
+        if tableau is None:
+            self._adjoint = Adjoint(dynamics, names)
+        else:
+            self._adjoint = StageAdjoint(dynamics, names, tableau, choice.step, self._tape)
         self._by_stage = dict[str, NDArray[np.float64]]()
         self._checkpoints, self._between = list[Sequence[wp.array]](), list[Sequence[wp.array]]()
+        self._kept = list[tuple[wp.array, Sequence[Any]]]()
+        """The memory of the tape, and its states, of each frame if they fit: then no frame is taken again."""
+        model = self._model
+        self._direct = model.device.is_cuda and tableau is None and model.worlds * model.stride >= LEAST_DIRECT
+        """Whether derivatives are led back from `_kept`, not from a copy of it on the tape."""
         self._every, self._part = 1, 0
         """A checkpoint is every so many frames; the states between are those after checkpoint number `_part`."""
         self._v_read, self._times = self._model.vectors(), list[float]()
@@ -142,16 +151,22 @@ class Differentiated:
             if k > 0 and not stepping.advance(times[k - 1]):
                 raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
             copy_vectors(self._place(k), now)
+            if k > 0 and self._kept:
+                wp.copy(self._kept[k - 1][0], self._tape.storage)
             look(k)
         self._part = frames // self._every
 
     def _make_room(self, count: int) -> None:
-        """Make room for the states at the start of `count` frames; if they take too much memory, for 2 √count."""
+        """Make room for the states of all substeps, or at the start of `count` frames, or for 2 √count, as fit."""
         x: Any = self._first[0]
-        device, size = x.device, 2 * len(x) * x.strides[0]
+        device, size, substeps = x.device, 2 * len(x) * x.strides[0], len(self._tape.states)
+        self._kept = []
         free = device.free_memory if device.is_cuda else checks.free_memory()
         many = free is not None and count * size > SHARE * free
         self._every = math.isqrt(count - 1) + 1 if many else 1
+        if free is not None and (count - 1) * substeps * size <= SHARE_OF_SUBSTEPS * free:
+            self._kept = [self._tape.another() for _ in range(count - 1)]
+        self._stepping.launch_substeps_by(self._launch_on_tape if self._kept else self._stepping.stepper.take)
         self._checkpoints = [self._model.vectors_together(2) for _ in range(0, count, self._every)]
         self._between = [self._model.vectors_together(2) for _ in range(self._every - 1)]
 
@@ -199,6 +214,7 @@ class Differentiated:
         adjoint.add_up()
         most = np.maximum.accumulate(added[::-1])[::-1]
         sizes = np.hypot(*np.moveaxis(adjoint.sizes() * [1.0, self._fps], -1, 0))
+        sizes[:, self.stopped] = 0.0
         return self._model.of_each((sizes / np.where(most > 0, most, np.inf)).T)
 
     def _add(self, k: int, by_x: NDArray | None, by_v: NDArray | None) -> None:
@@ -227,10 +243,17 @@ class Differentiated:
         self._tape.go_to(0)
 
     def _lead_back(self, k: int) -> None:
-        """Repeat frame k, and lead derivatives back through it; for k = 0 also to the given velocities."""
-        self._restart(k)
+        """Lead derivatives back through frame k; for k = 0 also to the given velocities."""
+        storage, states = self._kept[k] if self._kept else (None, None)
+        if storage is None:
+            self._restart(k)
+        elif not self._direct:
+            wp.copy(self._tape.storage, storage)
         self._dynamics.begin_frame(float(self._times[k]))
-        self._play(self._launch_back)
+        if storage is not None and self._direct:
+            self._launch_adjoint(states)
+        else:
+            self._play(self._launch_back if storage is None else self._launch_adjoint)
         if k == 0 and self._lag:
             x, v = self._checkpoints[0]
             self._dynamics.hold(float(self._times[0]))
@@ -263,10 +286,21 @@ class Differentiated:
         """Launch a frame's substeps once more, without a judgement: it was fine."""
         self._stepping.stepper.take(self._stepping.choice.substeps)
 
-    def _launch_back(self) -> None:
-        """Launch a frame's substeps, and their adjoints from the last to the first."""
+    def _launch_on_tape(self, substeps: int) -> None:
+        """Launch a frame's substeps, and keep all their states on the tape."""
+        now = self._stepping.state.x, self._stepping.state.v
+        copy_vectors(self._tape.states[0], now)
         self._tape.launch()
-        self._adjoint.frame(self._h, self._tape)
+        copy_vectors(now, self._tape.states[-1])
+
+    def _launch_back(self) -> None:
+        """Launch a frame's substeps again, and their adjoints."""
+        self._tape.launch()
+        self._launch_adjoint()
+
+    def _launch_adjoint(self, states: Sequence[Any] | None = None) -> None:
+        """Launch the adjoints of a frame's substeps, by default those on the tape, from the last to the first."""
+        self._adjoint.frame(self._h, self._tape.states if states is None else states)
         self._adjoint.add_up()
 
     def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:

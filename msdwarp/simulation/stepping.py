@@ -1,6 +1,6 @@
 """Stepping: advances the worlds on a device frame by frame."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -97,6 +97,7 @@ class Stepping:
             after_substep=None if self._substep_sensors is None else self._measure_substep,
             blocks=blocks,
         )
+        self._launch_substeps: Callable[[int], None] = self.stepper.take
         self._balance_graph: Any = None
         self._generation = self.model.generation
         self._unrecorded = self._unsummed = 0
@@ -134,6 +135,11 @@ class Stepping:
     def at_start(self) -> bool:
         """Whether velocities are still as given, before any substep."""
         return self._time == 0.0
+
+    def launch_substeps_by(self, launch: Callable[[int], None]) -> None:
+        """Have `launch`, a function of their number, launch the substeps of later frames."""
+        self._tracks.forget_graphs()
+        self._launch_substeps = launch
 
     def set_gravity(self, gravity: ArrayLike) -> None:
         """Set a constant gravity [m/s²]. Graphs that contain the old gravity are recorded again."""
@@ -279,7 +285,7 @@ class Stepping:
         track.backup.save()
         if self.contact_forces is not None:
             self.contact_forces.begin()
-        self.stepper.take(self.choice.substeps)
+        self._launch_substeps(self.choice.substeps)
         for effect in self.assembly.all:
             effect.look()
         if track.sums_balance and self._energy_sums is not None:

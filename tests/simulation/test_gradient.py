@@ -34,6 +34,7 @@ from msdwarp import (
     box,
 )
 from msdwarp.engine import Effect, Model
+from msdwarp.engine.adjoint import spring_adjoints
 from msdwarp.engine.adjoint.adjoint import DIFFERENTIABLE, WORDS
 from msdwarp.simulation import gradient_run
 from msdwarp.world import MouseSpring
@@ -53,14 +54,16 @@ def test_derivatives_are_those_of_central_differences(name, method, plain_device
     check(block(), name, found, integrator=METHODS[method], force_algorithm="gather", device=plain_device)
 
 
-@pytest.mark.parametrize("algorithm", ["scatter", "stencil"])
+@pytest.mark.parametrize("algorithm", ["scatter", "stencil", "large stencil"])
 @pytest.mark.parametrize("method", METHODS)
-def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_device):
+def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_device, monkeypatch):
     body = box((4, 3, 3), 0.1, stiffness=300.0, damping=0.3)
     body = body.replace(position=body.position * [1.05, 0.98, 1.0])
     found = []
+    monkeypatch.setattr(spring_adjoints, "is_large", lambda model: algorithm.startswith("large"))
     for one in ("gather", algorithm):
-        run = simulation(body, integrator=METHODS[method], force_algorithm=one, device=plain_device)
+        options = {"integrator": METHODS[method], "force_algorithm": one.split()[-1], "device": plain_device}
+        run = simulation(body, **options)
         found.append(run.gradient(loss, FRAMES, by=NAMES))
     for name in NAMES:
         scale = np.abs(found[0][name]).max()
@@ -79,7 +82,8 @@ def test_threads_share_the_way_back(method, monkeypatch):
         options = {"integrator": method, "threads": threads, "device": "cpu"}
         run = simulation(body, colliders=[plane], loads=loads, **options)
         found.append(run.gradient(loss, FRAMES, by=names))
-    monkeypatch.setattr(gradient_run, "SHARE", 0.0)
+    for share in ("SHARE", "SHARE_OF_SUBSTEPS"):
+        monkeypatch.setattr(gradient_run, share, 0.0)
     again = run.gradient(loss, FRAMES, by=names)  # takes frames again whose states do not fit
     for name in names:  # the threads sum forces in another order
         scale = np.abs(found[0][name]).max()
@@ -201,6 +205,7 @@ def test_memory_grows_with_the_root_of_frames_that_do_not_fit(share, states, mon
         return make(model, count)
 
     monkeypatch.setattr(gradient_run, "SHARE", share)
+    monkeypatch.setattr(gradient_run, "SHARE_OF_SUBSTEPS", 0.0)
     monkeypatch.setattr(Model, "vectors_together", counting)
     body, found = simulation(block(), substeps=8, device="cpu"), []
     for frames in (24, 99):

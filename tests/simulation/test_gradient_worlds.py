@@ -121,11 +121,15 @@ def test_states_that_do_not_fit_are_taken_again_to_the_last_bit(case, monkeypatc
     ensemble.step(1)
     for run, told in ((ensemble, losses), (ensemble.simulation_of(1), loss)):
         found = []
-        for share in (1.0, 0.0):
+        shares = [(1.0, 1.0), (1.0, 0.0), (0.0, 0.0)] + [(1.0, 1.0)] * (plain_device != "cpu")
+        for share, of_substeps in shares:
             monkeypatch.setattr(gradient_run, "SHARE", share)
-            found.append(run.gradient(told, 10, by=names))  # 11 states: 4, 4 and 3
-        for name in names:
-            np.testing.assert_array_equal(found[1][name], found[0][name], err_msg=name)
+            monkeypatch.setattr(gradient_run, "SHARE_OF_SUBSTEPS", of_substeps)
+            monkeypatch.setattr(gradient_run, "LEAST_DIRECT", 0 if len(found) == 3 else 10**9)
+            found.append(run.gradient(told, 10, by=names))  # the third has 11 states: 4, 4 and 3
+        for one in found[1:]:
+            for name in names:
+                np.testing.assert_array_equal(one[name], found[0][name], err_msg=name)
 
 
 def test_derivatives_of_worlds_are_those_of_central_differences(plain_device):

@@ -1,6 +1,6 @@
 """Adjoint: propagates derivatives of a loss back through the launches of substeps."""
 
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,7 +14,6 @@ from ...kernels.adjoint import (
     add_given,
     forget,
     kick_adjoint,
-    springs_adjoint,
     squares,
     widen,
 )
@@ -37,10 +36,7 @@ from .element_adjoints import ElementAdjoints
 from .motion_adjoint import MotionAdjoint
 from .number_sums import NumberSums
 from .spring_adjoints import InTable, springs_of_particles
-from .tape import Tape
 
-MOST_LANES, MOST_THREADS = 16, 80_000
-"""Most threads that share a particle on a GPU, and most in such a launch: more would wait (on an H100)."""
 GIVEN = (Drives, Weight, Work)
 DIFFERENTIABLE = (ActuatedSprings, EmbeddedVertices, ExtraSprings, SoftColliders, *GIVEN)
 """Effects without `elements` that have an adjoint, or whose forces do not depend on the motion."""
@@ -86,11 +82,7 @@ class Adjoint:
             self._inverse_mass = wp.array(each.ravel(), dtype=model.scalar, device=device)
         self._others = others
         self._kick = kick_adjoint(model.dim, model.scalar, *others)
-        self._lanes = MOST_LANES if device.is_cuda else 1
-        while self._lanes > 1 and self._lanes * self._count > MOST_THREADS:
-            self._lanes //= 2
-        kinds = (model.dim, model.scalar, model.laws, own, self._springs.neighbours, self._lanes)
-        self._pull = springs_adjoint(*kinds, *others, actuated is not None)
+        self._pull = self._springs.kernel(own, *others)
         self._own: dict[str, wp.array] = {
             name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
             for name in (*CONSTANTS, "strain")
@@ -142,7 +134,8 @@ class Adjoint:
         if others[1]:
             self._totals["gravity"] = in_records(self._count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
-        self._given: Any = wp.zeros(self._count, dtype=model.vector, device=device)
+        self._staged = wp.zeros(self._count, dtype=model.vector, device="cpu", pinned=device.is_cuda)
+        self._given = wp.zeros_like(self._staged, device=device, pinned=False)
         self._aside: tuple[wp.array, ...] = ()
         self._partition = dynamics.partition
 
@@ -187,13 +180,13 @@ class Adjoint:
             if self.motions is not None:
                 self.motions.sums.add_up(stage)
 
-    def frame(self, h: float, tape: Tape) -> None:
-        """Lead derivatives back through the substeps (h seconds each) of a frame, which are stored on a tape.
+    def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
+        """Lead derivatives back through the substeps (h seconds each) of a frame, given its `Tape.states`.
 
         If only springs act, one launch goes back through the forces of a substep and then through the kick of the
         previous one.
         """
-        states, last = tape.states, len(tape.states) - 1
+        last = len(states) - 1
         self.forget_driven(last)
         self._lead_kick_back(h, h, states[-2][1], states[-1][1])
         for n in reversed(range(last)):
@@ -221,7 +214,7 @@ class Adjoint:
         h, v_before = (0.0, v) if v_before is None else (h, v_before)
         kick = [h, h, self._inverse_mass, self._gravity, v_before, self._by_inverse_mass, self._by_gravity]
         inputs = [self._springs.table, stage, *state, *self._own.values(), *kick, self._next_phi]
-        self._launch(self._pull, self._count, inputs, self._lanes)
+        self._springs.launch(self._pull, inputs, self._launch)
         for one in self._elements:
             one.lead_back(x, v, self._phi, self.by_x, self.by_v, stage)
         if self._soft is not None:
@@ -257,8 +250,10 @@ class Adjoint:
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
         """Add host values of shape [particle_count, d], or [worlds, particle_count, d], to derivatives."""
         model = self._model
-        each = values.reshape(model.worlds, model.particle_count, model.dim)
-        self._given.assign(model.spread(each.astype(model.dtype)))
+        rows = self._staged.numpy().reshape(model.worlds, model.stride, model.dim)
+        wp.synchronize_device(model.device)  # it may still copy what was added last
+        rows[:, : model.particle_count] = values.reshape(model.worlds, model.particle_count, model.dim)
+        wp.copy(self._given, self._staged)
         wp.launch(add_given(model.dim, model.scalar), len(to), [self._given, to], device=model.device)
 
     @contextmanager

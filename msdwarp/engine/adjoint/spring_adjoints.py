@@ -1,5 +1,6 @@
 """The adjoint of spring forces on a device, with a table of neighbours, or for a uniform lattice without."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -7,21 +8,59 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import in_lattice, in_table, in_worlds
+from ...kernels.adjoint import (
+    BLOCK,
+    Neighbours,
+    Wanted,
+    in_lattice,
+    in_table,
+    in_worlds,
+    is_linear,
+    springs_adjoint,
+    stencil_adjoint,
+    stencil_table,
+)
 from ...kernels.springs import CONSTANTS, stencil_rows
 from ..loads.actuators import ActuatedSprings
 from ..model.lattice import Lattice, NotALattice, find_lattice
 from ..model.model import Model
 from ..springs.force_algorithms import neighbour_table, records_of_three
 
+MOST_LANES, MOST_THREADS = 16, 80_000
+"""Most threads that share a particle on a GPU, and most in such a launch: more would wait (on an H100)."""
 
-class InTable:
+
+class OverParticles:
+    """An adjoint whose launches are over particles, in several lanes each if they are few.
+
+    `neighbours` tells how their springs are found.
+    """
+
+    def __init__(self, model: Model, neighbours: Neighbours) -> None:
+        self._model, self.neighbours, self._actuated = model, neighbours, None
+        self._count = model.worlds * model.stride
+        self._lanes = MOST_LANES if model.device.is_cuda else 1
+        while self._lanes > 1 and self._lanes * self._count > MOST_THREADS:
+            self._lanes //= 2
+
+    def kernel(self, wanted: Wanted, by_mass: bool, by_gravity: bool) -> Any:
+        """Compose the kernel of the adjoint."""
+        model, actuated = self._model, self._actuated is not None
+        kinds = model.dim, model.scalar, model.laws, wanted, self.neighbours, self._lanes
+        return springs_adjoint(*kinds, by_mass, by_gravity, actuated)
+
+    def launch(self, kernel: Any, inputs: list[Any], over: Callable[..., None]) -> None:
+        """Launch the kernel by `over`, which launches over particles."""
+        over(kernel, self._count, inputs, self._lanes)
+
+
+class InTable(OverParticles):
     """The springs of each particle in a table, for every system, in one world or many."""
 
     def __init__(self, model: Model, actuated: ActuatedSprings | None) -> None:
-        self._model, self._actuated = model, actuated
         neighbours = in_worlds if model.in_worlds else in_table
-        self.neighbours = neighbours(model.scalar, model.laws.damper is not None)
+        super().__init__(model, neighbours(model.scalar, model.laws.damper is not None))
+        self._actuated = actuated
         self.entries = model.worlds * model.connection_count
         """Entries of the derivatives by a constant."""
         column = np.full(model.connection_count if actuated is not None else 1, -1, dtype=np.int32)
@@ -56,12 +95,12 @@ class InTable:
         return model.of_each(model.in_system_order(values.reshape(model.worlds, -1).T).T)
 
 
-class InLattice:
+class InLattice(OverParticles):
     """The springs of a uniform lattice without ties and actuators: neighbours are at constant offsets."""
 
     def __init__(self, model: Model, lattice: Lattice) -> None:
-        self._lattice, self._model = lattice, model
-        self.neighbours = in_lattice(model.scalar)
+        super().__init__(model, in_lattice(model.scalar))
+        self._lattice = lattice
         self.entries = len(lattice.steps) * model.particle_count
         bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
         offset, constants = (one[np.argsort(bits)] for one in lattice.neighbours())
@@ -77,11 +116,41 @@ class InLattice:
         return result
 
 
+class InStencil(InLattice):
+    """The springs of a large uniform lattice on a GPU, with the loop over neighbours unrolled."""
+
+    def __init__(self, model: Model, lattice: Lattice) -> None:
+        super().__init__(model, lattice)
+        table = self.table = stencil_table(model.scalar, lattice.steps)()
+        table.mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
+        table.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
+        for name in CONSTANTS:
+            values = lattice.constants[name][0]
+            setattr(table, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
+
+    def kernel(self, wanted: Wanted, by_mass: bool, by_gravity: bool) -> Any:
+        """Compose the kernel of the adjoint."""
+        model = self._model
+        kinds = model.dim, model.scalar, model.laws, wanted, self._lattice.steps
+        return stencil_adjoint(*kinds, by_mass, by_gravity)
+
+    def launch(self, kernel: Any, inputs: list[Any], over: Callable[..., None]) -> None:
+        """Launch the kernel with a thread for each particle."""
+        wp.launch(kernel, self._count, inputs, device=self._model.device, block_dim=BLOCK)
+
+
+def is_large(model: Model) -> bool:
+    """Tell whether a GPU has enough particles for one thread each."""
+    return model.device.is_cuda and 2 * model.stride > MOST_THREADS
+
+
 def springs_of_particles(model: Model, actuated: ActuatedSprings | None) -> InTable | InLattice:
     """Return the fastest way to find the springs of each particle."""
     if actuated is None and not model.in_worlds:
         with suppress(NotALattice):
             lattice = model.lattice or find_lattice(model.system)
             if lattice.uniform and not len(lattice.ties):
-                return InLattice(model, lattice)
+                # Only a model with a lattice has arrays with the margins that a stencil reads.
+                unrolled = model.lattice is not None and is_linear(model.laws) and is_large(model)
+                return InStencil(model, lattice) if unrolled else InLattice(model, lattice)
     return InTable(model, actuated)

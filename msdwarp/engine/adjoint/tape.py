@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import warp as wp
 
+from ..device.vector_arrays import rows_like
 from ..model.state import State
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Solve, Stage
@@ -25,17 +26,21 @@ class Tape:
     def __init__(
         self, dynamics: Dynamics, substeps: int, stages: Callable[[State], Sequence[Stage | Solve]]
     ) -> None:
-        self._dynamics, model = dynamics, dynamics.model
-        self.state = State(model)
+        self._dynamics = dynamics
+        self.state = State(dynamics.model)
         """The state that stages read and write: successive entries of `states`."""
         instant = self.state.state_in
-        self.states = [model.vectors_together(2) for _ in range(substeps + 1)]
-        """Positions [m] and the method's velocities [m/s] before each substep, and at the end."""
+        self.storage, self.states = rows_like((instant.x, instant.v), substeps + 1)
+        """Positions [m] and the method's velocities [m/s] before each substep and at the end; and their memory."""
         self._instants = [instant._replace(x=x, v=v) for x, v in self.states]
         self._stages = []
         for k in range(substeps):
             self.go_to(k)
             self._stages.append(stages(self.state))
+
+    def another(self) -> tuple[wp.array, Sequence[tuple[wp.array, ...]]]:
+        """Return memory like `storage`, and the states in it."""
+        return rows_like(self.states[0], len(self.states))
 
     def go_to(self, substep: int) -> None:
         """Make the start of a substep the current state."""

@@ -1,5 +1,6 @@
 """Arrays of vectors in the records of `msdwarp.kernels.records`."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import warp as wp
@@ -34,3 +35,14 @@ def records_together(
     Vector, strides, step = vector(dim, scalar), (length * size,), each * size
     begin = margin * length * size
     return tuple(view_of(storage, count, strides, Vector, begin + k * step) for k in range(arrays))
+
+
+def rows_like(together: Sequence[wp.array], rows: int) -> tuple[wp.array, list[tuple[wp.array, ...]]]:
+    """Return an array of `rows` rows, and for each row views like arrays in one shared allocation."""
+    one: Any = together[0]._ref
+    assert all(each._ref is one for each in together), "the arrays are too large for a shared allocation"
+    storage = wp.zeros((rows, one.size), dtype=one.dtype, device=one.device)
+    return storage, [
+        tuple(view_of(row, each.shape, each.strides, each.dtype, each.ptr - one.ptr) for each in together)
+        for row in (storage[k] for k in range(rows))
+    ]

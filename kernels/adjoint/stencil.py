@@ -1,0 +1,136 @@
+"""The adjoint of spring forces in a uniform lattice, with its loop over neighbours unrolled."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel, vector
+from ..records import records
+from ..springs.spring_laws import Laws
+from ..springs.stencil import stencil_layout, stencil_rows
+from .springs import Wanted, adding, derivatives, keeping
+
+BLOCK = 256
+BOUNDS = (BLOCK, 4)
+"""Threads in a block, and launch bounds, which limit registers: fastest on an H200, of 1 to 5 blocks."""
+
+
+@functools.cache
+def stencil_table(scalar: type, steps: tuple):
+    """Compose the struct that `stencil_adjoint` reads."""
+    Shifts = wp.types.vector(len(stencil_rows(steps)[0]), int)
+    Constants = wp.types.vector(len(steps), scalar)
+
+    @wp.struct
+    class Table:
+        mask: wp.array(dtype=wp.uint32)  # bits of existing neighbours, shape [particle_count]
+        shift: Shifts  # index offset of each row of neighbours
+        # Of each direction:
+        rest_length: Constants  # [m]
+        stiffness: Constants  # [N/m]
+        damping: Constants  # b in the units of the law
+
+    return Table
+
+
+@functools.cache
+def stencil_adjoint(
+    dim: int, scalar: type, laws: Laws, wanted: Wanted, steps: tuple, by_mass: bool, by_gravity: bool
+):
+    """Compose the kernel of `springs_adjoint` for a uniform lattice; see `springs.stencil`.
+
+    Derivatives by constants have an entry for each direction from each particle, as in `in_lattice`.
+    """
+    V, load = vector(dim, scalar), records(dim, scalar).load
+    damped, own, Table = laws.damper is not None, any(wanted), stencil_table(scalar, steps)
+    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
+    add = adding(dim, scalar, by_mass, by_gravity)
+    rows, neighbours = stencil_rows(steps)
+    most, layout = max(map(len, neighbours)), stencil_layout(1, rows, neighbours)
+
+    def field(r: int, n: int, name: str) -> int:
+        return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
+
+    def owns(r: int, n: int) -> bool:
+        """Tell whether the particle writes the derivatives by the constants of this spring."""
+        return own and field(r, n, "bit") < 1 << len(steps)
+
+    def add_stencil_adjoint(
+        table: Table,
+        stage: int,
+        # State, at which the forces were evaluated:
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        phi: wp.array(dtype=V),  # ∂L/∂F of each particle
+        # In and out, derivatives by:
+        by_x: wp.array(dtype=V),
+        by_v: wp.array(dtype=V),
+        by_rest_length: wp.array(dtype=scalar),  # shape [direction_count · particle_count]
+        by_stiffness: wp.array(dtype=scalar),
+        by_damping: wp.array(dtype=scalar),
+        by_strain: wp.array(dtype=scalar),
+        # The substep before, for `kick_back`; 0 for none:
+        drift: scalar,
+        kick: scalar,
+        inverse_mass: wp.array(dtype=scalar),
+        gravity: V,
+        v_before: wp.array(dtype=V),
+        by_inverse_mass: wp.array(dtype=scalar),
+        by_gravity_of: wp.array(dtype=V),
+        phi_before: wp.array(dtype=V),
+    ):
+        i = wp.tid()
+        mask = table.mask[i]
+        if wp.static(layout) < 0:  # never true, see stencil_layout
+            return
+        x_i = load(x, i)
+        phi_i = load(phi, i)
+        v_i = V()
+        dv = V()
+        if wp.static(damped):
+            v_i = load(v, i)
+        sum_x = V()
+        sum_v = V()
+        for r in range(wp.static(len(rows))):
+            row = i + table.shift[r]
+            for n in range(wp.static(most)):
+                if wp.static(n < len(neighbours[r])):
+                    j = row + wp.static(field(r, n, "along"))
+                    d = wp.static(field(r, n, "direction"))
+                    if wp.static(damped):
+                        dv = v_i - load(v, j)
+                    by_dx, by_dv, by_rest, by_k, by_b, by_s = derive(
+                        x_i - load(x, j),
+                        dv,
+                        phi_i - load(phi, j),
+                        table.rest_length[d],
+                        table.stiffness[d],
+                        table.damping[d],
+                        scalar(0.0),
+                    )
+                    # Data read for a missing neighbour are discarded.
+                    if (mask & wp.uint32(wp.static(field(r, n, "bit")))) != wp.uint32(0):
+                        sum_x += by_dx
+                        sum_v += by_dv
+                        if wp.static(owns(r, n)):
+                            c = d * table.mask.shape[0] + i
+                            keep(c, by_rest, by_k, by_b, by_s, by_rest_length, by_stiffness, by_damping, by_strain)
+        add(
+            i,
+            sum_x,
+            sum_v,
+            v,
+            by_x,
+            by_v,
+            drift,
+            kick,
+            inverse_mass,
+            gravity,
+            v_before,
+            by_inverse_mass,
+            by_gravity_of,
+            phi_before,
+        )
+
+    bounds = BOUNDS if scalar is wp.float32 else None  # float64 needs more registers
+    return kernel(add_stencil_adjoint, launch_bounds=bounds, grid_stride=False)
