@@ -18,8 +18,8 @@ def kernel(function, **options):
 
 
 def as_function(of):
-    """Return the text of a kernel as a function that other kernels can call.
+    """Return the source of a kernel as a function that other kernels can call.
 
-    The text must use `grid_thread` instead of `wp.tid`.
+    The source must use `grid_thread` instead of `wp.tid`.
     """
     return wp.func(of.func)

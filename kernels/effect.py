@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 
 class Driving(NamedTuple):
-    """Functions of drives that methods call; None without drives. Free particles pass through unchanged."""
+    """Functions of drives that methods call; None without drives. They return free particles unchanged."""
 
     holds: Any = None
     """wp.func (scene, i) -> whether particle i is driven."""

@@ -15,9 +15,9 @@ def find_depths(
 ):
     """Find the depth of each point below the surface; −1 for points outside.
 
-    The winding number, which is the solid angle of the surface seen from the point over 4π, is 1 inside and 0
-    outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized
-    winding numbers"); all points are within `reach` of the surface.
+    The winding number (the solid angle of the surface seen from the point, divided by 4π) is 1 inside and 0
+    outside (Jacobson, Kavan & Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
+    numbers"); all points are within `reach` of the surface.
     """
     i = wp.tid()
     found = wp.mesh_query_point_sign_winding_number(mesh, points[i], reach)

@@ -1,6 +1,6 @@
-"""Communication between GPU threads that share an item of work. These threads are adjacent in a warp.
+"""Communication between adjacent GPU threads of a warp that work on the same item, such as a contact point.
 
-After a call by all of them, one may overwrite values that others have read.
+After all of them have called one of these functions, each may overwrite values that the others have read.
 """
 
 import functools
@@ -61,7 +61,7 @@ COUNT = """
 
 @functools.cache
 def least_of_lanes(kind: type, lanes: int):
-    """Compose the minimum over the threads of a point, for values of type `kind`; all of them must call it."""
+    """Compose the minimum over the threads of a point, for values of type `kind`; all threads must call it."""
     if lanes == 1:
 
         @wp.func
@@ -80,7 +80,7 @@ def least_of_lanes(kind: type, lanes: int):
 def wait_for_lanes(lanes: int):
     """Compose () -> None, which returns when all threads of a point have called it.
 
-    Afterwards one of them may write what others have read.
+    Afterwards each of them may overwrite what the others have read.
     """
     if lanes == 1:
 
@@ -118,7 +118,7 @@ def chosen_of_lanes(kind: type, lanes: int):
 
 @functools.cache
 def ballot_of_lanes(lanes: int):
-    """Compose (chosen) -> a bit for each thread of a point, 1 where `chosen` is true; all of them must call it."""
+    """Compose (chosen) -> a bit for each thread of a point, 1 where `chosen` is true; all threads must call it."""
 
     @wp.func_native(BALLOT.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
     def ballot(chosen: bool) -> wp.uint32: ...
@@ -128,7 +128,7 @@ def ballot_of_lanes(lanes: int):
 
 @wp.func_native(LOWEST)
 def lowest_bit(bits: wp.uint32) -> int:
-    """Return the index of the lowest bit that is 1, from 0; one must be 1."""
+    """Return the index of the lowest bit that is 1, counted from 0; at least one bit must be 1."""
     ...
 
 
@@ -140,5 +140,5 @@ def count_bits(bits: wp.uint32) -> int:
 
 @wp.func
 def count_before(bits: wp.uint32, lane: int) -> int:
-    """Count the bits that are 1 among those of the threads before this one."""
+    """Count the bits that are 1 below bit `lane`."""
     return count_bits(bits & ((wp.uint32(1) << wp.uint32(lane)) - wp.uint32(1)))

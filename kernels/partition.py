@@ -1,4 +1,4 @@
-"""Partition of points or vertices among CPU threads, and atomic operations on shared numbers.
+"""Partition of points or vertices among CPU threads, and atomic operations on numbers that several threads change.
 
 On a GPU, or with a single CPU thread, there is one part. Warp's own atomic functions are not atomic on the CPU,
 where Warp runs a kernel in one thread.
@@ -41,13 +41,13 @@ ADD_WHOLE = """
 
 @wp.func
 def first_of_part(thread: int, part: int) -> int:
-    """Return the index of the first item of a thread of this part; `next_of_part` returns the others."""
+    """Return the index of the first item of a thread in this part; `next_of_part` returns the next ones."""
     return part * wp.static(CHUNK) + thread
 
 
 @wp.func
 def next_of_part(e: int, threads: int, parts: int) -> int:
-    """Return a thread's next item after item e. Threads of a part take turns; on the CPU a part has one thread."""
+    """Return the next item of a thread after item e; the threads of a part take its items in turn."""
     following = e + threads
     if parts > 1 and following % wp.static(CHUNK) == 0:
         following += (parts - 1) * wp.static(CHUNK)
@@ -68,5 +68,5 @@ def raise_to(numbers: wp.array(dtype=float), at: int, value: float):
 
 @wp.func_native(ADD_WHOLE)
 def add_whole(numbers: wp.array2d(dtype=wp.int64), i: int, k: int, value: wp.int64, parts: int):
-    """Add `value` to numbers[i, k]. A single CPU thread needs no atomic operation, which would cost too much."""
+    """Add `value` to numbers[i, k]; not atomically for a single CPU thread, where that would cost too much."""
     ...

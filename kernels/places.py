@@ -1,4 +1,4 @@
-"""Addresses of arrays: shift them by some bytes, and tell the compiler which memory they point to.
+"""Addresses of arrays: functions that shift them, and that tell the compiler which memory they point to.
 
 If a kernel reads its arrays' addresses from memory, the compiler does not know which memory they point to, and
 emits slower instructions. So the kernel states the memory (`Place`).

@@ -125,8 +125,8 @@ ENTRY_OF_VECTORS = """
 def table(kind: type) -> Any:
     """Compose wp.func (values, i) -> values[i], for values that no kernel changes while it runs.
 
-    They are read through a GPU's read-only cache. In a kernel of many substeps barriers empty the other cache, but
-    not this one.
+    They are read through a GPU's read-only cache, which barriers in a kernel of many substeps do not empty, as
+    they empty the ordinary cache.
     """
     length = getattr(kind, "_length_", 1)
     text = ENTRY if length == 1 else ENTRY_OF_VECTORS.format(kind=f"wp::vec_t<{length}, wp::int32>", length=length)

@@ -27,7 +27,7 @@ WAIT_IN_BLOCK = """
 def grid_thread() -> int:
     """Return the index of this thread in its launch; 0 on the CPU, where such a launch has a single thread.
 
-    Unlike `wp.tid` it may be called in functions, so that one text can be a kernel and a part of another kernel.
+    Unlike `wp.tid` it may be called in functions, so that the same source can be a kernel or part of one.
     """
     ...
 

@@ -8,7 +8,7 @@ import typing as _typing
 
 
 def _is_the_command() -> bool:
-    """Return whether this is imported to run the command: by its script, or by `python -m msdwarp`."""
+    """Return whether msdwarp is imported to run the command: by its script, or by `python -m msdwarp`."""
     first = getattr(_sys, "argv", None) or [""]
     if first[0] == "-m":  # it is "-m" until the module to run has been found in this package
         return "msdwarp" in _sys.orig_argv

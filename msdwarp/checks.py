@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 _MOST_SHOWN = 200
-"""Most characters of a value that a message shows in full."""
+"""Maximal number of characters of a value that a message shows in full."""
 LARGEST, SMALLEST = 1e18, 1e-18
 """Bounds of physical quantities, and of those above 0: products of two such numbers are finite in float32 too."""
 Limit = tuple[Callable[[NDArray], NDArray], str]
@@ -25,7 +25,7 @@ NOT_TINY: Limit = (lambda values: values >= SMALLEST, f"above 0, and at least {S
 
 
 class GradientWarning(UserWarning):
-    """A gradient grows so much from the end to the start that it tells little about finite changes."""
+    """A gradient grows so much from the end to the start that it says little about finite changes."""
 
 
 class EnergyDriftWarning(UserWarning):
@@ -49,7 +49,7 @@ class StrainWarning(UserWarning):
 
 
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return `value` as a new float64 array; raise ValueError if it is not one of numbers.
+    """Return `value` as a new float64 array; raise ValueError unless its entries are numbers.
 
     Text is refused, although NumPy would read numbers from it, and so is None, which NumPy reads as NaN.
     """
@@ -86,7 +86,7 @@ def _short(text: str) -> str:
 
 
 def own_function(name: str, function: Any, arguments: tuple[str, ...], returned: str) -> None:
-    """Raise ValueError unless a law is a `wp.func` of these arguments, for numbers of any precision."""
+    """Raise ValueError unless a law is a generic `wp.func` of these arguments, for any scalar type."""
     taken = getattr(getattr(function, "adj", None), "args", ())
     if len(taken) != len(arguments) or any(one.type is not Any for one in taken):
         signature = ", ".join(f"{one}: Any" for one in arguments)
@@ -126,7 +126,7 @@ def every(name: str, values: NDArray, holds: NDArray, allowed: str) -> None:
 
 
 def finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return numbers as an array; raise ValueError if one is not finite, or uselessly large."""
+    """Return numbers as an array; raise ValueError if one is not finite, or larger than LARGEST."""
     given = array(name, value)
     every(name, given, FINITE[0](given), FINITE[1])
     return given
@@ -220,7 +220,7 @@ def mapping(name: str, value: Any) -> Mapping[str, Any]:
 
 
 def member(name: str, of: Mapping[str, Any], key: str) -> Any:
-    """Return an entry of a mapping; raise ValueError that names both if it is missing, or there is no mapping."""
+    """Return an entry of a mapping; raise ValueError naming both if it is missing or `of` is no mapping."""
     if key not in mapping(name, of):
         raise ValueError(f"{name} lacks {key!r}; it has {_short(', '.join(map(repr, of))) or 'nothing'}")
     return of[key]
@@ -235,7 +235,7 @@ def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
 
 
 def instance(name: str, value: object, kind: type, example: str) -> None:
-    """Raise ValueError unless `value` is an instance of a class; the example says how to get one."""
+    """Raise ValueError unless `value` is an instance of `kind`; the message shows the `example`."""
     if not isinstance(value, kind):
         given = repr_short(value)
         if "\n" in given or len(given) > _MOST_SHOWN // 2:  # for a long value, such as a scene, name the class
@@ -285,12 +285,12 @@ def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
 
 
 def point(name: str, value: ArrayLike) -> tuple[float, ...]:
-    """Return a point of 1 to 3 coordinates as a tuple; raise ValueError if it is none."""
+    """Return a point of 1 to 3 coordinates as a tuple; raise ValueError if `value` is no point."""
     return tuple(map(float, vector(name, value)))
 
 
 def direction(name: str, value: ArrayLike) -> tuple[float, ...]:
-    """Return a direction of unit length as a tuple; raise ValueError if it is none."""
+    """Return a direction of unit length as a tuple; raise ValueError if `value` is no direction."""
     direction = array(name, value)
     if direction.ndim != 1 or not np.isfinite(direction).all() or not direction.any():
         raise ValueError(f"{name} is {repr_short(value)}; it must be a finite direction other than zero")
@@ -300,7 +300,7 @@ def direction(name: str, value: ArrayLike) -> tuple[float, ...]:
 
 
 def colour(name: str, colour: str) -> tuple[float, float, float]:
-    """Return a colour "#rrggbb" as three numbers in 0 … 1; raise ValueError that names it if it is none."""
+    """Return a colour "#rrggbb" as three numbers in 0 … 1; raise ValueError naming the argument for other text."""
     if not isinstance(colour, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
         raise ValueError(f"{name} is {colour!r}; it must be a colour of the form '#rrggbb'")
     red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))

@@ -1,4 +1,4 @@
-"""Files that get their name only when they are complete, and the lock on a folder."""
+"""Files that get their final name only when they are complete, and locks on folders."""
 
 import errno
 import importlib.util
@@ -55,7 +55,7 @@ def _sync(path: Path, flags: int) -> None:
 
 @contextmanager
 def failure_named(path: Path, failed: str = "could not be written") -> Iterator[None]:
-    """Within this context, replace an OSError by one that names this file."""
+    """Within this context, replace an OSError by one whose message names this file."""
     try:
         yield
     except OSError as error:
@@ -68,7 +68,7 @@ def is_unfinished(path: Path) -> bool:
 
 
 def reserve(number: int, start: int, size: int, folder: Path) -> None:
-    """Reserve space on disk for an open file in `folder`, from byte `start` on; raise OSError if there is none."""
+    """Reserve disk space for an open file in `folder`, from byte `start` on; raise OSError if the disk is full."""
     try:
         os.posix_fallocate(number, start, size)
         return
@@ -83,9 +83,9 @@ def reserve(number: int, start: int, size: int, folder: Path) -> None:
 
 @contextmanager
 def alone_in(folder: Path | None) -> Iterator[None]:
-    """Within this context, keep other runs from writing in a folder; raise ValueError if one does already.
+    """Within this context, keep other runs from writing in a folder; raise ValueError if one is writing now.
 
-    The lock is on the folder, and ends with the process, however that ends. On systems without locks nothing
+    The lock is on the folder, and ends with the process, even if that is killed. On systems without locks nothing
     happens.
     """
     if folder is None or importlib.util.find_spec("fcntl") is None:

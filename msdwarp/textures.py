@@ -18,7 +18,7 @@ BOX_TILES = (3, 2)
 
 
 def _kept(paint: Callable[P, NDArray[np.uint8]]) -> Callable[P, NDArray[np.uint8]]:
-    """Paint the same image only once: a sweep builds a scene, texture and all, for each of its points."""
+    """Return a painter that stores images: a sweep, which builds a scene per point, paints a texture once."""
     kept: Any = lru_cache(maxsize=4)(paint)
 
     @wraps(paint)
@@ -130,7 +130,7 @@ def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
 
 
 def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], share: NDArray) -> NDArray[np.uint8]:
-    """Return one image laid over another, opaque where share is 1."""
+    """Return one image laid over another, with the opacity `share`, 0 … 1."""
     return np.round(below + share[..., None] * (above.astype(float) - below)).astype(np.uint8)
 
 
@@ -206,7 +206,7 @@ def ticking(
         return piped(image, np.minimum.reduce([x, length - x, y, width - y]))
 
     def side(along: NDArray, up: NDArray, whole: float) -> NDArray[np.uint8]:
-        """Paint a side at distances along its edge and up from its foot."""
+        """Paint a side face at distances along its edge and upwards from its lower edge."""
         image = _mix(_bands(stripes * along / width), colour, stripe)
         return piped(image, np.minimum.reduce([along, whole - along, up, height - up]))
 
@@ -222,7 +222,7 @@ def ticking(
 
 
 def _bands(place: NDArray) -> NDArray:
-    """Return 1 on a broad stripe and a narrow one on either side of it, once a unit; else 0."""
+    """Return 1 on a broad stripe and on a narrow one at each side of it, repeated in each unit; else 0."""
     off = np.abs(place % 1.0 - 0.5)
     return np.maximum(1 - _step(off - 0.11, 0.03), 1 - _step(np.abs(off - 0.2) - 0.025, 0.03))
 

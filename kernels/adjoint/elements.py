@@ -1,4 +1,4 @@
-"""The adjoint of forces of elements: of a few points, such as the corners of a triangle or a cell.
+"""The adjoint of forces of elements; an element is a few points, such as the corners of a triangle or a cell.
 
 A point is a particle, or a weighted mean of particles. Warp differentiates φ·F, the sum over the points of an
 element; each element writes its derivatives, then each particle sums the derivatives of its points in fixed order.
@@ -26,7 +26,7 @@ def elements_adjoint(
 
     `project` is a wp.func (data, e, i, time, stage, x, v, φ) -> φ·F of element e, whose first point is particle i,
     with a row of x, v and φ for each point. If forces depend on numbers of elements, `numbers` is a wp.func (data,
-    e, i, stage) -> vector of these, which `project` takes last. Derivatives by `wanted` of them are added up.
+    e, i, stage) -> vector of these, which `project` takes last. Derivatives by the first `wanted` are summed.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Rows = element_rows(points, dim, scalar)
@@ -92,7 +92,7 @@ def elements_adjoint(
 
 @functools.cache
 def add_elements(dim: int, scalar: type):
-    """Compose the kernel, over particles that have points, that sums the derivatives of these points."""
+    """Compose the kernel, over the particles of elements, that sums derivatives by their points."""
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
 
     @kernel
@@ -127,9 +127,9 @@ def add_elements(dim: int, scalar: type):
 
 @functools.cache
 def sum_numbers(scalar: type):
-    """Compose the kernel that sums derivatives by the numbers of elements over groups, and sets them to 0.
+    """Compose the kernel that sums derivatives by the numbers of elements over each group, then resets them to 0.
 
-    A block sums one number of a group in a world. Each thread sums a share; shares are added in a fixed order.
+    A thread block sums one number of a group in a world: each thread a part, then all parts in a fixed order.
     """
 
     @kernel

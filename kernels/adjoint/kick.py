@@ -10,7 +10,7 @@ from ..records import records
 from ..springs.lanes import lane_of, sum_over_lanes
 
 SUMMING = 8192
-"""Most threads that sum the squares of a world."""
+"""Maximal number of threads that sum the squares of a world."""
 
 
 @functools.cache
@@ -91,7 +91,7 @@ def add_given(dim: int, scalar: type):
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
 
     @kernel
-    def add_vectors(given: wp.array(dtype=V), total: wp.array(dtype=V)):  # `given` may be no records
+    def add_vectors(given: wp.array(dtype=V), total: wp.array(dtype=V)):  # only `total` must be `records`
         i = wp.tid()
         store(total, i, load(total, i) + given[i])
 
@@ -102,8 +102,8 @@ def add_given(dim: int, scalar: type):
 def forget(dim: int, scalar: type):
     """Compose the kernel, over driven particles, that sets the derivatives by their state to 0.
 
-    Before, it adds them to those by the poses that place the particles, and by their rates. A particle that
-    started at y is at R y + o, so the derivatives by a row of (R, o) are the one by a coordinate, times (y, 1).
+    First it adds their part of the derivatives by poses (R, o) and rates of poses: a particle that started at y is
+    at R y + o, so a derivative by a coordinate, times (y, 1), is that by a row of (R, o).
     """
     V, Wide, (load, store, _) = vector(dim, scalar), vector(dim, wp.float64), records(dim, scalar)
 
@@ -114,7 +114,7 @@ def forget(dim: int, scalar: type):
         # In and out, derivatives by:
         by_x: wp.array(dtype=V),
         by_v: wp.array(dtype=V),
-        by_poses: wp.array2d(dtype=scalar),  # shape [member_count, 2 d (d + 1)], or [0, any] if not asked for
+        by_poses: wp.array2d(dtype=scalar),  # shape [member_count, 2 d (d + 1)], or [0, any] if not requested
         begin: int,  # members of this launch
         end: int,
         threads: int,  # of the launch

@@ -21,13 +21,13 @@ from .kick import kick_back
 
 
 class Wanted(NamedTuple):
-    """The constants of springs whose derivatives are wanted; others are not summed."""
+    """The constants of springs with respect to which derivatives are computed."""
 
     rest_length: bool = False
     stiffness: bool = False
     damping: bool = False
     strain: bool = False
-    """Of actuators."""
+    """The strain of actuators."""
 
 
 @functools.cache
@@ -66,7 +66,7 @@ def projected_force(dim: int, scalar: type, laws: Laws):
 
 @functools.cache
 def linear_adjoint(dim: int, scalar: type, damped: bool):
-    """Compose the gradient of `projected_force` of the report's spring by hand: half the operations.
+    """Compose the gradient of `projected_force` of linear springs and dampers by hand: half the operations.
 
     It returns (∂/∂Δx, ∂/∂Δv, along, stretch, rate) with along = ψ·axis; the last three give other derivatives.
     With u = 1/|Δx| the force is −q Δx, q = k − (k l0 − b l') u, so ∂(ψ·F)/∂Δx = −q ψ − (ψ·Δx) ∂q/∂Δx.
@@ -305,8 +305,8 @@ def springs_adjoint(
 ):
     """Compose the kernel, over particles and their lanes, of the adjoint of spring forces.
 
-    Each lane takes every n-th neighbour (see `springs.lanes`). One particle of a spring writes the derivatives by
-    its constants.
+    Each of n lanes takes every n-th neighbour (see `springs.lanes`). One particle of a spring writes the
+    derivatives by its constants.
 
     Then derivatives are propagated back through the kick and drift of the substep before; see `kick_back`.
     """

@@ -21,7 +21,7 @@ NEEDED = Needed()
 
 @wp.struct
 class NoColliders:
-    """The struct of colliders for a scene without obstacles: no data and no code."""
+    """The struct of colliders for a scene without obstacles; it is empty."""
 
 
 class ColliderTerm(NamedTuple):

@@ -1,4 +1,4 @@
-"""Contact forces on particles: of obstacles plus other bodies."""
+"""Contact forces on particles: the sum over obstacles and other bodies."""
 
 import functools
 

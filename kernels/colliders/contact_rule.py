@@ -9,7 +9,7 @@ from ..basis import vector
 
 
 class Needed(NamedTuple):
-    """Optional parts of the rule that a scene's obstacles need; others are not compiled."""
+    """Optional parts of the contact rule: only those that a scene's obstacles need are compiled."""
 
     bounces: bool = True
     """Whether a particle can bounce under the rule "coulomb"."""
@@ -32,7 +32,7 @@ def contact_response(dim: int, scalar: type, rule: str):
         j    = v_n' − v_n                       normal impulse per mass, support of the load included
         v_t' = v_t (1 − min((1 − f)|v_t|, μ j) / |v_t|)
 
-    so neither bounce nor friction depends on the step. Rule "report" (the report's Algorithm 1) has v_n' = −e v_n
+    so neither bounce nor friction depends on the step. Rule "report" (2014 report, Algorithm 1) has v_n' = −e v_n
     and v_t' = f v_t in every substep of contact: both depend on the step.
     e: restitution, μ: friction, f: tangential factor.
     """

@@ -1,4 +1,4 @@
-"""Corners: a particle that one obstacle pushes into another slides out along the first."""
+"""Corners: a particle that one obstacle pushes into another slides out along the first obstacle."""
 
 import warp as wp
 

@@ -52,7 +52,7 @@ def soft_data(dim: int, scalar: type):
 
 @functools.cache
 def soft_force(dim: int, scalar: type, kinds: tuple[str, ...]):
-    """Compose (push, numbers) of obstacle p: its force on a particle of inverse mass w [N], and its numbers."""
+    """Compose (push, numbers) of obstacle p: the force on a particle of inverse mass w [N]; p's parameters."""
     V, Numbers, SoftData = vector(dim, scalar), vector(5, scalar), soft_data(dim, scalar)
     distance_from = signed_distance(dim, scalar, kinds)
     zero, one, half, two = (scalar(number) for number in (0.0, 1.0, 0.5, 2.0))
@@ -162,7 +162,7 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
 def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool, by_own: bool):
     """Compose the kernel, over particles, that adds (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of soft obstacles to derivatives.
 
-    `by_own`: also to those by the obstacles' numbers, and by their place, in a row for each particle and obstacle.
+    If `by_own`, also to those by obstacles' parameters and positions, with a row for each particle and obstacle.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     Data, (push, numbers) = soft_data(dim, scalar), soft_force(dim, scalar, kinds)

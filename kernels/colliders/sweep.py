@@ -1,4 +1,4 @@
-"""Continuous collision detection: the solids that a particle hits in a substep, even thin ones that it has passed.
+"""Continuous collision detection: the solids that a particle hits in a substep, also those that it has passed.
 
 All solids are convex, so along a straight path their signed distance is a convex function. At the point of a solid
 nearest to an outside point, the tangent plane is a supporting plane: the whole solid is behind it.
@@ -27,11 +27,11 @@ NEAR = {wp.float32: 1e-4, wp.float64: 1e-10}
 
 @functools.cache
 def passing(dim: int, scalar: type):
-    """Compose `passes`, the test that the distance at a path's end does not show which solids the path hit.
+    """Compose `passes`: whether the distance at a path's end does not suffice to tell if the path hit a solid.
 
     The normal n there belongs to a supporting plane. A particle that started in front of this plane either missed
-    the solid or entered through that side. A particle that started behind it, way · n > distance, may have gone
-    through the solid, or past its middle. A path longer than the thinnest solid may also have crossed another one.
+    the solid or entered through that side. One that started behind it, way · n > distance, may have passed through
+    the solid, or its middle. A path longer than the thinnest solid may also have crossed another solid.
     """
     V = vector(dim, scalar)
     zero, slack = wp.constant(scalar(0.0)), wp.constant(scalar(SLACK))

@@ -32,7 +32,7 @@ from .pairs import FAR, NONE, Pair, next_in_order, places, points
 def evaluate_contact(
     scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False, limited: bool = False
 ):
-    """Compose the kernel that sums the contact forces of points; `lanes` of its threads share a point.
+    """Compose the kernel that sums the contact forces of points; each point has `lanes` threads.
 
     If `limited`, dampers are limited by the number of contacts, from `count_contacts`. If bodies start inside each
     other (`overlapping_at_start`), only the excess over an allowed overlap counts. The allowance shrinks to 0, so

@@ -45,11 +45,11 @@ def Pair(scalar: type):
 
 @functools.cache
 def BodyContactData(scalar: type, worlds: bool = False):
-    """Compose the struct of contact between bodies. Four owners on the host fill its parts.
+    """Compose the struct of contact between bodies. Four host classes fill its parts.
 
     A vertex is a weighted mean of particles. A contact point is a vertex (its two ends are the same) or lies on an
-    edge between two vertices. A facet is a triangle; a segment for a rope; a point for a grain.
-    In an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
+    edge between two vertices. A facet is a triangle, or a segment of a rope, or a grain, which is one particle. In
+    an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
     """
     V, Side, PointAndBody = vector(3, scalar), wp.types.vector(4, scalar), Pair(scalar)
 
@@ -83,7 +83,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         closed: wp.array(dtype=int)  # whether its surface has an inside, shape [body_count]
         depth: wp.array(dtype=scalar)  # deepest point that is still pushed out [m]
         stiffness: wp.array(dtype=scalar)  # of a contact with an equal body [N/m]
-        density: wp.array(dtype=scalar)  # vertices per point: a point has this share of the stiffness
+        density: wp.array(dtype=scalar)  # vertices per point: a point has this fraction of the stiffness
         radius: wp.array(dtype=scalar)  # half of its thickness [m]
         if worlds:
             bodies_each: int  # bodies of a world

@@ -69,9 +69,9 @@ def lower_to(numbers: wp.array(dtype=float), i: int, value: float):
 
 @functools.cache
 def catch_up(scalar: type):
-    """Compose the kernel that limits how fast driven particles that were held back catch up with their drive.
+    """Compose the kernel that limits how fast driven particles that were held back return to their drive.
 
-    In a substep they go at most twice as far as the drive, or `CATCH_UP` times the least gap if that is more.
+    In a substep they move at most twice as far as the drive, or `CATCH_UP` times the smallest gap if that is more.
     """
     V, Pairs = vector(3, scalar), NearPairs(scalar)
     load, store, _ = records(3, scalar)
@@ -102,9 +102,9 @@ def catch_up(scalar: type):
 
 @functools.cache
 def keep_apart(scalar: type, blocks: int):
-    """Compose the kernel that keeps the near pairs apart, in phases; its threads share pairs and particles.
+    """Compose the kernel that keeps near pairs apart, in phases; its threads divide the pairs and particles.
 
-    If one launch runs several phases, it has one cluster of `blocks` blocks, or on the CPU one thread.
+    A launch of several phases has one cluster of `blocks` blocks, or on the CPU one thread.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
@@ -134,7 +134,7 @@ def keep_apart(scalar: type, blocks: int):
     ):
         """Reduce the fractions of displacement that particles of pair k may make, so that none reaches its plane.
 
-        Unless `everywhere`, only if one was held back, or if the pair comes too near (never a `calm` pair).
+        Unless `everywhere`, only if one was held back, or if the pair comes too near and is not `calm`.
         """
         normal = pairs.normal[k]
         gap = pairs.gap[k]
@@ -255,7 +255,7 @@ def keep_apart(scalar: type, blocks: int):
         flags: wp.array(dtype=float),
         n: int,
     ):
-        """Run one phase for a particle: apply its impulses, note that it is held back, or hold it back."""
+        """Run one phase for a particle: apply its impulses, store that it is held back, or hold it back."""
         i = pairs.particle[n]
         if phase < wp.static(3 * ROUNDS):
             pairs.pushing_count[0] = 0

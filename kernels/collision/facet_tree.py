@@ -2,7 +2,7 @@
 
 The facets of a body are sorted so that near ones follow each other. Consecutive facets form a piece, consecutive
 pieces a group; each piece and group has a box. The boxes are updated as facets move; the tree is not. On a GPU
-several threads share a search, each tests one box, and few memory accesses wait for each other; a single thread in
+several threads search together, each tests a box, and few memory accesses wait for each other; a single thread in
 a binary tree would wait for hundreds. But a binary tree needs fewer tests: on the CPU one thread searches one
 (`wp.Bvh`) of the same facets.
 """
@@ -99,7 +99,7 @@ def extend(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), i: int, 
 def facets_within(lanes: int):
     """Compose (begin, find_next), which find the facets of a body whose boxes overlap a box low … high.
 
-    `lanes` threads share a search; each call finds up to `lanes` facets. The box may shrink between calls.
+    `lanes` threads search together; each call finds up to `lanes` facets. The box may shrink between calls.
     """
     ballot = ballot_of_lanes(lanes)
 
@@ -153,9 +153,9 @@ def facets_within(lanes: int):
 
 @functools.cache
 def begin_search(scalar: type, worlds: bool = False):
-    """Compose the kernel that begins a search where the vertices are now, and empties the boxes.
+    """Compose the kernel that begins a search at the current positions of vertices, and empties the boxes.
 
-    Its threads share the vertices, groups and bodies. `after` is the time from the end of the last substep [s].
+    Its threads divide the vertices, groups and bodies. `after` is the time since the end of the last substep [s].
     """
     Data, (load, store, _) = BodyContactData(scalar, worlds), records(3, scalar)
 
@@ -186,7 +186,7 @@ def begin_search(scalar: type, worlds: bool = False):
 
 @functools.cache
 def box_facets(scalar: type, lanes: int, worlds: bool = False):
-    """Compose the kernel that bounds facets and pieces, and extends the boxes of groups and bodies.
+    """Compose the kernel that computes boxes around facets and pieces, and extends those of groups and bodies.
 
     Each piece has `lanes` threads.
     """
@@ -249,10 +249,10 @@ def find_roots():
 
 @functools.cache
 def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
-    """Compose the kernel that lists the bodies each body may touch, and finds a box around all of these.
+    """Compose the kernel that lists the bodies that each body may touch, and finds a box around all of them.
 
-    A point outside this box touches none of them, and needs no further test; most points of a large body are
-    outside. Each body has `lanes` threads that test all others of its world; if 0, one that searches a tree.
+    A point outside this box touches none of them and is not tested further; most points of a large body are
+    outside. Each body has `lanes` threads that test all other bodies of its world; if 0, one that searches a tree.
     """
     Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
     find_rule, first_of, pair_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds), pair_with(scalar, worlds)
@@ -348,9 +348,9 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
 
 @functools.cache
 def margin_of_boxes(scalar: type):
-    """Compose (low, high, around) -> by how much a box is widened to hold all points within `around` of it [m].
+    """Compose (low, high, around) -> the distance by which a box must grow to hold all points within `around` [m].
 
-    That is `around` and a bound on the rounding of float32.
+    It is `around` plus a bound on the rounding of float32.
     """
 
     @wp.func

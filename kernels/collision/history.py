@@ -13,8 +13,8 @@ from .pairs import NONE
 def memories(scalar: type, worlds: bool):
     """Compose (Memory, no_memory, remember, keep, shrink_overlap).
 
-    The memory of a point has two bodies that it touches: the two of lowest index if there are more, NONE for a
-    missing one. `keep` stores it; `shrink_overlap` reduces the initial overlap that is still allowed.
+    `Memory` has two bodies that a point touches: those of lowest index if there are more, NONE for a missing one.
+    `keep` stores it; `shrink_overlap` reduces the initial overlap that is still allowed.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
 
@@ -62,7 +62,7 @@ def memories(scalar: type, worlds: bool):
 
 @functools.cache
 def displacements(scalar: type, worlds: bool):
-    """Compose (held, moved_along): the memory of a point, and its tangential displacement along a body [m].
+    """Compose (held, moved_along): a point's stored `Memory`, and its tangential displacement along a body [m].
 
     The displacement is 0 without contact.
     """

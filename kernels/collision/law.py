@@ -50,9 +50,9 @@ def damping_limits(scalar: type, lanes: int):
         (g·v)² ≤ (Σ g_i² n_i/m_i) (Σ m_i v_i²/n_i),
 
     and the second sum, added up over all contacts, is Σ m_i v_i². So if each b ≤ c / Σ g_i² n_i/m_i, all dampers
-    together have no rate above c. A particle in several vertices of a contact counts once for each.
-    `count` adds a contact to its particles; `load` returns Σ g_i² n_i/m_i [1/kg]. The `lanes` threads of a point
-    share the five vertices. Both functions take arrays, since on the CPU a call would copy the whole data struct.
+    together have no rate above c. A particle in several vertices of a contact counts once for each. `count` adds a
+    contact to its particles; `load` returns Σ g_i² n_i/m_i [1/kg]. The `lanes` threads of a point divide the five
+    vertices. Both functions take arrays, since on the CPU a call would copy the whole data struct.
     """
     V, Sum, one, zero = vector(3, scalar), vector(1, scalar), scalar(1.0), scalar(0.0)
     sum_of, index_of, number_of = sum_over_lanes(1, scalar, lanes), table(int), table(scalar)

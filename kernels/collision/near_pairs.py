@@ -41,7 +41,7 @@ def vertex_of(vertices: wp.vec4i, m: int) -> int:
 
 @wp.func
 def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
-    """Tell whether both bodies are closed: their drawn surfaces may overlap, their inner surfaces may not."""
+    """Tell whether both bodies are closed: drawn surfaces of such bodies may overlap, inner surfaces may not."""
     return closed[mine] != 0 and closed[other] != 0
 
 
@@ -49,7 +49,7 @@ def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
 def clear_pairs(scalar: type):
     """Compose the kernel that empties the list of pairs, before `place_inner` and `find_pairs`.
 
-    Its threads share the particles; there are at least as many particles as bodies.
+    Its threads divide the particles; there are at least as many particles as bodies.
     """
     Pairs = NearPairs(scalar)
 

@@ -24,9 +24,9 @@ FULL_FACING = 0.4
 def nearest_facets(scalar: type, lanes: int, worlds: bool):
     """Compose (Nearest, find_nearest, separate).
 
-    `find_nearest` finds the facet of one body in the point's row that is nearest to the point. `lanes` threads
-    share the row, and all get the result. `separate` returns the signed distance of the point from the facet
-    [m], negative on the wrong side, and the unit vector along which it grows.
+    `find_nearest` finds, among the facets of one body in a point's list, the one nearest to the point. `lanes`
+    threads divide the list, and all get the result. `separate` returns the signed distance of the point from the
+    facet [m], negative on the wrong side, and the unit vector along which it grows.
     """
     V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
     Point, PointAndBody = points(scalar, worlds)[0], Pair(scalar)
@@ -112,7 +112,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
     ) -> scalar:
         """Return the signed height of a point above a facet at its nearest edge or corner [m]; negative inside.
 
-        Of the facets there it is the one above which the height is largest in magnitude.
+        Of the facets that meet there, it is the one above which the height is largest in magnitude.
         """
         p = point.number
         x = data.surfaces.x
@@ -172,7 +172,7 @@ def facing(scalar: type, lanes: int):
     collision; so would friction on a side along which the body slides. So both act only where the two surfaces
     face each other. The point lies between the vertices `ends`; `closed` tells whether its body has an inside;
     `normal` points out of the other body, which is closed. The fraction is 1 for a point without a surface. The
-    `lanes` threads of the point share the facets around it.
+    `lanes` threads of the point divide the facets around it.
     """
     V, normal_of, sum_of = vector(3, scalar), unit_normal(scalar), sum_over_lanes(3, scalar, lanes)
     entry, corner_of = table(int), table(wp.vec3i)

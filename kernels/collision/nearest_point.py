@@ -12,7 +12,7 @@ FLAT = 1e-10
 
 @functools.cache
 def share_of_length(scalar: type):
-    """Compose (numerator, denominator) -> their quotient, clamped to 0 … 1; 0 for an edge of length 0."""
+    """Compose (numerator, denominator) -> their quotient, clamped to 0 … 1; 0 if the denominator is 0."""
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
@@ -36,7 +36,7 @@ def nearest_on_triangle(scalar: type):
 
     @wp.func
     def on_longest_edge(ap: V, ab: V, ac: V) -> V:
-        """Return the weights for collinear corners, on the longest edge, which contains the other two."""
+        """Return the weights for collinear corners: the nearest point is on the longest edge."""
         bc = ac - ab
         if wp.length_sq(bc) > wp.max(wp.length_sq(ab), wp.length_sq(ac)):
             t = share(wp.dot(bc, ap - ab), wp.length_sq(bc))

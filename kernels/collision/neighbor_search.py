@@ -13,7 +13,7 @@ from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overla
 from .pairs import FAR, NONE, never_touches, places, unit_normal
 
 ON_GPU, MANY_ON_GPU = 8, 4
-"""Threads per point on a GPU in scenes with triangles. For few points more threads, which also share the facets
+"""Threads per point on a GPU in scenes with triangles. For few points more threads, which also divide the facets
 around a point, are faster; many points fill a GPU anyway."""
 MOST_BY_MORE = 2**14
 """Number of points of a world up to which ON_GPU is used."""
@@ -28,14 +28,14 @@ BLOCKS = 10
 
 
 def bounds_of_blocks(scalar: type) -> tuple[int, int]:
-    """Return threads per block and concurrent blocks, from which the compiler bounds the registers of a thread."""
+    """Return (threads per block, concurrent blocks), by which the compiler limits the registers of a thread."""
     return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two registers
 
 
 def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, counts_time: bool = False):
-    """Compose the kernel that calls `evaluate_point` for each active point, with `lanes` threads a point.
+    """Compose the kernel that calls `evaluate_point` for each active point, with `lanes` threads per point.
 
-    One such kernel in each substep also adds up the time since the last search (`counts_time`).
+    In each substep one such kernel also sums the time since the last search (`counts_time`).
     """
     Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
 
@@ -70,9 +70,9 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, co
 def find_candidates(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the points which may be near a facet, or have ended contacts to clear.
 
-    Its threads share the points; near points become adjacent in the list. Most points of large bodies are left out
-    here, because idle threads in a search take as long as busy ones. `find_pairs` has marked the points of open
-    bodies that may touch their own body.
+    Its threads divide the points; near points become adjacent in the list. Most points of large bodies are left
+    out here, because idle threads in a search take as long as busy ones. `find_pairs` has marked the points of
+    open bodies that may touch their own body.
     """
     Data, place_of, margin = BodyContactData(scalar, worlds), places(scalar)[0], margin_of_boxes(scalar)
 
@@ -225,9 +225,9 @@ def entries(scalar: type, lanes: int, worlds: bool):
 
 @functools.cache
 def row_end(scalar: type, worlds: bool):
-    """Compose wp.func (data, p, body, count, missed, most, flags) that stores the length of the row of point p.
+    """Compose wp.func (data, p, body, count, missed, most, flags) that stores the length of point p's list.
 
-    The row has `count` facets; `missed` more had no room; `most` is the largest number found at any time.
+    The list has `count` facets; `missed` more had no room; `most` is the largest number found at any time.
     """
     Data, first_of = BodyContactData(scalar, worlds), first_flag(scalar, worlds)
 
@@ -263,7 +263,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
 
     @wp.func
     def search_body(data: Data, tree: FacetTree, before: SearchedRow, reach: scalar, known: int, lane: int):
-        """Return row `before` with the facets of its body `other`; `known` is the last nearest facet, or -1."""
+        """Return the list `before` with its `other` body's facets added; `known`: the last nearest, or -1."""
         row = before
         row.limit = reach + row.buffer
         row.begin = row.count
@@ -354,7 +354,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
 def range_of_speeds(scalar: type, lanes: int):
     """Compose the kernel that finds the range of velocities of the active points.
 
-    Its threads share the points; each group of `lanes` threads combines its results.
+    Its threads divide the points; each group of `lanes` threads combines its results.
     """
     Data, least_of = BodyContactData(scalar, False), least_of_lanes(wp.float32, lanes)
     place_of = places(scalar)[0]

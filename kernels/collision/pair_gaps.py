@@ -92,9 +92,9 @@ def longest_shifts(scalar: type):
 def measure_pairs(scalar: type, watched: bool):
     """Compose the kernel that finds the gap of each near pair, and sets `alarm` if any comes too near.
 
-    Only this substep counts. Without an alarm `keep_apart` does nothing. The kernel also lists the pairs that
-    impulses may bring too near. Its threads share the pairs. If `watched`, it does nothing unless `find_alarm` has
-    found that inner surfaces may meet.
+    Only the current substep is tested. Without an alarm `keep_apart` does nothing. The kernel also lists the pairs
+    that impulses may bring too near. Its threads divide the pairs. If `watched`, it does nothing unless
+    `find_alarm` has found that inner surfaces may meet.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs = NearPairs(scalar)
@@ -105,10 +105,10 @@ def measure_pairs(scalar: type, watched: bool):
 
     @wp.func
     def gap_along(normal: V, b: V, c: V, d: V, edges: bool) -> scalar:
-        """Return the gap along a normal [m], negative if the two overlap.
+        """Return the gap along a normal [m], negative if the two sides of the pair overlap.
 
-        The two are vertex a and triangle bcd or, with `edges`, edges ab and cd. a is the origin; the normal points
-        from the triangle to the vertex, or from cd to ab.
+        The sides are vertex a and triangle bcd or, with `edges`, edges ab and cd. a is the origin; the normal
+        points from the triangle to the vertex, or from cd to ab.
         """
         lowest = zero
         highest = wp.max(wp.dot(normal, c), wp.dot(normal, d))
@@ -198,11 +198,11 @@ def measure_pairs(scalar: type, watched: bool):
 
 @functools.cache
 def find_alarm(scalar: type, worlds: bool = False):
-    """Compose the kernel that sets `may_meet`, and the number of pairs in `flags`, if inner surfaces may meet.
+    """Compose the kernel that tests whether inner surfaces may meet; then it sets `may_meet` and counts pairs.
 
-    It tests the vertices as placed when the substep begins: the two sides of a pair may meet if they can come
-    within `apart` in `AHEAD` substeps. `measure_pairs` would find that later, and takes ten times as long.
-    Its threads share the pairs; the list has only pairs of inner surfaces.
+    Two sides of a pair may meet if they can come within `apart` in `AHEAD` substeps, from the vertices' positions
+    when the substep begins. `measure_pairs` would find that later, and takes ten times as long. The threads divide
+    the pairs, which are only pairs of inner surfaces. `flags` gets the number of pairs.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
@@ -210,7 +210,7 @@ def find_alarm(scalar: type, worlds: bool = False):
 
     @wp.func
     def mean_of(pairs: Pairs, at: wp.array(dtype=V), i: int) -> V:
-        """Return the mean of drawn vertices, by the weights of inner vertex i."""
+        """Return the mean of drawn vertices, with the weights of inner vertex i."""
         chord = pairs.inner.chord[i]
         weight = pairs.inner.weight[i]
         mean = V()

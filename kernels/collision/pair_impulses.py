@@ -18,7 +18,7 @@ KEPT = 0.5
 LARGEST_APPROACH = 0.8
 """Fraction of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
 LATE_APPROACH = 0.9
-"""Fraction that it may have lost before a late round: rounds converge to LARGEST_APPROACH, and would not end."""
+"""Late rounds ignore pairs that lose less than this fraction: rounds converge to LARGEST_APPROACH without end."""
 HOLD_BEYOND = 0.95
 """Largest approach of a pair in a substep before particles are held back, as a fraction of gap − least gap."""
 ALL_KEPT = 4.0

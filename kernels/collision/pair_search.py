@@ -16,18 +16,18 @@ from .near_pairs import FIRST_OF_EDGES, PairSearch, both_closed, pairs_of_facets
 ROOM = 2 * WARP
 """Entries in a queue: each thread may add one while there is not yet work for all threads."""
 SHARES = 4
-"""Warps that share a piece: in a stack of many layers some pieces take four times as long as most."""
+"""Warps that divide a piece: in a stack of many layers some pieces take four times as long as most."""
 QUEUES = 3 * ROOM
 """Entries of a warp's queues: one of pairs of facets, one of tests of points and one of tests of edges."""
 
 
 @functools.cache
 def searches(scalar: type, inner: bool, worlds: bool):
-    """Compose (search_of, box_of), which define what the facets of a body search for, and where.
+    """Compose (search_of, box_of): which bodies the facets of a body search for near pairs, and in which box.
 
     `search_of` returns the search for pairs with the b-th body near `body`. Its reach is below 0 if no pairs are
-    possible, or if the other body searches: the body with shorter edges does, whose facets have fewer others near.
-    `box_of` returns the box around the facet at `place` in the tree that every near box must overlap.
+    possible, or if the other body searches: that is the one with shorter edges, whose facets have fewer others
+    near. `box_of` returns the box around the facet at `place` in the tree, which the boxes of near facets overlap.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, load, doubt = margin_of_boxes(scalar), records(3, scalar).load, scalar(1.01)
@@ -76,8 +76,8 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
 
     Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
     more than `apart` needs no impulse. So pairs beyond skin + `apart` are not listed; listing one changes no
-    result. `lanes` threads share a facet. If `inner`, pairs of inner surfaces of closed bodies are listed, too. If
-    all bodies are `grains`, facets and bodies have the same indices.
+    result. Each facet has `lanes` threads. If `inner`, pairs of inner surfaces of closed bodies are listed, too.
+    If all bodies are `grains`, facets and bodies have the same indices.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
@@ -174,7 +174,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
 def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool = False):
     """Compose the kernel that lists the same pairs as `find_pairs`, for so many facets that they fill a GPU.
 
-    `SHARES` warps share a piece of the tree. A warp searches the tree for all facets of the piece at once; each
+    `SHARES` warps divide a piece of the tree. A warp searches the tree for all facets of the piece at once; each
     thread tests the box of its own facet. Found facets, and then the tests between them, wait in queues until all
     threads of the warp have work: without queues most would be idle.
     """

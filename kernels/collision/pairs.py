@@ -142,7 +142,7 @@ def pair_with(scalar: type, worlds: bool):
 
 @functools.cache
 def points(scalar: type, worlds: bool = False):
-    """Compose (Point, point_of, mobility_of): a contact point, and its mobility from those of its ends [1/kg]."""
+    """Compose (Point, point_of, mobility_of): a contact point, its constructor, and its mobility [1/kg]."""
     V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
     place_of, body_of, ends_of, number_of = places(scalar)[0], table(int), table(wp.vec2i), table(scalar)
 
@@ -183,9 +183,9 @@ def next_in_order(
     n: int,
     before: int,
 ) -> int:
-    """Return where the facets of the body with the lowest index above `before` start in row p of n entries.
+    """Return where the facets of the body with the lowest index above `before` start in point p's list.
 
-    Return n if there is no such body. The point belongs to body `mine`.
+    Return the list's length n if there is no such body. The point belongs to body `mine`.
     """
     least = int(wp.static(NONE))
     first = int(n)

@@ -1,4 +1,4 @@
-"""Contact between grains and ropes, which have no triangles. The law is that of `body_contact`."""
+"""Contact between grains (particles) and ropes, which have no triangles. The law is that of `body_contact`."""
 
 import functools
 
@@ -30,9 +30,9 @@ def evaluate_segments_and_spheres(
 ):
     """Compose the kernel that sums the contact forces of points if no facet is a triangle.
 
-    Such bodies are many, and are not closed. So each of the `lanes` threads of a point handles different bodies
-    near it. For `overlapping_at_start` and `limited` see `evaluate_contact`. If `counting`, the kernel only counts
-    the contacts of each particle, as `count_contacts` does. If `grains`, each body is a grain.
+    There are many such bodies, and none is closed. So each of the `lanes` threads of a point handles different
+    bodies near it. For `overlapping_at_start` and `limited` see `evaluate_contact`. If `counting`, the kernel only
+    counts the contacts of each particle, as `count_contacts` does. If `grains`, each body is a grain.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
@@ -58,9 +58,9 @@ def evaluate_segments_and_spheres(
 
     @wp.func
     def find_nearest(data: Data, point: Point, first: int, place: int, buffer: scalar):
-        """Return the nearest facet of a near body, its squared distance [m²], and the weight of its second end.
+        """Return a body's facet nearest to a point, its squared distance [m²], and the weight of its second end.
 
-        `place` is the index of the body in the row of body_pairs, `first` of its first facet in the point's row.
+        `place` is the body's index in `body_pairs`, `first` the index of its first facet in the point's list.
         """
         p = point.number
         best = far
@@ -105,7 +105,7 @@ def evaluate_segments_and_spheres(
 
     @wp.func
     def limit_of(data: Data, point: Point, mine: int, corner: wp.vec3i, w: V) -> scalar:
-        """Return the largest damping of a contact [N s/m]."""
+        """Return the upper limit of the damper of a contact [N s/m]."""
         world = int(0)
         if wp.static(worlds):
             world = mine / data.surfaces.bodies_each
@@ -183,7 +183,7 @@ def evaluate_segments_and_spheres(
 
 @functools.cache
 def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
-    """Compose the kernel that lists the same as `find_rows`, if each body is a grain: its one facet has its index.
+    """Compose the kernel that makes the lists of `find_rows` if all bodies are grains: facet i is body i.
 
     Each of the `lanes` threads of a point tests different bodies near it.
     """

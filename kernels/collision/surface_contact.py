@@ -38,8 +38,8 @@ def evaluate_surface(
 ):
     """Compose the kernel of the forces of obstacles on facets; if `measuring`, of the energy [J] and power [W].
 
-    Its threads share the facets. If any facet starts inside an obstacle (`overlapping_at_start`), only the depth
-    beyond an allowed one counts, which shrinks to 0. Forces are summed as integers, as between bodies.
+    Its threads divide the facets. If a facet starts inside an obstacle (`overlapping_at_start`), an allowed depth,
+    which shrinks to 0, is subtracted from depths. Forces are summed as integers, as between bodies.
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
@@ -47,7 +47,7 @@ def evaluate_surface(
 
     @wp.func
     def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
-        """Transform position x to the frame of obstacle p, a fraction `share` from pose `row` to the next."""
+        """Transform x to the frame of obstacle p, whose pose is a fraction `share` from `row` to the next."""
         if wp.static(moving):
             begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
             if share > zero:
@@ -116,7 +116,7 @@ def evaluate_surface(
 
     @wp.func
     def add_places(data: Data, facet: Facet, before: Inside) -> Inside:
-        """Return history `before`, with the sums over those samples of a facet that are inside the obstacle."""
+        """Return the history `before` with sums added over the samples of a facet that are inside the obstacle."""
         inside = before
         p = before.solid
         kept = wp.dot(before.side, before.side) > zero

@@ -97,7 +97,7 @@ def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm
 def add_pushes(scalar: type):
     """Compose the kernel, over particles, that sums the impulses of obstacles' forces on facets.
 
-    A force counts for the duration `seconds`. The sums are impulses per mass [m/s], in float64.
+    Forces act for `seconds`. The sums are impulses per mass [m/s], in float64.
     """
     Wide = vector(3, wp.float64)
 

@@ -1,4 +1,4 @@
-"""Surfaces that have crossed since the start: they are left out of near pairs until they are apart."""
+"""Surfaces that have crossed since the start: they are left out of near pairs until they have separated."""
 
 import functools
 
@@ -15,10 +15,10 @@ from .near_pairs import both_closed
 
 @functools.cache
 def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
-    """Compose the kernel that marks vertices where surfaces cross since the start: no near pair may have these.
+    """Compose the kernel that marks vertices of surfaces that have crossed since the start.
 
-    Marked are the vertices of an edge that goes through a triangle, those of this triangle, and the ends of points
-    that have been inside another body since the start. Each edge and each point has `lanes` threads.
+    Near pairs may not contain these: the vertices of an edge through a triangle and of this triangle, and the ends
+    of points that have been inside another body since the start. Each edge and each point has `lanes` threads.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     load, (begin, find_next) = records(3, scalar).load, facets_within(lanes)

@@ -19,8 +19,8 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
     It also measures how far vertices have moved since the last search, less the common drift of points in contact,
     and how far they move in a substep. A new search is due if a vertex has moved by more than half of the skin, or
-    may do so in the coming substep. Vertices far from other bodies may move further. The threads share the
-    vertices. On the CPU a part has a single thread, since each thread would copy `data`.
+    may do so in the coming substep. Vertices far from other bodies may move further. The threads divide the
+    vertices. On the CPU each part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -91,9 +91,9 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
 @functools.cache
 def place_inner(scalar: type, worlds: bool = False):
-    """Compose the kernel that places the inner vertices for a search, and finds how far they are from drawn ones.
+    """Compose the kernel that computes inner vertices for a search, and their largest distance from drawn ones.
 
-    `clear_pairs` has set the largest distance in each body to 0. Its threads share the vertices.
+    `clear_pairs` has set this distance to 0 for each body. The kernel's threads divide the vertices.
     """
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
     load, store, _ = records(3, scalar)

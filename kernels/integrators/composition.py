@@ -112,7 +112,7 @@ class Tools(NamedTuple):
 
 @functools.cache
 def tools(composition: Composition) -> Tools:
-    """Return the types and functions with which a scene's methods are composed."""
+    """Return the types and functions with which the methods of a scene are composed."""
     dim, scalar = composition.dim, composition.scalar
     load, store, _ = records(dim, scalar)
     Compensation, add = compensated_sum(dim, scalar, composition.compensated)
@@ -121,7 +121,7 @@ def tools(composition: Composition) -> Tools:
 
 @functools.cache
 def beginning(composition: Composition) -> Any:
-    """Compose the effects' actions on connection c at a substep's start, (scene, compensation, x, c); or None."""
+    """Compose (scene, compensation, x, c), which changes connection c when a substep begins; None without need."""
     _, SceneData, Compensation, *_ = tools(composition)
     Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
 
@@ -193,7 +193,7 @@ def parts(composition: Composition) -> tuple[Any, Any]:
 
 @functools.cache
 def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
-    """Return a method's `advance`, and `loads`, for kernels in which all lanes of a particle call both.
+    """Return a method's `advance`, and `loads`, for kernels in which all lanes of a particle call them.
 
     The returned functions act only in the first lane. With one thread per particle they are the originals.
     """
@@ -228,5 +228,5 @@ def driving(composition: Composition) -> Driving:
 
 
 def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:
-    """Join functions into one by calling `both` on two at a time; return None if there are none."""
+    """Join functions into one by calling `both` on two at a time; return None if `functions` is empty."""
     return functools.reduce(both, functions) if functions else None

@@ -72,9 +72,9 @@ def count_down(left: wp.array(dtype=int)):
 def in_partition(composition: Composition, method: Any):
     """Compose the kernel that runs many stages, as `persistent` does, for one part of the particles.
 
-    The kernel is launched once per part, all at the same time. A particle's forces are summed in the same order as
-    by a single thread. For scattered forces each thread has an array of its own for the connections of its
-    particles. Connections between two parts are evaluated in both.
+    It is launched once per part, all parts at the same time. A particle's forces are summed in the same order as
+    by a single thread. For scattered forces each thread has its own array, for the connections of its particles.
+    Connections between two parts are evaluated in both.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     begin, load, masked_particles = beginning(composition), loads(composition), bool(composition.selective)

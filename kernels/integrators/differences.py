@@ -12,7 +12,7 @@ SHARED, UNIFORM, EACH = "shared", "uniform", "each"
 
 
 class Differences(NamedTuple):
-    """What differs between worlds; only this is compiled. Hashable, so that equal ensembles share kernels."""
+    """The parameters that differ between worlds; other ones need no code. Hashable: ensembles share kernels."""
 
     gravity: bool = False
     mass: bool = False

@@ -9,7 +9,7 @@ from .stages import finish, particle_acceleration
 
 
 def symplectic_euler(composition: Composition) -> Stage:
-    """Compose v += h a(x, v), then x += h v (report eq. 10), then contact."""
+    """Compose v += h a(x, v), then x += h v (2014 report, eq. 10), then contact."""
     return _euler(composition, explicit=False)
 
 

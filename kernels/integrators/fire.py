@@ -35,7 +35,7 @@ MIXING_AT_START, MIXING_FALLS, LASTS = 0.1, 0.99, 5.0
 
 @functools.cache
 def fire_sums(dim: int, scalar: type):
-    """Compose the kernel, over SHARES threads or one, that computes the sums over particles."""
+    """Compose the kernel, over SHARES threads or one, that computes the method's sums over particles (ROWS)."""
     _, Vectors, _ = state_types(dim, scalar, False)
     load = records(dim, scalar).load
 

@@ -97,7 +97,7 @@ def impulse(composition: Composition) -> Stage:
 def implicit_finish(composition: Composition) -> Stage:
     """Compose v += dv (0 for a pinned particle), x += h v, and contact.
 
-    For driven particles `impulse` is the impulse of all forces in the substep, which their drives balance.
+    For a driven particle, `impulse` is that of all forces in the substep; its drive exerts the opposite impulse.
     """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)

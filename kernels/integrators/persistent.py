@@ -1,4 +1,4 @@
-"""Many steps in one launch, for bodies so small that launches would take most of the time."""
+"""Many steps in one launch, for bodies so small that separate launches would take most of the time."""
 
 import functools
 from typing import Any

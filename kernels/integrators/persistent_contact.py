@@ -38,7 +38,7 @@ SEARCH_LANES = 8
 
 
 class ContactParts(NamedTuple):
-    """The choices with which a kernel with contact is composed."""
+    """Options by which a kernel with contact is composed."""
 
     triangles: bool
     """Whether any body has triangles; otherwise there are only segments and spheres."""
@@ -53,7 +53,7 @@ class ContactParts(NamedTuple):
 
 @functools.cache
 def ContactNumbers(scalar: type):
-    """Compose the struct of all arguments of the parts, with the same names as in the parts."""
+    """Compose the struct of all arguments of the contact kernels, under the names of their parameters."""
 
     @wp.struct
     class ContactNumbers:
@@ -114,9 +114,9 @@ def search_in_launch(scalar: type, inner: bool):
 
 @functools.cache
 def persistent_contact(composition: Composition, method: Any, parts: ContactParts, blocks: int):
-    """Compose the kernel that takes many substeps of one stage, with contact forces, in one launch.
+    """Compose the kernel that takes many substeps of one stage each, with contact forces, in one launch.
 
-    It is for a single world on a GPU, in a cluster of `blocks` blocks. `steps` has two substeps.
+    It is for a single world on a GPU, in a cluster of `blocks` blocks. `steps` has the steps of two substeps.
     """
     dim, scalar, V = composition.dim, composition.scalar, vector(composition.dim, composition.scalar)
     _, SceneData, *_ = tools(composition)

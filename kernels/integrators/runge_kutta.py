@@ -10,7 +10,7 @@ from .stages import finish, particle_acceleration
 
 @functools.cache
 def rk4(composition: Composition) -> Stage:
-    """Compose a stage of Runge-Kutta 4 (report eq. 6).
+    """Compose a stage of Runge-Kutta 4 (2014 report, eq. 6).
 
     A stage (x, v) adds its acceleration times `weight` to v_sum; the next stage is (x0, v0) + reach·(v, a). The
     first stage starts the sum. The last stage adds the sum to v0, advances x0 by the weighted velocities v0, v_a,

@@ -17,7 +17,7 @@ from .enter_world import enter_world, to_world
 
 @functools.cache
 def begin_each_connection(composition: Composition):
-    """Compose the kernel, over connections (and worlds), that runs effects' actions at a substep's start."""
+    """Compose the kernel, over connections (and worlds), that changes springs at a substep's start, by effects."""
     V, SceneData, Compensation, *_ = tools(composition)
     begin = beginning(composition)
     if composition.differs is None:
@@ -43,7 +43,7 @@ def begin_each_connection(composition: Composition):
 
 @functools.cache
 def each_connection(composition: Composition, method: Any = None):
-    """Compose the kernel, over connections (and worlds), that evaluates scattered forces."""
+    """Compose the kernel, over connections (and worlds), that adds forces of connections to their particles."""
     V, SceneData, Compensation, *_ = tools(composition)
     Forces, evaluate = composition.force_algorithm.Forces, composition.force_algorithm.evaluate
     if composition.differs is not None:
@@ -128,7 +128,7 @@ def each_column(composition: Composition, method: Any):
     """Compose the kernel of a stage for a lattice, over columns of particles, which read each neighbour once.
 
     With a second pass it leaves masked particles to `each_masked`, as in `each_particle`: the code of selective
-    effects would make all columns slower.
+    effects would slow down all columns.
     """
     _, SceneData, _, _, store, _ = tools(composition)
     load, forces_at = loads(composition), composition.force_algorithm.column_forces

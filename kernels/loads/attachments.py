@@ -23,7 +23,7 @@ class Attachments(NamedTuple):
     projected: Any
     """φ·F of an attachment, for `adjoint.elements`."""
     numbers: Any
-    """Its stiffness, damping, rest length and anchor point there."""
+    """Stiffness, damping, rest length and anchor point of an attachment, for `adjoint.elements`."""
 
 
 @functools.cache

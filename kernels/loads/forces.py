@@ -16,7 +16,7 @@ from .work import Nothing
 def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of constant forces.
 
-    Particles with the same forces use one sum. There are few different sums, which fit into caches.
+    Particles with equal combinations of forces read the same precomputed sum: the few sums fit into caches.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
 
@@ -57,7 +57,7 @@ def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 @functools.cache
 def given_force_projection(dim: int, scalar: type, Data: Any, varies: bool):
-    """Compose (projected, numbers): φ·F of a particle, and the force F on it, for `adjoint.elements`."""
+    """Compose (projected, numbers): φ·F of a particle under the force F, and F, for `adjoint.elements`."""
     Rows: Any = wp.types.matrix((1, dim), scalar)
     V = vector(dim, scalar)
 
@@ -121,7 +121,7 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
 
 @functools.cache
 def function_projection(dim: int, scalar: type, function: Any):
-    """Compose φ·F of a particle under a function's force, see `adjoint.elements`."""
+    """Compose φ·F of a particle under a force F given by a function, for `adjoint.elements`."""
     Rows: Any = wp.types.matrix((1, dim), scalar)
 
     @wp.func

@@ -14,7 +14,7 @@ from .surface_triangles import face
 
 @functools.cache
 def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
-    """Compose (Pressed, press): pressures on triangles, and the force Σ p a / 3 on a particle by its triangles."""
+    """Compose (Pressed, press): pressures on triangles, and the force Σ p a / 3 on a particle in some of them."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Faces, corners = face(dim, scalar, compensated, mixed)
 
@@ -41,7 +41,7 @@ def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
 
 @functools.cache
 def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of given pressures; the table has a row for each stage of a frame, and for its end."""
+    """Return the term of given pressures; their table has a row for each stage of a frame, and one for its end."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Pressed, press = _pressed(dim, scalar, compensated, mixed)
 
@@ -157,9 +157,9 @@ def given_projection(dim: int, scalar: type, Pressed: Any):
 def gas_adjoint(dim: int, scalar: type):
     """Compose (Gases, projected, kernel) for the adjoint of gases: φ·F of a triangle, and sums for it.
 
-    With S = Σ a·φ over a gas' triangles and their mean φ, φ·F = p S: its derivative is p ∂S/∂x + p' S ∂V/∂x.
-    The kernel sums S and V for each gas, by a block. It adds to the derivatives by the gas' numbers, if they are
-    wanted: overpressure, pressure outside, volume, and exponent.
+    With S = Σ a·φ over a gas' triangles with area vectors a and mean φ, φ·F = p S. Its derivative is p ∂S/∂x + p'
+    S ∂V/∂x. The kernel sums S and V for each gas, with a block per gas. If wanted, it also adds to the derivatives
+    by the gas' overpressure, outside pressure, volume and exponent.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Rows: Any = wp.types.matrix((3, dim), scalar)

@@ -64,7 +64,7 @@ def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
 
 @functools.cache
 def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
-    """Return the term with the state of mixed vertices, which are weighted means of particles."""
+    """Return the term of vertices that are weighted means of particles: their positions and velocities."""
     V = vector(dim, scalar)
 
     @wp.struct

@@ -111,7 +111,7 @@ def wind_on_faces(
 
 
 def _numbers_of_air(dim: int, scalar: type, Data: Any, function: Any, on_faces: bool):
-    """Compose (Numbers, numbers, air): drag, lift and velocity as numbers of an element, and the velocity at x."""
+    """Compose (Numbers, numbers, air): drag, lift and velocity of an element's wind; the air velocity at x."""
     V, Numbers = vector(dim, scalar), vector(2 + dim, scalar)
 
     @wp.func
@@ -141,7 +141,7 @@ def _numbers_of_air(dim: int, scalar: type, Data: Any, function: Any, on_faces: 
 
 @functools.cache
 def projection_on_faces(dim: int, scalar: type, WindOnFaces: Any, function: Any, any_closed: bool):
-    """Compose (projected, numbers): φ·F of a triangle in the wind, and its numbers, for `adjoint.elements`."""
+    """Compose (projected, numbers): φ·F of a triangle, and the numbers of its wind, for `adjoint.elements`."""
     Rows: Any = wp.types.matrix((3, dim), scalar)
     push = _force_on_face(dim, scalar)
     Numbers, numbers, air = _numbers_of_air(dim, scalar, WindOnFaces, function, True)
@@ -189,7 +189,7 @@ def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) 
 
 @functools.cache
 def projection_on_particles(dim: int, scalar: type, WindOnParticles: Any, function: Any):
-    """Compose (projected, numbers): φ·F of a particle in the wind, and its numbers, for `adjoint.elements`."""
+    """Compose (projected, numbers): φ·F of a particle, and the numbers of its wind, for `adjoint.elements`."""
     Rows: Any = wp.types.matrix((1, dim), scalar)
     Numbers, numbers, air = _numbers_of_air(dim, scalar, WindOnParticles, function, False)
 

@@ -118,7 +118,7 @@ def add_work(
     # Out:
     shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
-    """Add the work summed by effects themselves, `done`, to the threads' partial sums in each world."""
+    """Add to the threads' partial sums in each world the work `done`, which effects have summed themselves."""
     share = wp.tid()
     threads = shares.shape[0] / worlds
     count = done.shape[0] / worlds

@@ -190,7 +190,7 @@ def collapse(
 
 @wp.func
 def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
-    """Return the colour at `share` of a scale: linear between its stops, clamped to its ends outside 0 … 1."""
+    """Return the colour at a fraction 0 … 1 of a scale: linear between its stops, clamped to its ends outside."""
     last = stops.shape[0] - 1
     at = wp.clamp(share, 0.0, 1.0) * float(last)
     k = wp.min(int(at), last - 1)
@@ -225,7 +225,7 @@ def colour_by_value(
     # Out:
     colours: wp.array(dtype=wp.vec3),  # shape [vertex_count]
 ):
-    """Colour every vertex by the weighted mean of its particles' values, given as shares of the full value."""
+    """Colour every vertex by the weighted mean of its particles' values, given as fractions of the full value."""
     i = wp.tid()
     share = float(0.0)
     for k in range(particle.shape[1]):

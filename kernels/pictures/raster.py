@@ -58,7 +58,7 @@ def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 def draw_triangles(
     body: Body,
     view: Surroundings,
-    hidden_by: wp.array2d(dtype=wp.uint64),  # the nearest of others, behind which none is kept; or of shape [0, 0]
+    hidden_by: wp.array2d(dtype=wp.uint64),  # nearest of other triangles, which hide these; or of shape [0, 0]
     # In and out:
     nearest: wp.array2d(dtype=wp.uint64),  # of each point, shape [4 · height, width]
 ):
@@ -369,7 +369,7 @@ def shade(
     first_column: int,
     columns: int,
     # In and out:
-    nearest: Keys,  # as `draw_triangles` leaves it, and 0 then; shape [4 · height, width]
+    nearest: Keys,  # written by `draw_triangles`, reset to 0; shape [4 · height, width]
     pixels: Pixels,  # shape [height, width]
 ):
     """Draw triangles and their shadow on the ground over a picture of the lit ground.

@@ -78,7 +78,7 @@ class Surroundings:
 MIRRORED_SKY, MIRRORED_GROUND = 1.25, 0.4
 """Brightness of what metal and glass mirror: the sky above the horizon, and the ground."""
 DARK_BELOW, BRIGHT_ABOVE = -0.15, 0.3
-"""Vertical components of directions between which that changes."""
+"""Vertical components of directions between which the mirrored brightness changes from ground to sky."""
 ZENITH = 0.45
 """By how much the sky is less bright towards the zenith."""
 MIRRORS = 0.05
@@ -153,7 +153,7 @@ def height(view: Surroundings, spot: wp.vec3) -> float:
 
 @wp.func
 def surroundings_at(upwards: float) -> float:
-    """Return the brightness of what is mirrored, in a direction with this vertical component, -1 … 1."""
+    """Return the brightness of the surroundings that is mirrored, for a direction's vertical component -1 … 1."""
     share = wp.clamp((upwards - wp.static(DARK_BELOW)) / wp.static(BRIGHT_ABOVE - DARK_BELOW), 0.0, 1.0)
     sky = wp.static(MIRRORED_SKY) - wp.static(ZENITH) * wp.max(upwards, 0.0)
     return wp.static(MIRRORED_GROUND) + (sky - wp.static(MIRRORED_GROUND)) * share * share * (3.0 - 2.0 * share)
@@ -306,7 +306,7 @@ def ray_shader(through_glass: bool):
                 if view.has_ground == 0 or height(view, view.eye + through.t * ray) >= -view.below:
                     seen, own, opacity = shade_hit(glass, view, through, ray, first, count)
                     colour = (1.0 - opacity) * colour + opacity * within_one(seen)
-                    # It changes where a penumbra on the glass begins, and where one behind it does.
+                    # A value that changes at the edges of penumbras, both on the glass and behind it.
                     if share == FACING_AWAY:
                         share = own
                     elif own != FACING_AWAY:

@@ -127,7 +127,7 @@ def hidden(shadows: DepthMap, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> in
 def share_of_light(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
     """Return the share of the key light that reaches a point [m] of a plane with a normal of any length.
 
-    The sampling radius grows with the height above the point of possible occluders, plus `around` texels.
+    The sampling radius grows with the height of possible occluders above the point, plus `around` texels.
     """
     at = in_map(shadows, spot) + wp.vec3(0.5, 0.5, 0.0)
     size = float(shadows.depth.shape[0])

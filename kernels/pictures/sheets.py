@@ -10,8 +10,8 @@ distance_from = signed_distance(3, wp.float32, KINDS)
 STEPS = 12
 """Steps that move a point outwards; the last three go the shortest way, if the others did not suffice."""
 BULGE = wp.constant(0.5)
-"""Further distance from an obstacle, over the depth that a point had in it: a bend is round and not sharp, so that
-pieces of the sheet do not cut the edge that they bend around."""
+"""Additional distance from an obstacle, as a fraction of a point's depth in it: bends become round, so that pieces
+of the sheet do not cut the edge that they bend around."""
 
 
 @wp.func

@@ -8,8 +8,8 @@ The kinetic energy is computed from the method's own velocities.
 LOOKED = 5
 """Number of leading columns, which suffice to detect divergence."""
 MEAN_KINETIC, SWING, MOMENTUM, ANGULAR_MOMENTUM, ELASTIC, DISSIPATED = 5, 6, 7, 10, 13, 14
-"""Kinetic energy of velocities at the time of the positions [J], kinetic energy of their difference from the
-method's velocities [J], three [kg m/s], three [kg m²/s], [J] and [W]: also computed by `sum_up`."""
+"""Kinetic energy of velocities at the time of positions, and of their difference from the method's velocities [J];
+momentum [kg m/s], angular momentum [kg m²/s], three columns each; elastic energy [J]; dissipated power [W]."""
 COLUMNS = 15
 MAXIMA = 2
 """Number of leading columns that are maxima over threads; other columns are sums."""

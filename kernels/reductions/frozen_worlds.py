@@ -21,7 +21,7 @@ def judge(
     particle: wp.array(dtype=int),  # first particle that is not finite, or NONE, shape [worlds]
     most_work: wp.array(dtype=wp.float64),  # largest work so far [J], shape [worlds]
 ):
-    """Freeze worlds that have diverged in the last frame; count the good frames of other worlds."""
+    """Freeze worlds that have diverged in the last frame; count the successful frames of other worlds."""
     w = wp.tid()
     if frozen[w] != wp.static(RUNNING):
         return
@@ -46,7 +46,7 @@ def put_back(
     # Out:
     live: wp.array2d(dtype=wp.uint32),
 ):
-    """Restore the state at the frame's start in frozen worlds."""
+    """Restore frozen worlds to their state at the frame's start."""
     w, i = wp.tid()
     if frozen[w] == wp.static(RUNNING):
         return

@@ -69,7 +69,7 @@ the cache. On the CPU a world has one thread.
 
 @functools.cache
 def add_up(column_count: int, block: int):
-    """Compose the last step of a kernel, which combines the results of each world's threads.
+    """Compose the end of a kernel: it combines the results of each world's threads.
 
     The kernel is launched with blocks of `block` threads; each world has blocks.shape[2] blocks.
     """
@@ -279,7 +279,7 @@ def fold(
     first: int,  # column of `rows` for the first column of `shares`
     rows: wp.array3d(dtype=wp.float64),  # partial sums in rows, in a fixed order
 ):
-    """Add partial sums of a world's threads into a few rows; one thread per entry."""
+    """Add the partial sums of a world's threads up to a few rows; one thread per entry of `rows`."""
     w, row, column = wp.tid()
     total = wp.float64(0.0)
     share = row

@@ -143,7 +143,7 @@ def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
 
 @functools.cache
 def sum_virial(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over worlds and threads, that sums weight · T l n nᵀ [J] of chosen connections."""
+    """Compose the kernel, over worlds and threads, that sums weight · tension · length · n nᵀ of connections."""
     V, components = vector(dim, scalar), COMPONENTS[dim]
     separation = difference(dim, scalar, compensated)
 
@@ -188,7 +188,7 @@ def sum_virial(dim: int, scalar: type, compensated: bool):
 def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool):
     """Compose the kernel, over worlds and threads, that sums w' V P [J] and volumes V over chosen cells.
 
-    P is the projection on the plane of a flat cell, and the identity for a solid cell.
+    w' is minus a cell's pressure. P projects on the plane of a flat cell, and is the identity for a solid one.
     """
     V, components, corner_count = vector(dim, scalar), COMPONENTS[dim], 8 if solid else 4
     separation, law = difference(dim, scalar, compensated), volume_law(wp.float64)

@@ -40,7 +40,7 @@ def largest_eigenvalue(dim: int):
 
 @functools.cache
 def largest_rate(dim: int, scalar: type):
-    """Compose the kernel, over worlds and particles, that raises bounds to 2 |A_i|/m_i and 2 |B_i|/m_i."""
+    """Compose the kernel, over worlds and particles, that finds the largest 2 |A_i|/m_i and 2 |B_i|/m_i."""
     Block, largest = wp.types.matrix((dim, dim), wp.float64), largest_eigenvalue(dim)
 
     @kernel

@@ -159,7 +159,7 @@ def angle_energies(dim: int, scalar: type, AngleTable: Any):
 
 @functools.cache
 def angle_blocks(dim: int, scalar: type, AngleTable: Any):
-    """Compose the kernel, over angles, that adds an angle to the blocks of its particles, for the stability bound.
+    """Compose the kernel that adds a bound of each angle's stiffness to the diagonal blocks of its particles.
 
     θ changes by g·u, where |g| is 1/|e|, 1/|e| + 1/|f| and 1/|f| at a, b and c. The matrix g gᵀ is at most the
     blocks |g_i| Σ|g|, exact for the fastest mode of a straight rod. It is multiplied by ∂²(2 K T²)/∂θ² =

@@ -111,7 +111,7 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
 
     @wp.func
     def flat_turning(p: V, q: V) -> scalar:
-        """Return `turning` at both ends of the diagonal p of a flat cell, with the other diagonal q."""
+        """Return `turning` at the two corners on the diagonal p of a flat cell with the other diagonal q."""
         result = scalar(1.0)
         if wp.static(dim == 3):
             area = wp.length(wp.cross(p, q))  # twice the cell's area

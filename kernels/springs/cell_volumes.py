@@ -85,7 +85,7 @@ def cell_pressure(scalar: type, damped: bool):
 
 @functools.cache
 def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool):
-    """Compose wp.func (cells, compensation, x, v, shift, c, force, first): the forces of cell c on its corners.
+    """Compose wp.func (cells, compensation, x, v, shift, c, force, first): write cell c's forces on its corners.
 
     The particles of the cell's world begin at `shift`. Corner k's force is written at first + k · cell_count [N].
     """
@@ -137,9 +137,9 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
 def cell_volumes(
     dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool, everywhere: bool
 ) -> ForceTerm:
-    """Return the term of cells, whose parts are forces on corners; each particle sums its forces.
+    """Return the term of cells; its parts are forces on corners, of which each particle sums its own.
 
-    If cells are `everywhere`, particles are not tested for having cells.
+    If cells are `everywhere`, the kernel does not test whether a particle has cells.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
@@ -280,7 +280,7 @@ def cell_energies(dim: int, scalar: type, solid: bool, flat: bool):
 
 @functools.cache
 def cell_blocks(dim: int, scalar: type, solid: bool, flat: bool):
-    """Compose the kernel, over cells, that adds a cell to the blocks of its corners, for the stability bound.
+    """Compose the kernel that adds a bound of each cell's stiffness to the diagonal blocks of its corners.
 
     A cell adds w''/V₀ g gᵀ to K, with the gradient g of its volume, and w' ∂²V/∂x². With weights s_c that sum to
     1, (Σ g_c·u_c)² ≤ Σ (g_c·u_c)²/s_c: so g gᵀ is at most the blocks g_c g_cᵀ/s_c. Weights proportional to 1/m_c

@@ -1,4 +1,4 @@
-"""Extra springs (ties): springs in no lattice direction, in a small table beside the stencil."""
+"""Ties: springs in no lattice direction, such as between joined bodies, in a small table beside the stencil."""
 
 import functools
 from typing import Any
@@ -15,7 +15,7 @@ from .spring_laws import Laws
 
 @functools.cache
 def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTerm:
-    """Return the term of ties beside a stencil: the sum of tie forces on a particle.
+    """Return the term of ties: the sum of the forces of ties on a particle, in addition to the stencil.
 
     Ties obey the law of all springs. Each tie is in the table twice, once for each end, and both ends compute
     opposite forces of equal size.

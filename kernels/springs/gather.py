@@ -40,7 +40,7 @@ def gather(
 ) -> ForceAlgorithm:
     """Compose the gather algorithm: each particle sums the forces of its springs, using a table of neighbours.
 
-    This is the report's Algorithm 2. Every force is computed twice, no thread waits for another, and the order of
+    This is Algorithm 2 of the 2014 report. Every force is computed twice, threads never wait, and the order of
     sums is fixed. Slot s of particle i is at first[i / 32] + 32 s + i mod 32, so that adjacent particles read
     adjacent entries. Padding slots, which make all rows of a slice equally long, contain the particle's own index
     and exert no force, like slots of broken springs. With "packed" constants a slot's highest byte is the kind

@@ -85,9 +85,9 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
 
 @functools.cache
 def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: bool) -> ForceTerm:
-    """Return the term of a lattice's cells, whose parts are pressures.
+    """Return the term of a lattice's cells; its parts are pressures, from which each particle computes its force.
 
-    If cells are `everywhere`, particles are not tested for having cells.
+    If cells are `everywhere`, the kernel does not test whether a particle has cells.
     """
     V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)

@@ -58,7 +58,7 @@ def product(scalar: type):
 
 @functools.cache
 def spring_damper(dim: int, scalar: type, laws: Laws):
-    """Compose the force density q of a spring: its force on its first particle is −q Δx (report eq. 7).
+    """Compose the force density q of a spring: its force on its first particle is −q Δx (2014 report, eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
     gets −F. Another damping law replaces b Δv·Δx̂; a user's law also depends on strain; without a damper this part

@@ -72,7 +72,7 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 @functools.cache
 def add_blocks(dim: int, scalar: type, law: Any = None):
-    """Compose the kernel, over worlds and springs, that adds a spring to the blocks of its two particles.
+    """Compose the kernel, over worlds and springs, that adds each spring to the blocks A and B of its particles.
 
     A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i. For a
     nonlinear law k d dᵀ is multiplied by its steepest slope, and the transverse factor is max(0, l0 s/l).

@@ -19,9 +19,9 @@ def scatter(
 ) -> ForceAlgorithm:
     """Compose the scatter algorithm: each spring adds its force to one end and subtracts it from the other.
 
-    This is the report's Algorithm 3. Each force is computed once. Additions are atomic, in any order. Reading a
-    particle's force resets it to zero for the next evaluation. A broken spring is made to connect its first
-    particle to itself, so that it adds nothing.
+    This is Algorithm 3 of the 2014 report. Each force is computed once. Additions are atomic, in any order.
+    Reading a particle's force resets it to zero for the next evaluation. A broken spring is made to connect its
+    first particle to itself, so that it adds nothing.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)

@@ -25,7 +25,7 @@ class Laws(NamedTuple):
 
     @property
     def own_damper(self) -> Any:
-        """The law of dampers if it is a `wp.func` of strain, rate and constant; None if it has a name."""
+        """The law of dampers if it is a `wp.func` of strain, rate and constant; None for a law with a name."""
         return None if isinstance(self.damper, tuple) else self.damper
 
     @property
@@ -96,7 +96,7 @@ def spring_energy(law: Any):
 
 @functools.cache
 def steepest_slope(law: Any):
-    """Compose the steepest slope of s within AHEAD of a strain, at least 0, from differences in float64."""
+    """Compose the steepest slope of s at strains within AHEAD of a given one, at least 0; float64 differences."""
     stress = spring_stress(wp.float64, law)
     apart = 2 * AHEAD / INTERVALS
 

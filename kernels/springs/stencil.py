@@ -43,8 +43,8 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
 def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
     """Return a hash of all constants compiled into a stencil's loops, and of the length `together` of a column.
 
-    Warp distinguishes kernels by source and by `wp.static` values, except values that depend on a loop. Without
-    this hash in the source, Warp would confuse two stencils with equally many rows.
+    Warp distinguishes kernels by their source and by `wp.static` values, except values that depend on a loop
+    variable. Without this hash in the source, Warp would confuse two stencils with equally many rows.
     """
     return zlib.crc32(repr((together, rows, neighbours)).encode()) >> 1
 

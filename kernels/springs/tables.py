@@ -33,7 +33,7 @@ def name_itself(
     # Out:
     other: wp.array(dtype=int),  # shape [slot_count]
 ):
-    """Fill every slot of particle i with i, which is padding, since a particle exerts no force on itself."""
+    """Fill every slot of particle i with i; such slots are padding, since a particle exerts no force on itself."""
     part = wp.tid()
     for slot in range(first[part], first[part + 1]):
         other[slot] = wp.min(part * SLICE + (slot - first[part]) % SLICE, particle_count - 1)
@@ -95,7 +95,7 @@ def name_itself_where_broken(
 
 @functools.cache
 def take(dtype: type):
-    """Compose the kernel, over slots, that copies each spring's value into its two slots."""
+    """Compose the kernel, over slots, that copies the value of each slot's spring into the slot."""
 
     @kernel
     def take_values(

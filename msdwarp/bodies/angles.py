@@ -66,7 +66,7 @@ class Angles:
         return replace(self, particles=particles[order], **values)
 
     def behind(self, first: "Angles | None", particles: int) -> "Angles":
-        """Return the angles of `first`, if any, then these with particle indices increased by `particles`."""
+        """Return the angles of `first`, if any, then these, with particle indices increased by `particles`."""
         own = replace(self, particles=self.particles + np.int32(particles))
         if first is None:
             return own

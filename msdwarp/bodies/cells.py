@@ -98,7 +98,7 @@ class Cells:
         return result
 
     def slopes(self, position: ArrayLike) -> NDArray[np.float64]:
-        """Return w' of each cell [Pa], in flat ones [N/m]: minus the pressure without the damper's part."""
+        """Return w' of each cell [Pa], in flat ones [N/m]: minus the pressure, without the part of the damper."""
         ratio = self.volumes(position) / self.rest_volume
         d = ratio - 1
         negative = np.where(d < 0, d / (1 + d * d), 2 * d / (1 + ratio * ratio))
@@ -127,7 +127,7 @@ class Cells:
         return replace(self, corners=corners[order], **{name: one[order] for name, one in values.items()})
 
     def behind(self, first: "Cells | None", particles: int) -> "Cells":
-        """Return the cells of `first`, if any, then these cells with particle indices increased by `particles`."""
+        """Return the cells of `first`, if any, then these, with particle indices increased by `particles`."""
         own = replace(self, corners=np.where(self.corners == NONE, NONE, self.corners + np.int32(particles)))
         if first is None:
             return own

@@ -107,7 +107,7 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
 
 
 def behind_surfaces(system: System) -> NDArray[np.bool_]:
-    """Return a mask of particles in bodies whose surface has vertices of its own, shape [particle_count].
+    """Return a mask of particles in bodies whose surface vertices are not particles, shape [particle_count].
 
     Vertices of such a surface are weighted means of particles, as in a ball cut from a lattice.
     """

@@ -13,7 +13,7 @@ from .. import checks
 
 @dataclass(frozen=True)
 class Damper:
-    """F = b l', the report's damper (eq. 3): b in N s/m."""
+    """F = b l', the damper of the 2014 report (eq. 3): b in N s/m."""
 
     @property
     def steepest(self) -> float:
@@ -114,7 +114,7 @@ class UnknownDamper(Damper):
 
     @property
     def law(self) -> Any:
-        """Raise ValueError."""
+        """Raise ValueError, since the user's function is not known."""
         raise ValueError(
             "damper is UnknownDamper(): the system is from a file, which does not hold a law of one's own; "
             "give it again by replace(damper=...)"

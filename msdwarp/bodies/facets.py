@@ -105,7 +105,7 @@ def open_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
 
 
 def sides_of(triangles: NDArray[np.integer]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Return (edges of triangles, shape [any, 2]; edge of each side; whether the side runs along the edge).
+    """Return (edges of triangles, [any, 2]; edge of each side; whether the side has the edge's direction).
 
     The sides of a triangle run from corner 0 to 1, 1 to 2, 2 to 0; arrays of sides: shape [triangle_count, 3].
     """

@@ -51,8 +51,8 @@ _BLOCK = 1 << 15  # connections per block of computed lengths: their coordinates
 def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return all fields of a system: given ones, checked and copied, and the remaining known ones.
 
-    Known fields are valid together, and shared. They are checked again only if they must match a given field; a
-    uniform array matches any number of particles or connections.
+    Known fields are those of a valid system; they are shared, not copied. They are checked again only if they must
+    match a given field; a uniform array matches any number of particles or connections.
     """
     known = known or {}
     fields = {**known, **given}

@@ -58,7 +58,7 @@ def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.in
 
 
 def between_neighbours(directions: Sequence[Mapping[str, slice]], count: int) -> NDArray[np.bool_] | None:
-    """Return a mask of `count` connections, False between second neighbours; None if it would be all True."""
+    """Return a mask of `count` connections, False for those between second neighbours; None if all are True."""
     named = [(name, part) for body in directions for name, part in body.items()]
     second = [part for name, part in named if re.fullmatch(f"([+-]?2[xyz])+|{_SECOND}", name)]
     found = np.ones(count, dtype=bool)

@@ -1,8 +1,8 @@
 """Springs: laws of force against a connection's strain, as frozen dataclasses.
 
 `System.stiffness` is the constant k of each connection. The force is F = k l0 s(ε), positive in tension, with the
-strain ε = l/l0 − 1 and the dimensionless s given by the law. With s(ε) = ε it is the report's spring, k (l − l0).
-The steepest slope of s near the present strain limits the stable step.
+strain ε = l/l0 − 1 and the dimensionless s given by the law. s(ε) = ε is the linear spring k (l − l0). The
+steepest slope of s near the present strain limits the stable step.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ SpringLaw = tuple[str, *tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Spring:
-    """s = ε, the report's spring (eq. 3)."""
+    """s = ε, the spring of the 2014 report (eq. 3)."""
 
     @property
     def law(self) -> Any:
@@ -138,7 +138,7 @@ class UnknownSpring(Spring):
 
     @property
     def law(self) -> Any:
-        """Raise ValueError."""
+        """Raise ValueError, since the user's function is not known."""
         raise ValueError(
             "spring is UnknownSpring(): the system is from a file, which does not hold a law of one's own; "
             "give it again by replace(spring=...)"

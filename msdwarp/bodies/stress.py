@@ -51,7 +51,7 @@ def stress(system: System, position: ArrayLike | None = None) -> NDArray[np.floa
 
 
 def _virials(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Σ T l n nᵀ of connections between each cell's corners [J], shape [cell_count, d, d]."""
+    """Return Σ tension · length · n nᵀ of connections between a cell's corners [J], shape [cell_count, d, d]."""
     cells, ends = system.cells, system.connections
     assert cells is not None
     apart = x[ends[:, 1]] - x[ends[:, 0]]
@@ -75,7 +75,7 @@ def connection_shares(system: System, chosen: NDArray[np.bool_]) -> NDArray[np.f
 
 
 def _joined_corners(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return (cell, pair) for joined pairs of corners in all cells, and the pair of each connection."""
+    """Return (cell, pair) for each pair of connected corners of a cell, and the pair of each connection."""
     cells, count = system.cells, system.particle_count
     assert cells is not None
     ends = np.sort(system.connections.astype(np.int64), axis=1)
@@ -92,7 +92,7 @@ def _joined_corners(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 
 def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the von Mises stress √(3/2 s:s) of stresses, shape [..., d, d], with the deviator s in space."""
+    """Return the von Mises stress √(3/2 s:s) of stresses, shape [..., d, d], with their deviator s in 3D."""
     dim = stress.shape[-1]
     pressure = np.trace(stress, axis1=-2, axis2=-1) / 3
     squares = (stress**2).sum(axis=(-2, -1)) - 3 * pressure**2  # |s|², also for plane stress

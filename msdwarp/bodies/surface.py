@@ -80,7 +80,7 @@ class Surface:
         return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
 
     def behind(self, first: "Surface | None", particles: int) -> "Surface":
-        """Return `first`, if any, and this surface as one; this surface's particle indices grow by `particles`."""
+        """Return `first`, if any, and this surface, with particle indices increased by `particles`, as one."""
         own = replace(self, particle=self.particle + np.int32(particles))
         if first is None:
             return own
@@ -114,7 +114,7 @@ class Surface:
 
 
 def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Return the weights of particles of this shape as a read-only array; None if there are none."""
+    """Return a surface's weights, checked, as a read-only array of this shape; None if vertices are particles."""
     if len(shape) == 1:
         if weights is not None:
             raise ValueError(

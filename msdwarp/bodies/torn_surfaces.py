@@ -101,7 +101,7 @@ def cells_of(system: System) -> NDArray[np.int64]:
 
 
 def cells_parted_at(system: System, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the time when unbroken connections cease to join the eight corners of each cell [s], or inf.
+    """Return the time when the corners of each cell cease to be joined by unbroken connections [s], or inf.
 
     Only connections within a cell count. Two corners are joined until the longest-lasting path between them
     breaks: these are widest paths, by the Floyd-Warshall algorithm.
@@ -159,6 +159,6 @@ def _at_broken(system: System) -> NDArray[np.bool_]:
 
 
 def _alike(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return (stable order in which equal rows are adjacent, mask of rows that equal the next row)."""
+    """Return (a stable order in which equal rows are adjacent, mask: whether a row equals the next one)."""
     order = np.lexsort(rows.T)
     return order, (rows[order[:-1]] == rows[order[1:]]).all(axis=1)

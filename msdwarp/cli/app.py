@@ -130,7 +130,7 @@ def run_script(build: Build, flags: Sequence[str]) -> None:
 
 
 def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: type, *given: Any) -> None:
-    """Run a command on a scene, or show the command's help."""
+    """Run a command on a scene, unless the flags only ask for the command's help, which is then shown."""
     if scene in ("--help", "-h"):
         app.help_print([command])
         return
@@ -138,7 +138,7 @@ def _with_scene(command: str, scene: str, flags: tuple[str, ...], options_type: 
 
 
 def _act(command: str, chosen: tuple[Origin, Any] | None, *given: Any) -> None:
-    """Call a command's function, such as `run_scene`, with scene and options; do nothing if help was shown."""
+    """Call a command's function, such as `run_scene`, with scene and options, unless only help was shown."""
     if chosen is None:
         return
     origin, options = chosen

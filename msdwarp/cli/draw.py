@@ -154,7 +154,7 @@ def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequ
 
 
 def _torn(scene: Scene, trajectory: Trajectory) -> Scene:
-    """Return the scene, with the times at which springs broke if it tears."""
+    """Return the scene, with the times at which springs broke if the scene tears."""
     if not scene.system.tears:
         return scene
     return replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
@@ -168,7 +168,7 @@ def _raise_if_stopped(requests: list[int]) -> None:
 def _colouring(
     scene: Scene, trajectory: Trajectory, colour: str | None, shown: Sequence[int]
 ) -> tuple[str | ColourScale | None, Values | None]:
-    """Return (colouring of a body, function for the particles' values in frame k); None for what is not shown.
+    """Return (colouring of the body, function (k) -> particles' values in frame k); None for what is not used.
 
     The scale ends at the largest 99th percentile of a frame.
     """

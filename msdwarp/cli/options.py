@@ -107,7 +107,7 @@ class Pictures(CameraOptions):
         return self.overlay is not None or not self.frames == self.video == "none"
 
     def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
-        """Return whether a folder has all pictures of a run of `frame_count` frames."""
+        """Return whether a folder has all pictures of a run with `frame_count` frames."""
         wanted = [] if self.overlay is None else [overlay_path(folder, name)]
         wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
@@ -261,7 +261,7 @@ class ViewOptions(CameraOptions, SimulationOptions):
 
     @property
     def run_options(self) -> Options:
-        """Options of a run with the same simulation."""
+        """Options of a run that simulates in the same way."""
         return Options(**{one.name: getattr(self, one.name) for one in fields(SimulationOptions)})
 
 
@@ -315,7 +315,7 @@ class FitOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class NoPictures(Pictures):
-    """What to draw of each point: nothing by default."""
+    """What to draw for each point of a sweep: nothing by default."""
 
     frames: FrameFormat = "none"
     video: FilmFormat = "none"

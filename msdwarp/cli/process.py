@@ -45,7 +45,7 @@ def scene_main(build: Callable[..., Any]) -> NoReturn:
 
 
 def _run(command: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit; from its last line on, a signal ends the process at once."""
+    """Run a command and exit; while Python exits, signals are ignored."""
     sys.unraisablehook = signals.lost
     try:
         finish(command)
@@ -106,7 +106,7 @@ def _set_up() -> None:
 
 
 def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
-    """Return the context `signals.noted`, with a message about the first signal on a terminal."""
+    """Return the context `signals.noted`; on a terminal the first signal also shows a message."""
 
     def announce() -> None:
         if talk.is_terminal:
@@ -139,7 +139,7 @@ def status_on(console: "Console", what: str) -> Iterator[Callable[[str], None]]:
 
 
 def start_warp(verbose: bool) -> None:
-    """Start Warp, with its messages if `verbose`."""
+    """Start Warp; show its messages if `verbose`."""
     with at_once():
         import warp  # noqa: F401
     if verbose:

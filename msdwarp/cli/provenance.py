@@ -69,7 +69,7 @@ def parameters_of(origin: Origin) -> dict[str, Any]:
 
 
 def rebuild_scene(attributes: Mapping[str, Any], script: Script = UNTRUSTED) -> tuple[Origin, Scene]:
-    """Build the scene named by a file's attributes again; raise ValueError if its script may not run."""
+    """Build again the scene that a file's attributes name; raise ValueError if its script may not run."""
     place = script.scene or str(checks.member("the file", attributes, "scene"))
     stored = checks.mapping("parameters of the file", checks.member("the file", attributes, "parameters"))
     found = script.found(place, attributes)
@@ -143,7 +143,7 @@ def _fits(value: Any, kind: Any) -> bool:
 
 
 def digest(scene: Scene) -> str:
-    """Return a short text, equal for scenes with the same bodies and surroundings.
+    """Return a short text that is equal for scenes with the same bodies and surroundings.
 
     Functions are compared by values: a collider's poses at some times, a change applied to the start.
     """

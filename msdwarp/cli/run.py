@@ -267,7 +267,7 @@ class Run:
     def _save(self, writer: TrajectoryWriter | None) -> None:
         """Write the restart file, once the frames up to the current one are on disk.
 
-        While a continued run replaces frames, no restart file is written until there are as many as before.
+        While a continued run replaces frames, no restart file is written until the file has as many as before.
         """
         if writer is None or self.folder is None or not self._keeps or not self.options.restart:
             return
@@ -278,13 +278,13 @@ class Run:
         write_restart(self.folder / RESTART, arrays, {"checkpoint": numbers, "run": self.made_by})
 
     def _interruption(self, number: int, last: int) -> Interrupted:
-        """Return the error for a signal that arrived between two frames."""
+        """Return the error for signal `number`, which arrived between two frames."""
         simulation = self.simulation
         where = f"{word(number)} at {simulation.time:.4g} s, after frame {simulation.frame_index} of {last}"
         return Interrupted(self._continued(where), number)
 
     def _continued(self, message: str) -> str:
-        """Return a message, with the command that continues the run if the run can be continued."""
+        """Return a message; if the run can be continued, with the command for it."""
         if self._keeps and self.options.restart:
             return f"{message}: `msdwarp resume {shlex.quote(str(self.folder))}` goes on"
         return message

@@ -58,7 +58,7 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
 
 
 def _described(parameter: inspect.Parameter, doc: str | None) -> inspect.Parameter:
-    """Return a scene's parameter, with the help text of its common name unless the docstring describes it."""
+    """Return a parameter of a scene, with the usual help for its name unless the docstring describes it."""
     if parameter.name not in COMMON or f"\n{parameter.name}\n" in inspect.cleandoc(doc or ""):
         return parameter
     common = Parameter(help=COMMON[parameter.name])

@@ -65,7 +65,7 @@ def ask(number: int, frame: FrameType | None = None) -> None:
 
 
 def lost(found: "sys.UnraisableHookArgs") -> None:
-    """Send a signal again if Python ignored its exception, as in a `__del__`; a hook for unraisable exceptions."""
+    """Send a signal again if Python has ignored its exception, as in a `__del__`: a `sys.unraisablehook`."""
     if isinstance(found.exc_value, KeyboardInterrupt | Terminated):
         _hear_again(number_of(found.exc_value))
     else:

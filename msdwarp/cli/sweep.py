@@ -1,4 +1,4 @@
-"""Sweep a scene from the command line: a run for each point of the grid that lists and ranges in flags define."""
+"""Sweep a scene from the command line: lists and ranges in flags define a grid, and each grid point is a run."""
 
 import os
 import re
@@ -73,7 +73,7 @@ class CommandTask(NamedTuple):
 
 
 def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
-    """Simulate a scene at all points of the grid that flags define by lists and ranges; print a summary.
+    """Simulate a scene at all points of the grid that lists and ranges in flags define; print a summary.
 
     Raise ValueError for an invalid flag before any file is touched, OSError if the folder cannot be used, and
     Interrupted if a signal ends the sweep; the same command continues it.
@@ -138,7 +138,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
 
 
 def _read(flags: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return (flags with single values, lists of values by name from the other flags)."""
+    """Split flags into those with a single value, and the values of the others by name."""
     fixed, grid, k = list[str](), dict[str, list[str]](), 0
     while k < len(flags):
         match = re.fullmatch(r"--([A-Za-z][\w-]*)(?:=(.*))?", flags[k], re.DOTALL)

@@ -71,7 +71,7 @@ def export(
 
 
 def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
-    """Return the indices of frames, negative ones counted from the end, as indices from the start."""
+    """Return the indices of frames; negative ones, which count from the end, are converted to positive ones."""
     if not count:
         raise ValueError("the trajectory has no frames to export")
     try:

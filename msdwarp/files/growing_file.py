@@ -48,7 +48,7 @@ class GrowingFile:
             self.frame_count = max(self.frame_count, self.written)
 
     def reopen(self, system: System, found: int, kept: int, until: float) -> None:
-        """Open a file of `found` frames; continue after `kept` frames, and after readings up to `until` [s]."""
+        """Open a file of `found` frames; continue after the first `kept`, and after readings up to `until` [s]."""
         _include_all_bytes(self.path)
         self._open(self.path)
         try:
@@ -133,7 +133,7 @@ class GrowingFile:
         self._size = os.fstat(self._room).st_size
 
     def _check_there(self) -> None:
-        """Raise OSError if the file has been moved, removed or shortened."""
+        """Raise OSError if the open file has been moved, removed or shortened."""
         try:
             there = os.path.samestat(os.stat(self._at), os.fstat(self._room))
         except FileNotFoundError:
@@ -144,7 +144,7 @@ class GrowingFile:
             raise OSError("it was cut short meanwhile")
 
     def _reserve(self, size: int) -> None:
-        """Reserve disk space for `size` more bytes, and for HDF5's own records."""
+        """Reserve disk space for `size` more bytes, and for HDF5's own metadata."""
         reserve(self._room, self._file.id.get_filesize(), size + _SLACK, self._at.parent)
 
 

@@ -85,7 +85,7 @@ def _sum(values: Any) -> int:
 
 
 def same(there: NDArray, values: Any) -> bool:
-    """Return whether an array equals given values bit for bit, in the array's precision."""
+    """Return whether a stored array equals given values bit for bit, in the array's precision."""
     given = np.asarray(values, dtype=there.dtype)
     return there.shape == given.shape and there.tobytes() == given.tobytes()
 
@@ -97,7 +97,7 @@ def store_text(group: Any, name: str, text: str) -> None:
 
 
 def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return attributes as they will be read from JSON; raise ValueError for one that JSON cannot store."""
+    """Return attributes as JSON will return them; raise ValueError for one that JSON cannot store."""
     result = {}
     for name, value in attributes.items():
         try:

@@ -1,4 +1,4 @@
-"""Probe readings in a trajectory's file: a table by frame, one by substep, and each frame's last row in both.
+"""Probe readings in a trajectory's file: tables by frame and by substep, and the last row of each frame in them.
 
 The tables are in the group `msdwarp`, which VTK does not read.
 """
@@ -81,7 +81,7 @@ class ReadingTables:
         return size
 
     def holds(self, rows: Rows, k: int | None = None) -> bool:
-        """Return whether the next rows of the tables equal `rows`, and frame k, if given, ends with them."""
+        """Return whether the tables' next rows equal `rows`, and whether frame k, if given, ends with them."""
         ends = {every: at + len(rows.get(every, ())) for every, at in self._at.items()}
         there = all(same(self._tables[every][self._at[every] : ends[every]], rows[every]) for every in rows)
         return there and (k is None or self._ends[k].tolist() == [ends.get(every, 0) for every in EVERY])
@@ -104,7 +104,7 @@ class ReadingTables:
         self._ends[k] = [self._at.get(every, 0) for every in EVERY]
 
     def continue_after(self, k: int, kept_until: float, until: float) -> None:
-        """Continue after a frame that ends at `until` [s]; the first k kept frames end at `kept_until` [s]."""
+        """Continue after readings up to `until` [s]; the first k kept frames end at `kept_until` [s]."""
         for every, table in self._tables.items():
             end = self._end(k, every)
             rounded = 1e-9 * until

@@ -33,7 +33,7 @@ class UsdMesh(NamedTuple):
     gloss: float
     moves: bool
     roughness: float | None = None
-    """Of UsdPreviewSurface, as the next two, 0 … 1; None: by its gloss."""
+    """Parameter of UsdPreviewSurface, like the next two, 0 … 1; None: computed from the gloss."""
     metallic: float = 0.0
     opacity: float = 1.0
 

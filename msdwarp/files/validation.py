@@ -1,6 +1,6 @@
 """Checks of an HDF5 file before its contents are used.
 
-`structure_fault` reads structures and texts, but no arrays. `probe` calls it in a separate process, which imports
+`structure_fault` reads metadata and texts, but no arrays. `probe` calls it in a separate process, which imports
 only this file and h5py, and can be killed: on a damaged or malicious file HDF5 may not return, may ignore signals,
 and may use all memory.
 """

@@ -267,11 +267,11 @@ class Layout:
         return np.concatenate([before, broken_at, self._edges.parted_at(broken_at)]).astype(np.float32)
 
     def _known_until(self, time: float) -> NDArray[np.float32]:
-        """Return the time at which each connection broke [s], inf if after `time` [s]."""
+        """Return the time at which each connection broke [s]; inf for times after `time` [s]."""
         return np.where(broken_before(self._known, time), self._known, np.float32(np.inf))
 
     def _known_by(self, broken_at: NDArray) -> NDArray[np.float32]:
-        """Return the time at which each connection broke [s], 0 if it was broken at the start."""
+        """Return the time at which each connection broke [s]; 0 for those broken at the start."""
         return np.where(self._system.broken, 0.0, broken_at).astype(np.float32)
 
     def _in_space(self, values: NDArray) -> NDArray:

@@ -207,7 +207,7 @@ class TrajectoryWriter:
         self._file.sync()
 
     def close(self) -> None:
-        """Wait until all frames are written, and close the file; raise OSError unless `write` raised it before."""
+        """Wait until all frames are written, and close the file; raise an OSError that `write` has not raised."""
         if not self._ended:
             self._queue.put(None)
             self._ended = True  # not earlier, since an interrupt may come while the queue is full
@@ -222,7 +222,7 @@ class TrajectoryWriter:
         self.close()
 
     def _raise_error(self, *, again: bool) -> None:
-        """Raise the thread's error, if any; if it was raised before, only when `again`."""
+        """Raise the writing thread's error, if any; an error that was raised before only if `again`."""
         if self._error is not None and (again or not self._raised):
             self._raised = True
             raise self._error
@@ -265,7 +265,7 @@ class TrajectoryWriter:
 
 
 def _check_continuation(path: Path, system: System, fps: float, kept: int, readings: Columns | None) -> int:
-    """Return a file's number of frames; raise ValueError if below `kept`, or another system or other probes."""
+    """Return a file's number of frames; raise ValueError if less than `kept`, or for other systems or probes."""
     with Trajectory(path) as found:
         if len(found) < kept:
             raise ValueError(

@@ -99,7 +99,7 @@ class LinearlyImplicitEuler(Integrator):
         ]
 
     def _solve(self, dynamics: Dynamics, x: wp.array, v: wp.array, work: Work, h: float) -> None:
-        """Solve for Δv; afterwards `work.r` has the impulse of forces on driven particles."""
+        """Solve for Δv; afterwards `work.r` has the impulses that the forces exert on driven particles."""
         drives = dynamics.drives
         add = functools.partial(add_linearised, dynamics.model, x, everyone=drives)
         add(v, work.r, spring=1.0, damper=0.0, scale=-h * h)

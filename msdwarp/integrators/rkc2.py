@@ -52,7 +52,7 @@ def coefficients(stages: int) -> Coefficients:
 
 @functools.cache
 def tableau(stages: int) -> NDArray:
-    """Return Butcher's coefficients equivalent to the recurrence of the stages."""
+    """Return Butcher's coefficients, equivalent to the recurrence by which the stages are computed."""
     c, rows = coefficients(stages), np.zeros((stages + 1, stages))
     rows[1, 0] = c.first
     for j, (mu, nu, reach, reach0) in enumerate(zip(c.mu, c.nu, c.reach, c.reach0, strict=True), 2):

@@ -47,7 +47,7 @@ class StepChoice:
     """Factor on the number that stability requires, increased because energy grew or a frame diverged."""
 
     def refined(self, refinement: float) -> "StepChoice":
-        """Return a choice of this multiple of the number that the stability limit requires."""
+        """Return the choice of `refinement` times the number of substeps that stability requires."""
         return replace(self, substeps=math.ceil(self.substeps * refinement - 1e-9), refinement=refinement)
 
     @property
@@ -90,9 +90,9 @@ def stability_limit(system: System, integrator: Integrator) -> float:
 
 
 def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY) -> tuple[float, float]:
-    """Return (largest stable substep [s], largest substep with a margin [s]).
+    """Return (largest stable substep [s], largest substep with the margin `safety` [s]).
 
-    Limited dampers of contacts take the fraction `limited_share` of the limit without them.
+    Contact dampers that are limited reduce the limit without them by the fraction `limited_share`.
     """
     limit = integrator.stable_step(rates)
     if not integrator.lagging or rates.limited_share == 0.0:

@@ -27,7 +27,7 @@ HOST, PORT = "127.0.0.1", 8080
 SIZE = (720, 720)
 """Width and height for which the camera is placed."""
 KEY, SURROUNDINGS = 1.6, 0.4
-"""Intensities of key light and surroundings, in addition to viser's light from above; more would pale colours."""
+"""Intensities of key light and surroundings, beside viser's light from above; colours pale if brighter."""
 ALL = "/all"
 """The parent node of the scene: it moves when cameras follow a body, since clients move their own cameras."""
 WORTH = 10_000

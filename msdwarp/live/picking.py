@@ -30,7 +30,7 @@ class Picking(NamedTuple):
 
     @classmethod
     def of(cls, system: System, position: NDArray, point: NDArray, gravity: float = 9.82) -> "Picking | None":
-        """Return the grip at a point [m], shape [3]; None if all particles are pinned.
+        """Return the grip at a point [m], shape [3], on particles near it; None if all particles are pinned.
 
         `position` has all particles [m], shape [particle_count, d]; `gravity` is an acceleration [m/s²].
         """
@@ -75,7 +75,7 @@ class Picking(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """A drag of the mouse: its grip, its owner (the only one who can end it), target [m], particles last held."""
+    """A drag of the mouse: its `Picking`, owner (the only one who can end it), target [m], particles last held."""
 
     grip: Picking | None = None
     holder: Any = None

@@ -104,7 +104,7 @@ class ViewState:
         self._start_clock()
 
     def _draw(self, colour: str, *, wires: bool) -> None:
-        """Create the drawing of the source in COLOURS[colour], or with `wires` of the springs."""
+        """Create the drawing of the source, coloured by COLOURS[colour], or of its springs if `wires` is true."""
         scene, device = self.source.scene, self.source.device
         self.shown = Shown(scene, colour, wires=wires)
         large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES

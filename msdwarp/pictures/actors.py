@@ -26,7 +26,7 @@ def add_lights(pv: Any, plotter: Any, camera: Camera) -> None:
 
 
 def ground_actor(pv: Any, ground: Ground) -> Any:
-    """Return the ground's square, painted."""
+    """Return an actor of the ground: a square with its texture."""
     square = pv.PolyData.from_regular_faces(ground.corners.astype(np.float32), [[0, 1, 2, 3]])
     square.active_texture_coordinates = ground.uv(ground.corners).astype(np.float32)
     actor = pv.Actor(mapper=pv.DataSetMapper(square))
@@ -39,8 +39,8 @@ def ground_actor(pv: Any, ground: Ground) -> Any:
 class Actors:
     """The triangles of a drawing and their shadows, added to a PyVista plotter and updated in place.
 
-    If there is a ground, drawn by `painted`, `on_ground` is the piece of it that shows shadows and hides the
-    ground below; the caller adds it. `light` is the unit vector towards the key light.
+    `painted` is the actor of the ground, if there is one. Then `on_ground` is the actor of the piece of ground
+    that shows the shadows; the caller adds it. `light` is the unit vector towards the key light.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ MOST_BALLS, LARGE_BALLS = 200, 50
 MOST_TUBES = 6000
 """If more springs are coloured by strain, only those on the outside of a body are drawn; they hide the others."""
 FULL_STRAIN = 0.2
-"""The strain at the ends of its scale unless a look or a run says otherwise."""
+"""Default strain at the ends of the colour scale of strain."""
 ROUND, MOST_JOINTS = 8, 2000
 """Sides of the tubes of ropes; maximal number of joints with balls of 42 vertices, else of 12."""
 
@@ -176,7 +176,7 @@ class Drawing:
         return body
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
-        """Return springs as thin tubes, and particles as dark balls if there are few; else ropes are round."""
+        """Return springs as thin tubes, with dark balls at particles of small systems; else ropes are round."""
         unit, white = self._unit(system, look, shown), Finish(np.ones(3))
         few = system.particle_count <= MOST_BALLS
         dotted = look.particles or (look.particles is None and few)

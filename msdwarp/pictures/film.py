@@ -23,13 +23,13 @@ from ..runtime import cores
 
 try:
     from isal import isal_zlib as zlib
-except ImportError:  # there is none for this processor: slower, the same pictures
+except ImportError:  # no ISA-L for this processor: slower, the same pictures
     import zlib
 
 MOST_WRITERS, WAITING = 8, 3
 """Maximal number of threads that write frames, and of pictures that wait for the film: limits of memory."""
 SMEARED = 16
-"""Pixels around what changes that a WebP film stores too: colours are smeared that far, and would stay."""
+"""Margin around changes that a WebP film also stores [pixels]: compression smears colours that far."""
 FRAME_FORMATS = ("png", "none")
 FILM_FORMATS = ("webp", "mp4", "gif", "none")
 Picture = NDArray[np.uint8]
@@ -163,8 +163,7 @@ def _write_film(pieces: Iterator[Any], path: Path, video: str, fps: float) -> No
 def _changed_part(image: Picture, before: Picture | None) -> tuple[bytes, bytes]:
     """Return the position of the smallest part of a picture that has all changes, and this part as WebP.
 
-    Pillow's own films take 1.7 times as long, in one thread: they compare whole pictures, and leave out of the
-    part what has not changed.
+    Pillow's own films compare whole pictures, in one thread, and take 1.7 times as long.
     """
     top, left, (rows, columns, _) = 0, 0, image.shape
     if before is not None:

@@ -33,8 +33,8 @@ shares (1 + n·z)/2 of the sky and (1 - n·z)/2 of a wide floor (B. Liu and R. J
 CONTACT = 0.03
 """Height above the ground where half of the floor's light arrives, over the extent of all that the camera sees."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
-"""The light from all around, and the share left of the two lights, where colours show values: as much
-from above as from below, so that they look on all sides as they do in the legend."""
+"""Strength of ambient light, and factor of the lights with a direction, where colours show values: ambient light
+is equal from above and below, so that colours look on all sides as in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow, over its brightness in light."""
 SHADED = 0.12

@@ -41,13 +41,13 @@ def opengl_window() -> str | None:
 
 
 def has_card() -> bool:
-    """Return whether a graphics card draws off-screen, as far as is known: the CPU is slow in its place."""
+    """Return whether a graphics card draws off-screen, as far as drivers tell; a CPU would be slow."""
     return opengl_window() not in (None, _OSMESA) and "EGL_MESA_device_software" not in (_egl_device() or "")
 
 
 @functools.cache
 def _egl_device() -> str | None:
-    """Return the extensions of the first EGL device that can be initialised; None without it or libGL."""
+    """Return the extensions of the first EGL device that can be initialised; None without device or libGL."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
         ctypes.CDLL("libGL.so.1")

@@ -26,15 +26,15 @@ class Finish(NamedTuple):
 
 
 class Part:
-    """Some of the triangles of a drawing, with a slice of each of its arrays of vertices."""
+    """A set of triangles of a drawing; its vertices are a slice of each of the drawing's arrays."""
 
-    name: str  # of the look's group, or what it is
+    name: str  # the look's group, or the kind of part
     vertices: slice
     points: wp.array
     normals: wp.array
     colours: wp.array
     uv: NDArray[np.float64]  # texture coordinates, shape [vertex_count, 2]
-    triangles: NDArray[np.int32]  # of its own vertices, shape [triangle_count, 3]; of the drawing's once it joined
+    triangles: NDArray[np.int32]  # the part's vertices, after `join` the drawing's, shape [triangle_count, 3]
     finish: Finish
     radius = 0.0  # reach around the particles [m]
     moves = True
@@ -131,7 +131,7 @@ class SurfacePart(Part):
 
 
 class Tubes(Part):
-    """A tube along each of some springs, shape [any, 2], until it breaks."""
+    """Tubes along springs, given as pairs of particles, shape [any, 2]; each is drawn until its spring breaks."""
 
     def __init__(
         self,
@@ -163,7 +163,7 @@ class Tubes(Part):
 
 
 class Balls(Part):
-    """A ball at each of some particles, shape [any]; colours are one for all, or of shape [any, 3]."""
+    """Balls at particles, given by indices, shape [any]; in one colour, or in colours of shape [any, 3]."""
 
     def __init__(self, particles: NDArray, radius: float, finish: Finish, device: str, halvings: int) -> None:
         directions, triangles = icosphere(1.0, halvings)
@@ -213,7 +213,7 @@ def is_closed(surface: Surface) -> bool:
 
 
 def _normals_shared(use: NDArray, normal_of: NDArray | None) -> NDArray:
-    """Return the first corner with the same normal for each corner of triangles; `use` are corners' vertices."""
+    """Return for each corner of triangles the first corner with the same normal; `use`: vertex of each corner."""
     vertex = use if normal_of is None else normal_of[use]
     _, first, which = np.unique(vertex, return_index=True, return_inverse=True)
     return first[which.ravel()]

@@ -22,7 +22,7 @@ from .warp_renderers import Rasteriser, RayCaster
 BACKENDS = ("auto", "raster", "raycast", "opengl")
 """The renderers; "auto" chooses one of the others.
 
-The class of one is made with (drawing, stage, arrows); its `draw(..., shadows)` returns the image.
+The class of each takes (drawing, stage, arrows); its `draw(..., shadows)` returns the image.
 """
 
 
@@ -131,9 +131,9 @@ class Renderer:
 
     @in_turn
     def aim(self, position: NDArray | None, time: float = 0.0) -> None:
-        """Let the camera follow its path to a time [s], and its body to positions [m], shape [particle_count, d].
+        """Move the camera along its path to a time [s], or with the body that it follows.
 
-        Without positions, it is where the body is at the start.
+        `position` are all particles' positions [m], shape [particle_count, d]; None: those at the start.
         """
         if self.stage.moves:
             self.look_from(self.stage.camera_at(time, position))

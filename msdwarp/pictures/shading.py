@@ -19,7 +19,7 @@ TAPS = 4
 
 
 def _of_fragments(numbers: np.ndarray) -> str:
-    """Return four vectors, shape [4, n], as arguments of `oneOf`, which chooses by position in 2 x 2 fragments."""
+    """Return shader arguments of `oneOf`: four vectors, shape [4, n]; it takes one by the fragment's position."""
     # A choice between constants, because on CPUs an array look-up would dominate the cost.
     return ", ".join(f"vec{numbers.shape[1]}({', '.join(f'{x:.6f}' for x in row)})" for row in numbers)
 
@@ -147,7 +147,7 @@ class Shading:
     def __init__(self, pv: Any, shadow_map: ShadowMap, drawing: Drawing, ground: Ground | None) -> None:
         self._map, self._bounce = shadow_map, drawing.bounce / drawing.sky
         self._height = np.array([0.0, 0.0, 0.0, 1e9])
-        """Height above the ground over that where half of its light arrives, along x, y, z and 1."""
+        """Height above the ground over that where half of its light arrives: coefficients of x, y, z and 1."""
         if ground is not None and drawing.contact:
             self._height = np.append(ground.normal, -ground.centre @ ground.normal) / (
                 drawing.contact * ground.reach
@@ -160,7 +160,7 @@ class Shading:
         self._programs: list[tuple[Any, bool]] = []
 
     def light(self, actor: Any, code: str | None = None, *, shadows: bool = True) -> None:
-        """Light an actor by the code of its finish. That of the ground is None: unlit, it takes only shadows."""
+        """Light an actor by the code of its finish; None for the ground, which is unlit and only shows shadows."""
         program = actor.GetShaderProperty()
         for name, (_, texture) in self._textures.items():
             actor.prop.SetTexture(name, texture)

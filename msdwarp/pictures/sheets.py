@@ -25,7 +25,7 @@ they do not cut edges that they bend around."""
 
 
 class Sheet(Part):
-    """A surface without inside, in pieces that keep off obstacles.
+    """A surface without inside, divided into pieces that bend around obstacles.
 
     Particles rest on an obstacle, and triangles between them cut its edges and curves, so the obstacle would show
     through. `flat` is the surface without bending; `places` are its triangles' corners at the start [m], shape
@@ -72,7 +72,7 @@ class Sheet(Part):
 
 
 def kept_off(scene: Scene) -> list[Collider]:
-    """Return the obstacles off which sheets keep: not the ground, which is drawn beneath all, and no soft ones."""
+    """Return the obstacles that sheets bend around: all but soft ones and the ground, which is drawn first."""
     rigid = [one for one in scene.colliders if one.stiffness is None and one is not scene.ground]
     return rigid if scene.system.dim == 3 else []
 
@@ -87,7 +87,7 @@ def triangles_of_sheets(system: System) -> NDArray[np.bool_]:
 
 
 def divided(triangles: NDArray, pieces: int) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32]]:
-    """Return triangles with each side in `pieces`: corners and shares of vertices, and the pieces, in order.
+    """Divide each side of triangles into `pieces`: return corners and shares of vertices, and the small triangles.
 
     A vertex has the barycentric coordinates `shares` in the triangle of the vertices `corners`, both of shape
     [fine_count, 3]; adjacent triangles share vertices.

@@ -107,7 +107,7 @@ class Camera:
     ) -> "Camera":
         """Return a camera in the same direction that looks at `target` [m] from a distance [m].
 
-        If that is None, it is the least distance from which all points are in view, shape [any, 3].
+        If `distance` is None, it is the least distance from which all points, shape [any, 3], are in view.
         """
         if distance is None:
             sides = zip((self.right, self.up), _tangents(self.field_of_view, aspect), strict=True)
@@ -120,7 +120,7 @@ class Camera:
         return replace(self, eye=self.eye + way, target=self.target + way)
 
     def shifted_by_pixels(self, right: float, up: float, height: int) -> "Camera":
-        """Return this camera, turned so that a picture of this height shows what is beside by some pixels."""
+        """Return this camera with its view shifted by some pixels of a picture of this height."""
         way = 2 * self.tangent / height * (right * self.right + up * self.up)
         distance = float(np.linalg.norm(self.target - self.eye))
         return replace(self, target=self.target + distance * way, forward=self.forward + way)
@@ -144,7 +144,7 @@ class Camera:
 
     @property
     def tangent(self) -> float:
-        """Tangent of half the field of view: half the height of what is seen at a distance of 1."""
+        """Tangent of half the vertical angle of view."""
         return math.tan(math.radians(self.field_of_view) / 2)
 
     @property
@@ -216,7 +216,7 @@ class Stage:
         self.look = scene.look
         self.width, self.height = size
         self.followed = None if self.look.follow is None else scene.system.groups[self.look.follow]
-        """The particles with whose mean position the camera moves; None: with none."""
+        """The particles whose mean position the camera follows; None if it follows none."""
         cameras = [self._camera_of(scene, view, points, zoom, above) for view in self.look.views]
         self.camera = cameras[0]
         """The camera at the start."""
@@ -229,7 +229,7 @@ class Stage:
         self.ground = Ground(scene, points) if scene.ground else None
 
     def _camera_of(self, scene: Scene, look: Look, points: NDArray, zoom: float, above: float) -> Camera:
-        """Return the camera of a look, which sees all points [m], shape [any, 3], unless the look aims it."""
+        """Return the camera of a look; unless the look aims it, it sees all points [m], shape [any, 3]."""
         aspect, seen = self.width / self.height, points
         if self.followed is not None:
             seen, zoom = in_space(scene.system.position[self.followed], np.float64), zoom * AROUND_BODY
@@ -263,7 +263,7 @@ class Stage:
 
 
 def _smooth(times: NDArray, values: NDArray, time: float) -> NDArray[np.float64]:
-    """Return values at a time, given those at some times, shape [any, k]: cubics that rest at both ends.
+    """Return values at a time, given those at some times, shape [any, k]: cubics with slope 0 at both ends.
 
     They overshoot nowhere: slopes are harmonic means of those on both sides, or 0 at a turn (F. N. Fritsch and
     J. Butland, SIAM Journal on Scientific and Statistical Computing 5, 1984).

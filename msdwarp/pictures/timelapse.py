@@ -12,7 +12,7 @@ FAINTEST = 0.22
 """Opacity of the first of several poses."""
 
 STEPS = np.array([0.7548776662466927, 0.5698402909980532])
-"""Shifts of the camera from sample to sample in pixels, without whole ones: any number of them is spread evenly
+"""Shift of the camera from one sample to the next [pixels], modulo 1: any number of samples is spread evenly
 (M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018)."""
 
 
@@ -69,8 +69,8 @@ def still(
 ) -> NDArray[np.uint8]:
     """Return the mean of pictures of a frame, one for each of the `samples` 0, 1, 2 ..., as they come.
 
-    In each the view is shifted by other parts of a pixel, by up to half of one to all sides. The rest is as for
-    `Renderer.image`.
+    The view of each sample is shifted by different fractions of a pixel, at most half a pixel. Other arguments are
+    those of `Renderer.image`.
     """
     stage, count = renderer.stage, 0
     camera, total = stage.camera_at(time, position), np.zeros((stage.height, stage.width, 3), np.uint32)

@@ -1,4 +1,4 @@
-"""How this process uses Warp: its start and messages, recorded graphs, and threads' turns with it."""
+"""How this process uses Warp: its start and messages, recorded graphs, and one thread at a time."""
 
 from .machine import cores as cores, find_device as find_device
 from .messages import start_warp as start_warp, verbose as verbose

@@ -1,4 +1,4 @@
-"""Threads' turns with Warp, which expects one thread at a time."""
+"""Turns: threads use Warp one after the other, since Warp expects only one thread at a time."""
 
 import contextlib
 import functools

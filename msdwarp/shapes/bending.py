@@ -137,7 +137,7 @@ def resisting_bending(
 def _turns(
     flat: System, name: str, step: tuple[int, ...], mask: NDArray[np.bool_], *, solid: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Return (connections before, connections after, weights) at each point where a line along `step` can bend.
+    """Return (connections before, connections after, weights) of the points where a line along `step` can bend.
 
     A weight is the fraction of whole cells among those beside both connections; it is 1 unless `solid`.
     """

@@ -27,7 +27,7 @@ def check_memory(name: str, value: object, count: int, dim: int, neighbours: int
 def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...]]:
     """Return the steps from a lattice point to half of its neighbours, by name.
 
-    Axes come first, then face diagonals, then space diagonals: by length, as in the report. Without
+    Axes come first, then face diagonals, then space diagonals: by length, as in the 2014 report. Without
     `diagonals` there are `dim` steps, with diagonals (3^dim − 1)/2. The name of (1, −1, 0) is "x-y".
     """
     steps = [step for step in itertools.product((1, 0, -1), repeat=dim) if step > (0,) * dim]

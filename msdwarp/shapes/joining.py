@@ -112,7 +112,7 @@ def _pairs(pairs: ArrayLike, of_a: int, of_b: int) -> NDArray[np.int32]:
 
 
 def _distances(system: System, connections: NDArray[np.int32], found: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the distances of pairs [m]; raise ValueError if two particles coincide: no direction."""
+    """Return the distances of pairs [m]; raise ValueError if two particles coincide, so have no direction."""
     first, second = np.moveaxis(system.position[connections], 1, 0)
     together = (first == second).all(axis=1)
     if together.any():

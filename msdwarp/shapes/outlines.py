@@ -122,7 +122,7 @@ def _inside(corners: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.
 
 
 def _cells_of(corners: NDArray[np.float64], shape: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the mask of unit cells around the origin that fill a polygon: centres inside, or `held`."""
+    """Return the mask of unit cells around the origin that fill a polygon: centres inside, and those by `held`."""
     ends = np.append(corners, corners[:1], axis=0)
     along = np.insert(np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1)), 0, 0.0)
     samples = np.linspace(0, along[-1], math.ceil(along[-1] / SAMPLED) + 1)

@@ -150,7 +150,7 @@ def _columns(radius: float, spacing: float) -> int:
 def _revolved(
     ring: NDArray, z: NDArray, columns: int, tile: tuple[float, float, float, float], *, smooth: bool = False
 ) -> Skin:
-    """Return the surface that a line sweeps around the z axis; it faces outwards where the line rises.
+    """Return the surface that a line sweeps around the z axis, facing outwards where the line goes up.
 
     Points of the line are at distances `ring` from the axis [m] and at heights z. Only the first and the last may
     be on the axis: there each column has its own vertex, halfway between its sides; if the surface is `smooth`

@@ -102,7 +102,7 @@ def _read(path: Path) -> tuple[Any, dict[str, Any]]:
 
 
 def _named_cells(read: Any) -> dict[str, NDArray[np.int64]]:
-    """Return the cells of each set of a meshio mesh, and of each Gmsh physical group, by name."""
+    """Return the cells of each set of `read`, a meshio mesh, and of each Gmsh physical group, by name."""
     starts = np.cumsum([0, *(len(block.data) for block in read.cells)])[:-1]
     found: dict[str, list[NDArray]] = {}
     for name, by_block in read.cell_sets.items():

@@ -1,4 +1,4 @@
-"""Changing: changes of a simulation between frames."""
+"""Changing: what can be changed in a simulation between frames."""
 
 import warnings
 from abc import abstractmethod
@@ -218,7 +218,7 @@ class Changing(PresentWorld):
         self._reload(change.applied_to(system), other)
 
     def _reload(self, system: System, other: dict[str, Any]) -> None:
-        """Upload a system with changed surroundings."""
+        """Upload a system again, with changed surroundings."""
         before = self._surroundings
         self._surroundings = before | other
         try:

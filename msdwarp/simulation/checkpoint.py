@@ -62,7 +62,7 @@ def _saved_choice(choice: StepChoice, baseline: Iterable[float]) -> dict[str, An
 
 
 def check_same(numbers: Numbers, **own: Any) -> None:
-    """Raise ValueError unless the values `own` of a simulation equal the values in a checkpoint."""
+    """Raise ValueError unless the values `own` of a simulation equal those in a checkpoint."""
     for name, value in own.items():
         if checks.member("checkpoint", numbers, name) != value:
             raise ValueError(f"checkpoint is of another {name}: {numbers[name]}; here it is {value}")
@@ -122,7 +122,7 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
 
 
 def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change]) -> Any:
-    """Return a checkpoint's gravity, which the user or one of the scheduled changes `made` so far has set."""
+    """Return a checkpoint's gravity: the one set by the user, else by the last change in `made`, else `start`."""
     if "gravity" in numbers:
         return numbers["gravity"]
     return next((one.gravity for one in reversed(made) if one.gravity is not None), start)
@@ -184,7 +184,7 @@ def restore_arrays(stepping: Stepping, arrays: Arrays) -> None:
 
 
 def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
-    """Return the effects whose state is in a checkpoint.
+    """Return the effects whose state is in a checkpoint, which may lack some.
 
     Older versions did not sum the work of moving obstacles, and had no contact of surfaces with obstacles.
     """

@@ -1,6 +1,6 @@
-"""The error of a run that cannot continue: where, when and why.
+"""The error of a run that cannot continue: it says where, when and why.
 
-`engine/diagnostics/divergence_monitor.py` detects it; in ensembles `kernels/reductions/frozen_worlds.py` does.
+`engine/diagnostics/divergence_monitor.py` detects divergence; in ensembles `kernels/reductions/frozen_worlds.py`.
 """
 
 from typing import NamedTuple

@@ -39,7 +39,7 @@ def parameter_rows(
 
 
 def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return rows of a given shape. A short form is broadcast without copies."""
+    """Return rows of a given shape; a shorter form is broadcast without copies."""
     full, allowed = f"[rows, {', '.join(map(str, shape))}]", ""
     given, short = values, values.ndim == len(shape)
     if name == "gravity":
@@ -67,7 +67,7 @@ def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> 
 def _without_pinned(
     velocity: NDArray[np.float64], mass: NDArray[np.float64], all_alike: bool
 ) -> NDArray[np.float64]:
-    """Return velocities, set to 0 for pinned particles; raise ValueError if a pinned one was given another."""
+    """Return velocities, 0 for pinned particles; raise ValueError if one of these was given another velocity."""
     if not np.isinf(mass).any():
         return velocity
     each = np.arange(np.lcm(len(velocity), len(mass)))

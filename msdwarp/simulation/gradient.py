@@ -40,31 +40,31 @@ Loss = Callable[[Frames], tuple[Any, Any, Any]]
 
 @dataclass(frozen=True)
 class Gradient:
-    """The value of a loss, and its derivatives by name: `gradient["stiffness"]`.
+    """A loss, and its derivatives by name: `gradient["stiffness"]`.
 
-    Of an ensemble all arrays have the axis of worlds first. They are NaN for worlds that diverged.
+    For an ensemble all arrays have the axis of worlds first. They are NaN for worlds that diverged.
     """
 
     value: Any
     """The loss; in an ensemble that of each world, shape [worlds]."""
     derivatives: dict[str, NDArray[np.float64]]
-    """By name; each has the shape of its parameter in `System`, and that by gravity has d numbers.
+    """Derivatives by name, each of the shape of its parameter in `System`; for gravity of shape [d].
 
-    "force" has those by a constant force on each particle, shape [particle_count, d], in addition to all others.
+    "force" is a constant force on each particle, shape [particle_count, d], in addition to all others.
 
-    By a function of time there is a derivative for each of its values that the run has used: at each stage of each
-    substep, and at the end, shape [frames · substeps · stages + 1, ...]; `times` tells when. For "strain", that of
-    actuators, these have a column for each delay of each actuator.
+    For a function of time there is a derivative by each value that the run has used: at each stage of each
+    substep, and at the end, shape [frames · substeps · stages + 1, ...]; `times` has the times. For "strain" these
+    derivatives have a column for each delay of each actuator.
     """
     growth: NDArray[np.float64]
-    """Size of the derivative by the state at each frame, over the largest that the loss has added from there on.
+    """Norm of the derivative by the state at each frame, over the largest that the loss adds there or later.
 
-    Shape [frames + 1]. Derivatives by velocities count by their product with frames per second.
+    Shape [frames + 1]. Norms include derivatives by velocities, multiplied by the frames per second.
     """
     frames: Frames
     """The run."""
     times: dict[str, NDArray[np.float64]]
-    """Of each function of time that derivatives were asked for by: the times of its values [s]."""
+    """Times at which each requested function of time was evaluated, by name [s]."""
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return the derivative by a parameter."""
@@ -80,27 +80,27 @@ class Differentiable(Present):
 
     @abstractmethod
     def _assembled(self) -> tuple[Assembly, State]:
-        """Return another assembly of the scene, and its present state."""
+        """Return another assembly of the scene, and its current state."""
 
     @in_turn
     def gradient(self, loss: Loss, frames: int, by: Sequence[str] = ("position", "velocity")) -> Gradient:
         """Return a loss of the coming frames, and its derivatives by the present state and by parameters.
 
-        The frames are taken from the present state, at the present number of substeps, and led back from the last
-        to the first; the simulation itself stays as it is. The state at the start of each frame is kept (of every
-        k-th if memory is short), and a frame's substeps are taken once more. See docs/gradients.md for what can be
-        differentiated.
+        The frames are simulated from the present state with the present number of substeps, and derivatives are
+        propagated back from the last to the first; the simulation itself stays as it is. The state at the start of
+        each frame is stored (of every k-th if memory is short), and a frame's substeps are repeated from it. See
+        docs/gradients.md for what can be differentiated.
 
-        In an ensemble each world has its own loss and derivatives, and all are led back together: `value` and what
-        the loss returns, the derivatives and `growth` have the axis of worlds first, as the `Frames` have.
+        In an ensemble each world has its own loss and derivatives: `value`, all that `loss` returns, the
+        derivatives and `growth` have the axis of worlds first, like the `Frames`.
 
         Parameters
         ----------
         loss
-            Function of the `Frames`, from the present one on, that returns its value, and its derivatives by their
-            positions and by their velocities, each of the shape of these, or None for 0.
+            Function of the `Frames`, from the present one on. It returns the loss, and its derivatives by their
+            positions and by their velocities, of the same shapes, or None for 0.
         frames
-            How many frames to take.
+            Number of frames to simulate.
         by
             Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", "force", and
             "strain" of actuators; and numbers of loads and soft obstacles, such as "loads[0].velocity" of a wind,
@@ -109,12 +109,12 @@ class Differentiable(Present):
         Raises
         ------
         ValueError
-            If an argument is out of range, or the scene has something that has no derivative: its name is told.
+            If an argument is out of range, or a part of the scene, which the message names, has no derivative.
 
         Warns
         -----
         GradientWarning
-            If the gradient grows so much backwards that it tells little of finite changes.
+            If the gradient grows so much backwards that it says little about finite changes.
         """
         run, found = self.differentiated(frames, by)
         told, both, stopped = loss(found), [], run.stopped
@@ -149,7 +149,7 @@ class Differentiable(Present):
         return Gradient(value if stopped.shape else float(value), run.found(by), growth, found, run.times)
 
     def differentiated(self, frames: int, by: Sequence[str]) -> tuple[Differentiated, Frames]:
-        """Take frames that can be led back, and return them; see `gradient` for the arguments and errors."""
+        """Simulate frames, and return the run and its frames; see `gradient` for the arguments and errors."""
         count = checks.count("frames", frames, 1)
         names = checks.sequence("by", by, str, "'stiffness'")
         of_loads = [name for one in self.assembly.all for name in one.parameters() if name != "strain"]

@@ -32,10 +32,10 @@ LEAST_DIRECT = 200_000
 
 
 class Frames(NamedTuple):
-    """The frames of a run, from its start on, as a loss gets them.
+    """The frames of a run, from its start on, as they are passed to a loss.
 
-    Those of an ensemble have the axis of worlds first, like `Ensemble.frame`: shape [worlds, frames + 1,
-    particle_count, d]. From the frame on in which a world diverges they are NaN.
+    Arrays of an ensemble have the axis of worlds first, like `Ensemble.frame`: shape [worlds, frames + 1,
+    particle_count, d]. They are NaN from the frame on in which a world diverges.
     """
 
     time: NDArray[np.float64]
@@ -104,20 +104,20 @@ class Differentiated:
         self._direct = model.device.is_cuda and tableau is None and model.worlds * model.stride >= LEAST_DIRECT
         """Whether derivatives are led back from `_kept`, not from a copy of it on the tape."""
         self._every, self._part = 1, 0
-        """A checkpoint is every so many frames; the states between are those after checkpoint number `_part`."""
+        """Frames between checkpoints; number of the checkpoint after which states of all frames are stored."""
         self._v_read, self._times = self._model.vectors(), list[float]()
         self._graphs = dict[str, Any]()
         self.stopped = np.zeros(self._model.worlds if self._model.in_worlds else (), dtype=bool)
         """Which worlds have diverged, shape [worlds]; in a simulation False, of shape []."""
         self.times = dict[str, NDArray[np.float64]]()
-        """The times of the values of each function of time by which derivatives have been found [s]."""
+        """Times at which each requested function of time was evaluated, by name [s]."""
 
     def stop(self, status: NDArray[np.int32]) -> None:
         """Stop the worlds whose status is not 0 at the start."""
         self._dynamics.frozen.assign(status)
 
     def forward(self, frames: int) -> Frames:
-        """Take frames from the start, and return them."""
+        """Simulate frames from the start, and return them."""
         model = self._model
         shape: tuple[int, ...] = (frames + 1, model.particle_count, model.dim)
         shape = (model.worlds, *shape) if model.in_worlds else shape
@@ -139,7 +139,7 @@ class Differentiated:
         return Frames(np.array(self._times), position, velocity)
 
     def take(self, frames: int, look: Callable[[int], None] = lambda k: None) -> None:
-        """Take frames from the start, and keep states to lead back from; call `look` with the number of each."""
+        """Simulate frames from the start and store states for `backward`; call `look` with each frame's index."""
         stepping, first = self._stepping, round(self._start * self._fps)
         if len(self._times) != frames + 1:
             self._make_room(frames + 1)
@@ -176,7 +176,7 @@ class Differentiated:
         return self._between[after - 1] if after else self._checkpoints[part]
 
     def _state(self, k: int) -> Sequence[wp.array]:
-        """Return the state at the start of frame k; take the frames between its checkpoint and the next again."""
+        """Return the state at the start of frame k; if it is not stored, repeat frames since its checkpoint."""
         part, now = k // self._every, (self._stepping.state.x, self._stepping.state.v)
         if part != self._part:
             self._part, begin = part, part * self._every
@@ -188,7 +188,7 @@ class Differentiated:
         return self._place(k)
 
     def by_frame(self, values: NDArray[np.float64]) -> list[NDArray | None]:
-        """Return derivatives by each frame, None where all are 0; those of worlds that have diverged are 0."""
+        """Return derivatives by each frame, None if they are all 0; for worlds that have diverged they are 0."""
         if self.stopped.any():
             values = np.where(self.stopped[:, None, None, None], 0.0, values)
         return [one if one.any() else None for one in np.moveaxis(values, -3, 0)]
@@ -218,7 +218,7 @@ class Differentiated:
         return self._model.of_each((sizes / np.where(most > 0, most, np.inf)).T)
 
     def _add(self, k: int, by_x: NDArray | None, by_v: NDArray | None) -> None:
-        """Add derivatives by frame k, by its velocities at the time of its positions."""
+        """Add derivatives by the positions of frame k, and by its velocities at the time of the positions."""
         adjoint = self._adjoint
         if by_v is not None:
             if k > 0 and self._lag:  # a kick of half a substep gives them from the method's velocities
@@ -238,7 +238,7 @@ class Differentiated:
             adjoint.add(adjoint.by_x, by_x)
 
     def _restart(self, k: int) -> None:
-        """Write the state at the start of frame k to the start of the tape."""
+        """Copy the state at the start of frame k to the start of the tape."""
         copy_vectors(self._tape.states[0], self._state(k))
         self._tape.go_to(0)
 
@@ -263,7 +263,7 @@ class Differentiated:
             self._adjoint.motions.take_frame(float(self._times[k]))
 
     def _keep_stages(self, k: int) -> None:
-        """Store the derivatives by functions of time from the launches of frame k."""
+        """Store the derivatives by functions of time that the launches of frame k have summed."""
         axis = int(self._model.in_worlds)
         for name, added in self._adjoint.take_stages().items():
             added = np.moveaxis(added, axis, 0)
@@ -273,7 +273,7 @@ class Differentiated:
             rows += added[: len(rows)]
 
     def _play(self, launch: Callable[[], None]) -> None:
-        """Launch what a method launches, by a graph that is recorded the first time."""
+        """Run the launches of a method; they are recorded as a graph the first time, and then replayed."""
         name, partition = launch.__name__, self._dynamics.partition
         if partition is not None:
             self._graphs[name] = self._graphs.get(name) or partition.record(launch)
@@ -283,7 +283,7 @@ class Differentiated:
             wp.capture_launch(self._graphs[name])
 
     def _launch_again(self) -> None:
-        """Launch a frame's substeps once more, without a judgement: it was fine."""
+        """Launch a frame's substeps once more, without checks: the first run of the frame has passed them."""
         self._stepping.stepper.take(self._stepping.choice.substeps)
 
     def _launch_on_tape(self, substeps: int) -> None:
@@ -328,7 +328,7 @@ class Differentiated:
         return result
 
     def _of_each_world(self, vectors: wp.array) -> NDArray:
-        """Return vectors of shape [particle_count, d], or [worlds, particle_count, d], on the host."""
+        """Return an array of vectors on the host, of shape [particle_count, d] or [worlds, particle_count, d]."""
         return self._model.of_each(self._model.by_world(vectors.numpy()))
 
 

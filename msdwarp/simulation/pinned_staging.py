@@ -27,7 +27,7 @@ class PinnedStaging:
         """Locked while the pinned memory is in use, since two threads may read frames."""
 
     def host_copies(self, *arrays: wp.array) -> list[NDArray]:
-        """Return host copies after the device has written the arrays; all calls need equal shapes and types."""
+        """Return host copies of device arrays, once written; shapes and types must be the same in all calls."""
         device = wp.get_device(arrays[0].device)
         if not device.is_cuda:
             return [to_host(array) for array in arrays]

@@ -84,7 +84,7 @@ class Readback:
             buffers.send(self._stream)
 
     def _order_of(self, model: Model) -> wp.array | None:
-        """Return the system's index of each connection on the device; None if the order is the same."""
+        """Return the index in the system of each connection on the device; None if the order is the same."""
         if model is not self._ordered_model:
             self._ordered_model, order = model, model.order
             self._order = None if order is None else wp.array(order, dtype=int, device=model.device)

@@ -115,12 +115,12 @@ class Stepping:
 
     @property
     def backup(self) -> Backup:
-        """A copy of the state at the start of the last frame, which `go_back` restores."""
+        """The copy of the state at the start of the last frame, from which `go_back` restores it."""
         return self._tracks.current.backup
 
     @property
     def graph(self) -> Any:
-        """The graph recorded first; None before."""
+        """The first recorded graph; None if there is none yet."""
         return next(iter(self._tracks.first.graphs.values()), None)
 
     def with_choice(self, choice: StepChoice) -> Self:
@@ -133,7 +133,7 @@ class Stepping:
 
     @property
     def at_start(self) -> bool:
-        """Whether velocities are still as given, before any substep."""
+        """Whether velocities are still those given by the user, before any substep."""
         return self._time == 0.0
 
     def launch_substeps_by(self, launch: Callable[[int], None]) -> None:
@@ -186,7 +186,7 @@ class Stepping:
 
     @contextmanager
     def _synchronized_velocities(self) -> Iterator[None]:
-        """Shift velocities to the time of the positions; on exit shift them back, with the forces at exit."""
+        """Shift velocities to the time of the positions; on exit shift them back, by the forces at that moment."""
         v = self.velocity()
         if v is not self.state.v:
             wp.copy(self.state.v, v)
@@ -224,7 +224,7 @@ class Stepping:
         return fine
 
     def _is_fine(self, track: Track) -> bool:
-        """Wait for a frame; return False if it diverged. An ensemble waits only if bodies touch."""
+        """Wait for a frame; return False if it diverged. An ensemble must wait only if bodies may touch."""
         if self.frozen is None:
             return not self.watch.finds_trouble(track.found)
         if self.assembly.body_contact is not None:
@@ -319,7 +319,7 @@ class Stepping:
         return sums.balance(found.read())
 
     def balance_of_frame(self) -> EnergyBalance:
-        """Return the energy balance at the end of the last frame; compute it now if the frame did not."""
+        """Return the energy balance at the end of the last frame; compute it if the frame's launches did not."""
         if self._tracks.current.sums_balance and self._energy_sums is not None:
             return self._energy_sums.balance(self.watch.told)
         self.discard_ahead()

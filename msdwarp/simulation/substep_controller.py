@@ -68,7 +68,7 @@ _STORED = {"quiet_frames": "calm", "coarsen_after": "patience", "rechoose": "ane
 
 
 def _stored(name: str) -> str:
-    """Return the name of a field in checkpoints, as in version 0.1, whose files still load."""
+    """Return a field's name in checkpoints: the name in version 0.1, so that files of this version still load."""
     return f"pace.{_STORED.get(name, name)}"
 
 
@@ -140,7 +140,7 @@ class StepController:
         return cls(**values)
 
     def begin(self, stepping: Stepping, above: float = 0.0) -> None:
-        """Start, or continue after a change, from a state whose energy is `above` the floor [J]."""
+        """Start, or continue after a change, from a state whose energy is `above` the lowest energy so far [J]."""
         balance, model, state = stepping.balance(), stepping.model, stepping.state
         # Rounding errors of ten seconds add up to several hundred times one error.
         fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(model, state)
@@ -166,7 +166,7 @@ class StepController:
         self._update_extremes(stepping.balance())
 
     def above_floor(self, stepping: Stepping) -> float:
-        """Return the excess of the current energy over the floor [J]."""
+        """Return the excess of the current energy over the lowest energy so far [J]."""
         return max(0.0, stepping.balance().energy - self.floor)
 
     def advance(
@@ -227,7 +227,7 @@ class StepController:
         return self._with_choice(stepping, choice)
 
     def _is_due(self, stepping: Stepping) -> bool:
-        """Return whether the frame is checked: after the interval, or because its energies are out of range."""
+        """Return whether the frame is to be checked: after an interval, or if its energies are out of range."""
         free, margin = stepping.watch.energy, 0.05 * self.scale
         if self.since >= self.interval or not self.low - margin <= free <= self.high + margin:
             return True
@@ -256,7 +256,7 @@ class StepController:
         return self._accept(stepping, balance)
 
     def _accept(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
-        """Accept a frame: record its energies; decide when to check and choose substeps again."""
+        """Accept a frame: record its energies; set when energies are checked next, and whether substeps change."""
         self._update_extremes(balance)
         self._check_rounding(stepping, balance)
         cells = stepping.model.system.cells
@@ -332,7 +332,7 @@ class StepController:
 
 
 def _is_physical(stepping: Stepping, rises: list[float]) -> bool:
-    """Return whether a rise of energy is not due to the step: much of it remains each time the step is halved.
+    """Return whether a rise of energy is physical: a large part of it remains each time the step is halved.
 
     An isolated body has no source of energy. A fixed obstacle is a source if a body starts inside it.
     """

@@ -1,4 +1,4 @@
-"""Tracks: memory for two frames, so that the next frame can be launched before the current one is tested."""
+"""Tracks: memory for two frames, so that the next frame can be launched before the current one is checked."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ _READ_AFTER_FRAME = ("energies_and_powers", "is_void")
 
 
 class Track:
-    """A frame's backup, found sums and recorded graphs; consecutive frames alternate between two tracks."""
+    """Data of a frame: backup, sums and recorded graphs. Consecutive frames alternate between two tracks."""
 
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self.backup = Backup(assembly, state, others)  # a copy of the state at the frame's start
@@ -52,7 +52,7 @@ class Tracks:
 
 
 def can_judge_late(assembly: Assembly, *measurements: Any) -> bool:
-    """Return whether the sums in `Found` are enough to test a frame: the host reads no effect or measurement."""
+    """Return whether the host tests a frame by `Found` alone, so that the next frame can be launched first."""
     kinds = {type(one) for one in assembly.all}
     read = (getattr(kind, name) is not getattr(Effect, name) for kind in kinds for name in _READ_AFTER_FRAME)
     return not any(read) and all(one is None for one in measurements)

@@ -36,7 +36,7 @@ class Measurement(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """The reference solution."""
+    """The reference solution, with which other solutions are compared."""
 
     position: NDArray[np.float64]
     """Positions [m], shape [frame_count, particle_count, d]."""

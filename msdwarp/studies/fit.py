@@ -271,7 +271,7 @@ def _result(
     end: float,
     converged: bool,
 ) -> tuple[FitResult, list[str]]:
-    """Return (result, texts of warnings); `of_step` has errors by the step: of θ, tolerated ones, of residuals."""
+    """Return (result, texts of warnings); `of_step` has effects of the step: on θ, tolerated, on residuals."""
     worlds, values, names = problem.worlds, problem.values(theta), [one.name for one in problem.parameters]
     rows, p = linear.jacobian.shape
     s = np.sqrt(problem.cost(linear.residuals) / max(rows - p, 1))

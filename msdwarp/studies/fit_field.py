@@ -1,4 +1,4 @@
-"""A field of stiffnesses, or other constants, of each connection or particle, fitted to points by gradients."""
+"""A field (a value for each connection or particle, such as stiffness), fitted to tracked points by gradients."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -66,10 +66,10 @@ def fit_field(
 ) -> FieldFit:
     """Fit a value for each connection, or each particle, to tracked points.
 
-    It minimises ½ Σ (Δ/noise)² + ½ Σ (δ/variation)², where Δ are differences of coordinates, and δ those between
-    the logarithm of each value and its mean over all that meet at a particle (for masses: over the particle and
-    those that it is connected with). That is the most probable field if neighbours differ by about `variation`.
-    L-BFGS needs about one gradient a step, however many numbers are sought (see `Simulation.gradient`). A quarter
+    It minimises ½ Σ (Δ/noise)² + ½ Σ (δ/variation)². Δ are simulated minus measured coordinates. δ are logarithms
+    of values minus their mean over the connections that meet at a particle (for masses: over the particle and its
+    neighbours). The result is the most probable field if neighbours differ by about `variation`.
+    L-BFGS needs about one gradient per step, whatever the number of values (see `Simulation.gradient`). A quarter
     of the time is fitted first, then half of it, then all: over a long time the sum has many minima.
 
     Parameters
@@ -99,8 +99,8 @@ def fit_field(
     Raises
     ------
     ValueError
-        If an argument is out of range, the measurements are none of points, SciPy is missing, or the scene has
-        something that has no derivative.
+        If an argument is out of range, the measurements are not of points, SciPy is missing, or a part of the
+        scene has no derivative.
 
     Reference: Liu and Nocedal, On the limited memory BFGS method, Math. Programming 45 (1989) 503-528.
     """
@@ -120,7 +120,7 @@ def fit_field(
 
 
 class FieldProblem:
-    """The objective of `fit_field`, as a function of ln(value/start) of the finite values."""
+    """The objective of `fit_field` as a function of θ = ln(value/start), for the finite values."""
 
     def __init__(
         self,

@@ -124,7 +124,7 @@ class Worlds:
 
 
 def _observed(channel: Channel) -> Any:
-    """Return what of an ensemble a channel observes, see `Ensemble.run`."""
+    """Return the quantity that a channel observes in an ensemble, see `Ensemble.run`."""
     if isinstance(channel.what, np.ndarray):
         return lambda position, velocity: position[:, channel.what].astype(float)
     return channel.what

@@ -166,7 +166,7 @@ def check_names(
 
 
 def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
-    """Raise ValueError if functions, by label, cannot be pickled for worker processes."""
+    """Raise ValueError if one of the functions, given by label, cannot be pickled for worker processes."""
     where = "it must be at the top of a module that they can import, or jobs be 1"
     main = importlib.import_module("__main__")
     for label, function in functions.items():
@@ -179,7 +179,7 @@ def check_travels(functions: Mapping[str, Callable[..., Any]]) -> None:
 
 
 def source(function: Callable[..., Any]) -> str | None:
-    """Return a digest of a function's source, without the functions it calls; None if there is no source."""
+    """Return a digest of a function's source, excluding functions that it calls; None if there is no source."""
     try:
         return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
     except (OSError, TypeError):

@@ -87,7 +87,7 @@ class Problem:
         return LOSSES[self.loss][1](residuals**2)
 
     def cost(self, residuals: NDArray[np.float64]) -> float:
-        """Return the sum of the robust losses of all residuals."""
+        """Return the sum of the robust loss over all residuals."""
         return float(LOSSES[self.loss][0](residuals**2).sum())
 
     def residuals(self, theta: NDArray[np.float64], end: float) -> NDArray[np.float64]:
@@ -183,7 +183,7 @@ class Problem:
         return found.x, found.status > 0
 
     def hold(self, end: float) -> float:
-        """Return the derivative of an additional residual, which keeps undetermined parameters unchanged."""
+        """Return the derivative by θ of an additional residual, which keeps undetermined parameters in place."""
         return self.floor(end) * np.sqrt(int(sum(one.until(end).sum() for one in self.channels)))
 
     def of_step(
@@ -227,11 +227,11 @@ class Problem:
         return np.linalg.svd(weighted, full_matrices=False)[1:]
 
     def smooth(self, theta: NDArray[np.float64], end: float, seed: int) -> tuple[NDArray, NDArray, NDArray]:
-        """Return (best θ in shrinking clouds of worlds, Jacobian of the trend there, covariance of θ by jumps).
+        """Return (best θ by shrinking clouds of worlds, Jacobian of the trend there, covariance of θ by jumps).
 
-        A plane is fitted to a cloud's residuals; jumps do not disturb the θ of its least sum of squares. The
-        next cloud includes this θ, and its centre is the best θ so far. Jumps make residuals deviate;
-        the covariance is the resulting uncertainty of θ.
+        A plane is fitted to the residuals of a cloud of worlds around θ; jumps disturb its minimum little. The
+        next cloud includes this minimum, and its centre is the best θ so far. Jumps make residuals deviate from
+        the plane; the covariance is the resulting uncertainty of θ.
         """
         p, random = self.count, np.random.default_rng(seed)
         linear = self.linear(theta[None], end, WIDE)[0]

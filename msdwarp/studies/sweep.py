@@ -238,14 +238,14 @@ def complete(
 
 
 def _alone(left: Mapping[int, Point], runs: Path, keeps_files: bool, executor: Any) -> Iterator[tuple[int, Row]]:
-    """Yield (index, row) of each point as its separate run finishes."""
+    """Yield (index, row) of points that run separately, each when its run has finished."""
     if executor is None:
         for k, point in left.items():
             yield k, run_point(point.task.simulate, point, runs, keeps_files)
         return
 
     def submit(tries: list[tuple[int, int]]) -> dict[Any, tuple[int, int]]:
-        """Return (index, attempt) by future; submitit gets all tries at once, as one Slurm job array."""
+        """Return (index, attempt) by future; submitit gets all runs at once, as one Slurm job array."""
         calls = [(left[k].task.simulate, left[k], runs, keeps_files, attempt) for k, attempt in tries]
         if calls and hasattr(executor, "map_array"):
             futures = executor.map_array(run_point, *zip(*calls, strict=True))

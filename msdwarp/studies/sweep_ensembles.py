@@ -1,4 +1,4 @@
-"""Points of a sweep as worlds of ensembles, for points that differ only in parameters that worlds may have."""
+"""Run points of a sweep as worlds of an ensemble, if they differ only in parameters in which worlds may differ."""
 
 import hashlib
 import pickle
@@ -38,7 +38,7 @@ World = tuple[int, Simulate, float]
 
 
 def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixed_only: bool) -> Iterator[World]:
-    """Simulate points in ensembles; yield their worlds; note in `refused` why other points are excluded.
+    """Simulate points in ensembles; yield their worlds; store in `refused` why other points are excluded.
 
     A world equals a separate simulation with as many substeps, bit for bit under the conditions of `Ensemble`.
     "auto" uses the substeps of the world that needs most, and keeps them; `fixed_only` excludes "auto".
@@ -67,7 +67,7 @@ def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixe
 
 
 def ensemble_summary(done: int, refused: Mapping[int, str]) -> str:
-    """Return a message: how many points ran in ensembles, and why others did not."""
+    """Return a message: how many points ran in ensembles, and why the others did not."""
     message = f"{done} of {done + len(refused)} points were worlds of ensembles"
     if not refused:
         return message
@@ -99,7 +99,7 @@ def _most_worlds(setup: Setup) -> int:
 
 
 def _run_together(several: list[Numbered], refused: dict[int, str]) -> Iterator[World]:
-    """Simulate points in an ensemble; if it refuses some of the points, in smaller ensembles without these."""
+    """Simulate points in one ensemble; if it refuses some of the points, in smaller ensembles without them."""
     try:
         ensemble = _ensemble([setup for _, setup in several])
     except ValueError as error:

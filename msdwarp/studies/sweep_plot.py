@@ -42,7 +42,7 @@ def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None
 
 
 def _figure(found: Any, names: list[str]) -> Any:
-    """Return a figure with a panel for each of some results."""
+    """Return a figure with a panel for each named result."""
     longest, *second = sorted(map(str, found.sizes), key=lambda name: -found.sizes[name])[:2]
     drawn = {longest, *(name for name in second if found.sizes[name] > 1)}
     swept = [name for name in map(str, found.sizes) if name in drawn]

@@ -23,7 +23,7 @@ def split_arrays(options: dict[str, Any], kind: Any) -> tuple[list[str], list[An
 def differentiated(
     system: System, frames: int, worlds: int | None, values: Mapping[str, NDArray], options: Mapping[str, Any]
 ) -> tuple[Differentiated, Frames]:
-    """Simulate frames of a system, or of many worlds of it, with other values, for differentiation."""
+    """Simulate frames of a system, or of many worlds of it, with other values, ready for differentiation."""
     own: dict[str, Any] = {name: np.asarray(one, dtype=np.float64) for name, one in values.items()}
     if worlds is not None:
         return Ensemble(system, worlds, **options, **own).differentiated(frames, list(values))

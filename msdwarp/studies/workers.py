@@ -75,7 +75,7 @@ def _begin(watched: Connection, gpu: str | None, threads: int) -> None:
 
 
 def _end_with(watched: Connection) -> None:
-    """End this process once its parent closes its end of a pipe, or ends."""
+    """End this process once its parent closes the pipe, or ends."""
     try:
         watched.recv()
     except (EOFError, OSError):

@@ -110,11 +110,11 @@ def restitution_of(damping_ratio: float) -> float:
 
 
 class Ruled(tuple[Load, ...]):
-    """Loads from `with_contact`; each `Contact` among them was given as `contact`."""
+    """Loads from `with_contact`; each `Contact` among them came from the argument `contact`."""
 
 
 def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | None) -> Ruled:
-    """Return loads, followed by the rules in `contact`; these replace any rules among the loads.
+    """Return loads without their contact rules, followed by the rules in `contact`.
 
     Raises ValueError if a load is a bare `Load`, or a `Contact` that was not given as `contact`.
     """

@@ -48,7 +48,7 @@ class PrescribedMotion(Load):
         self.bound(system).pose(0.0)
 
     def bound(self, system: System) -> "Driven":
-        """Return the drive with its particles, their initial positions and the centre, from the initial state."""
+        """Return the drive with particles, their initial positions and the centre taken from the initial state."""
         held = np.flatnonzero(self.particles(system))
         start = np.array(system.position[held])
         if self.about is not None:
@@ -65,7 +65,7 @@ class PrescribedMotion(Load):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Driven(PrescribedMotion):
-    """A drive bound to a system; see `PrescribedMotion.bound`."""
+    """A drive whose particles, initial positions and centre are known; see `PrescribedMotion.bound`."""
 
     held: Any = ()
     """The currently driven particles, shape [count]."""

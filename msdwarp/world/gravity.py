@@ -46,7 +46,7 @@ def gravity_at(
 
 
 def with_potential(gravity: Gravity) -> Any:
-    """Return the gravity that has a potential: constant gravity itself, 0 for a function of time."""
+    """Return the part of gravity that has a potential: all if it is constant, 0 if a function of time."""
     return 0.0 if callable(gravity) else gravity
 
 

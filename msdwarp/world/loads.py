@@ -56,7 +56,7 @@ class Load:
         self.particles(system)
 
     def bound(self, system: System) -> "Load":
-        """Return the load with all values that depend on the initial state, such as points or a volume."""
+        """Return the load with values computed that depend on the initial state, such as points or a volume."""
         return self
 
 

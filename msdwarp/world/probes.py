@@ -133,7 +133,7 @@ def checked_probes(
 
 
 def probes_by(every: str, probes: Mapping[str, Probe]) -> dict[str, Probe]:
-    """Return the probes that are read every `every`: "frame" or "substep"."""
+    """Return the probes that are read at this rate: "frame" or "substep"."""
     return {name: one for name, one in probes.items() if one.every == every}
 
 

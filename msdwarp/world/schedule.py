@@ -19,7 +19,7 @@ OF_CONNECTIONS = ("stiffness", "damping", "rest_length")
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """New parameters from a time on; the fields are as in `at`."""
+    """New parameters from a given time on; the fields are as in `at`."""
 
     time: float = 0.0
     group: str | ArrayLike | None = None

@@ -15,7 +15,7 @@ _SAME = 1e-9
 
 
 def flat(value: Any) -> NDArray[np.float64]:
-    """Return all numbers in a result of a function of time, such as (displacement, turn), as one row."""
+    """Return all numbers that a function of time has returned, such as (displacement, turn), as one row."""
     try:
         array = np.asarray(value)
     except ValueError:  # parts of different lengths

@@ -14,7 +14,7 @@ from .number_sums import NumberSums
 
 
 class ElementAdjoints:
-    """Adds to ∂L/∂x and ∂L/∂v of a loss L what follows from ∂L/∂F, for the forces F of an effect's elements.
+    """Adds to ∂L/∂x and ∂L/∂v of a loss L the contributions of the forces F of an effect's elements, given ∂L/∂F.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class ElementAdjoints:
         Function (kernel, count, inputs) that launches a kernel over `count` items; it adds `begin`, `end` and
         `threads` to the inputs.
     launch_once
-        Function that calls its argument, which launches kernels, in only one thread.
+        Function that calls its argument, which launches kernels, in only one of the threads that share a frame.
     sums
         The sums of derivatives by the elements' numbers; None if they are not requested.
     """

@@ -1,4 +1,4 @@
-"""Derivatives by prescribed motions, from those by the state of the particles that they drive."""
+"""Derivatives by prescribed motions, computed from derivatives by the state of the driven particles."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,10 +14,10 @@ from .number_sums import NumberSums
 
 
 class MotionAdjoint:
-    """Derivatives by the values of motions, at the times at which frames take them.
+    """Derivatives by the values of prescribed motions, at the times at which frames evaluate the motions.
 
     Kernels sum derivatives by the poses (R, o) of each stage and by their rates. Rates are differences of poses at
-    several times, and so derivatives by rates are led back to poses at these times.
+    several times, so derivatives by rates are converted to derivatives by these poses.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class MotionAdjoint:
         self._start: Any = 0.0
 
     def take_frame(self, time: float) -> None:
-        """Take what the launches of the frame that begins at `time` [s] have added."""
+        """Collect the derivatives that kernels have summed for the frame that begins at `time` [s]."""
         rows = self._take()
         rows[:, -1] += self._start  # the state at a frame's start is that at the end of the frame before
         self._start = rows[:, 0].copy()
@@ -57,7 +57,7 @@ class MotionAdjoint:
     def add_reading(self, time: float, lag: float, by_v: NDArray) -> None:
         """Add derivatives by the velocities that are read at `time` [s], shape [worlds, particle_count, d].
 
-        The method's velocities lag behind these.
+        The method's velocities are those `lag` [s] earlier.
         """
         by_acceleration = []
         for one in self._drives.motions:
@@ -66,20 +66,20 @@ class MotionAdjoint:
         self._found.append(self._drives.lead_rates_back(time, None, np.stack(by_acceleration, axis=1)))
 
     def take_start(self, time: float, lag: float) -> None:
-        """Take what is left at the start, `time` [s], where the method's velocities lag behind those given."""
+        """Collect the derivatives left at the start, `time` [s]; the method's velocities are `lag` [s] earlier."""
         own, given = self._start, self._take()[:, 0]
-        if time == 0:  # later it is the state that the gradient starts from
+        if time == 0:  # a later start is a given state
             by_place, by_speed = np.moveaxis(own + given, -3, 0)
             self._found.append((np.array([time]), by_place[None]))
             self._found.append(self._drives.lead_rates_back(time, by_speed, -lag * own[..., 1, :, :]))
 
     def _take(self) -> NDArray[np.float64]:
-        """Return sums, shape [worlds, rows, drive_count, 2, d, d + 1]: by poses, and by their rates."""
+        """Return and reset the sums, shape [worlds, rows, drive_count, 2, d, d + 1]: by poses, and by rates."""
         found = self.sums.take()
         return found.reshape(*found.shape[:-1], 2, self._dim, self._dim + 1)
 
     def found(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return times, and derivatives by what a motion returns then, shape [worlds, time_count, any]."""
+        """Return times, and derivatives by a motion's values at these times, shape [worlds, time_count, any]."""
         k, every = self.names.index(name), np.concatenate([times for times, _ in self._found])
         times, which = np.unique(every, return_inverse=True)
         by_poses = np.concatenate([values[:, :, k] for _, values in self._found])

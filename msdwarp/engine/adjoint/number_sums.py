@@ -1,4 +1,4 @@
-"""Sums of derivatives by the numbers of elements, which the elements of a group share, on a device."""
+"""Sums of derivatives by numbers that the elements of a group have in common, on a device."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,11 +12,11 @@ from ..device.csr import rows
 from ..model.model import Model
 
 THREADS = 256
-"""Threads that sum a number of a group."""
+"""Threads of a block, which sums one number of a group."""
 
 
 class NumberSums:
-    """Adds up what elements add to the derivatives by their numbers, in an order that is fixed.
+    """Sums the contributions of elements to the derivatives by numbers of their groups, in a fixed order.
 
     Parameters
     ----------
@@ -25,20 +25,20 @@ class NumberSums:
     group
         The group of each element of a world, -1 for none.
     numbers
-        How many numbers an element has.
+        How many numbers each element has.
     stages
-        For how many stages of a frame there are sums; 1 if they are not told apart.
+        Number of stages of a frame that have separate sums; 1 for common sums.
     launch_once
-        Function that calls its argument, which launches kernels, in only one thread.
+        Function that calls its argument, which launches kernels, in only one of the threads that share a frame.
 
     Attributes
     ----------
     each
-        What elements have added, shape [worlds element_count, numbers].
+        Contributions of elements since the last `add_up`, shape [worlds element_count, numbers].
     total
         The sums, float64 of shape [worlds, stages, group_count, numbers].
     varies
-        Whether stages are told apart; then `add_up` must be called after each.
+        Whether stages have separate sums; then `add_up` must be called after each.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class NumberSums:
         self.total.zero_()
 
     def add_up(self, stage: int = 0) -> None:
-        """Launch the sums of what has been added, in float64, and set it to 0."""
+        """Launch the addition of `each` to `total`, in float64; it sets `each` to 0."""
         threads, device = THREADS if self._model.device.is_cuda else 1, self._model.device
         inputs = [*self._rows, self._count, stage, self.each, self.total]
         kernel, count = sum_numbers(self._model.scalar), self._blocks * threads
@@ -72,6 +72,6 @@ class NumberSums:
 
     def take(self) -> NDArray[np.float64]:
         """Return the sums, and set them to 0."""
-        found = np.array(self.total.numpy(), dtype=np.float64)  # on a CPU it was a view
+        found = np.array(self.total.numpy(), dtype=np.float64)  # copied: on a CPU numpy() is a view
         self.total.zero_()
         return found

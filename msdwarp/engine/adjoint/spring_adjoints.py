@@ -1,4 +1,4 @@
-"""The adjoint of spring forces on a device, with a table of neighbours, or for a uniform lattice without."""
+"""The adjoint of spring forces on a device: neighbours are in a table, or at constant offsets in a lattice."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -62,7 +62,7 @@ class InTable(OverParticles):
         super().__init__(model, neighbours(model.scalar, model.laws.damper is not None))
         self._actuated = actuated
         self.entries = model.worlds * model.connection_count
-        """Entries of the derivatives by a constant."""
+        """Number of entries of the derivatives by a constant."""
         column = np.full(model.connection_count if actuated is not None else 1, -1, dtype=np.int32)
         if actuated is not None:
             column[actuated.connection] = actuated.column

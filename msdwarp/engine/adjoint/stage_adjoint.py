@@ -66,7 +66,7 @@ class StageAdjoint(Adjoint):
             self._launch(self._copy, self._count, [x, v, *self._inner[stage - 1]])
 
     def _lead_combination_back(self, n: int, states: list[Any], begin: int) -> None:
-        """Lead derivatives by state n of a substep, which begins at stage `begin`, back to the stage before it."""
+        """Propagate derivatives by state n of a substep, whose first stage is `begin`, back by one stage."""
         self.forget_driven(begin + n)
         inputs = [self._weight, n, self._times[n], self._inverse_mass, self._gravity, states[0][1], states[n][1]]
         inputs += [self.by_x, self.by_v, self._by_inverse_mass, self._by_gravity, self._kept, self._phi]

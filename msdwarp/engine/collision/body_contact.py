@@ -129,7 +129,7 @@ class BodyContact(WithHistory):
         return bool(self.limiting.any())
 
     def lanes(self, triangles: bool) -> int:
-        """Return the threads per point, with triangles or without; as many in an ensemble as in a single run."""
+        """Return the number of threads per point, for triangles or other facets, as in a single run."""
         if not self._model.device.is_cuda:
             return 1
         if not triangles:
@@ -142,7 +142,7 @@ class BodyContact(WithHistory):
         return self._data, self.neighbors.tree
 
     def _worth_limiting(self) -> NDArray[np.bool_]:
-        """Return for which rows of worlds limited dampers allow a much longer step, shape [rows].
+        """Return the rows of worlds for which limited dampers allow a much longer step, as a mask, shape [rows].
 
         Limits cost time: all contacts are counted before forces. If λ bounds the eigenvalues of M⁻¹K and μ those
         of M⁻¹B, methods whose velocities lag are stable for h²λ + 2hμ < 4.
@@ -222,11 +222,11 @@ class BodyContact(WithHistory):
 
     @property
     def recorded_for(self) -> tuple[int, bool]:
-        """What a frame's launches depend on: how often searches may begin, and whether pairs are kept apart."""
+        """What recorded launches depend on: how often searches may begin, and whether pairs are kept apart."""
         return self.neighbors.check_every, self.planes is not None and self.planes.awake
 
     def begin_substep(self, substep: int) -> bool:
-        """Set the number of the coming substep, for the neighbor list."""
+        """Pass the number of the coming substep to the neighbor list."""
         self.neighbors.substep = substep
         return False
 
@@ -281,7 +281,7 @@ class BodyContact(WithHistory):
             self._flags.zero_()
 
     def is_void(self) -> bool:
-        """Return whether lists became invalid in the finished frame; if so, make room to repeat it."""
+        """Return whether lists became invalid in the finished frame; if so, enlarge them for its repetition."""
         flags = self._found.numpy().reshape(-1, FLAGS).copy()
         self.deepest = float(flags[:, DEEPEST].max())
         self.held_back = flags[:, HELD_BACK].astype(np.float64)
@@ -290,7 +290,7 @@ class BodyContact(WithHistory):
         return self.neighbors.judge(flags, ~self.frozen)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
-        """Return the checkpoint of each world, with the indices of its own bodies and facets."""
+        """Return the checkpoint of each world, with the body and facet indices of a single run."""
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
         if not self._model.in_worlds:
             return [arrays]
@@ -314,7 +314,7 @@ class BodyContact(WithHistory):
         return stiffness[each], damping[each]
 
     def add_blocks_of_worlds(self, stiffness: wp.array, damping: wp.array) -> None:
-        """Add what `add_blocks` adds, for all worlds that differ, shape [different, particle_count] each."""
+        """Add the blocks of `add_blocks` for all worlds that differ, shape [different, particle_count] each."""
         for blocks, each in zip((stiffness, damping), self.blocks_of(len(stiffness)), strict=True):
             blocks.assign(blocks.numpy() + each[..., None, None] * np.eye(self._model.dim))
 

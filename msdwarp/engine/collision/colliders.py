@@ -50,7 +50,7 @@ class Colliders(FrameTables):
             if wrong := collider.fits(model.dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
         self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
-        """Their indices among the scene's obstacles."""
+        """Indices of the rigid obstacles among the scene's obstacles."""
         colliders = [colliders[k] for k in self._numbers]
         self._colliders, self._dim, self._device = tuple(colliders), model.dim, model.device
         self._scalar, self._vector = model.scalar, model.vector
@@ -103,7 +103,7 @@ class Colliders(FrameTables):
                 self._moving.append((k, collider.motion, collider.centre(self._dim)))
 
     def brings_in(self, model: Model) -> NDArray[np.float64]:
-        """Return an estimate of the energy that depenetration adds in each row of a model [J]."""
+        """Return an estimate of the energy that depenetration adds [J], for each row of a model's parameters."""
         mass = model.row_of("mass")
         moving = np.where(np.isfinite(mass), mass, 0.0).sum(axis=1) * (self._deepest / DEPENETRATION_TIME) ** 2
         if self._put_out is None:
@@ -129,7 +129,7 @@ class Colliders(FrameTables):
         self._dt, self._times = dt, dt * np.arange(-1, max(substeps, 2) + 1)
 
     def fill(self, time: float, tables: Tables) -> None:
-        """Write the poses of the frame that begins at `time` [s], and mean velocities in the substeps before."""
+        """Write the poses of the frame that begins at `time` [s], and mean velocities over the substeps before."""
         for k, motion, centre in self._moving:
             turn, shift = self._poses(k, motion, centre, time)
             tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
@@ -146,12 +146,12 @@ class Colliders(FrameTables):
         return turn, shift
 
     def hold_still(self, time: float) -> None:
-        """Fix obstacles at their places at `time` [s] until a frame begins, for measurements between frames."""
+        """Fix obstacles at their poses at `time` [s] until a frame begins, for measurements between frames."""
         if self._frames is not None:
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
-        """Write the poses at `time` [s] to all rows, and the mean velocity in the substep before."""
+        """Write the poses at `time` [s], and the mean velocities just before, for all substeps."""
         self.fill(time, tables)
         for table in tables.values():
             table[1:] = table[:1]

@@ -49,7 +49,7 @@ class ContactForces:
         return self._sum
 
     def write_force(self, force: wp.array) -> None:
-        """Launch the mean of all contact forces on each particle over the last frame [N]."""
+        """Launch a kernel that writes the mean of all contact forces on each particle over the last frame [N]."""
         model = self._model
         inputs = [self.by_all(), self._seconds]
         kernel = mean_forces(model.dim, model.scalar)

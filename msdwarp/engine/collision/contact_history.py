@@ -25,9 +25,9 @@ STORED = {
 
 
 class WithHistory(Effect):
-    """An effect whose only changing data are its contact history.
+    """An effect whose state is a contact history.
 
-    These are the bodies that points or facets touch, tangential displacements, and the overlap that is still
+    The history has the bodies that points or facets touch, tangential displacements, and the overlap that is still
     allowed since the start.
     """
 
@@ -37,9 +37,9 @@ class WithHistory(Effect):
     def set_up_history(
         self, model: Model, data: Any, count: int, prefix: str, more: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        """Make the arrays, fields of the struct `data`, for `count` points or facets.
+        """Make the arrays for `count` points or facets, as fields of the struct `data`.
 
-        `more` has the types of further arrays by name. In checkpoints names begin with `prefix`.
+        `more` has the types of additional arrays by name. In checkpoints names begin with `prefix`.
         """
         self._model, self._history, self._prefix = model, data, prefix
         types = {"tangential_displacement": model.vector, "contact_body": int, **more}
@@ -50,13 +50,13 @@ class WithHistory(Effect):
         self._names = tuple(types)
 
     def allow(self, overlap: NDArray[np.float64]) -> None:
-        """Allow each point or facet this overlap [m] at the start; it then shrinks."""
+        """Allow each point or facet the overlap that it has at the start [m]; the allowance then shrinks."""
         self.overlapping_at_start = True
         self._history.initial_overlap.assign(overlap.astype(self._model.dtype))
         self._history.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
 
     def go_on_from(self, other: Effect) -> None:
-        """Copy the history of another model of the same bodies."""
+        """Copy the contact history of `other`, the effect of another model with the same bodies."""
         assert isinstance(other, WithHistory)
         if other._history.contact_body.shape == self._history.contact_body.shape:
             for name in self._names:
@@ -64,7 +64,7 @@ class WithHistory(Effect):
 
     @property
     def changing(self) -> list[wp.array]:
-        """The arrays of the history: all that substeps change."""
+        """The arrays that substeps change: the history."""
         return [getattr(self._history, name) for name in (*self._names, "initial_overlap")]
 
     def checkpoint(self) -> dict[str, NDArray]:

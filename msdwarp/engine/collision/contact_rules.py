@@ -1,4 +1,4 @@
-"""ContactRules: the contact rule of each pair of bodies, its stiffness, and its part of the stability bound."""
+"""ContactRules: the rule of each pair of bodies, contact stiffness, and contributions to the stability bound."""
 
 from collections.abc import Sequence
 from math import lcm
@@ -29,7 +29,7 @@ A contact with the damping b and the gradient g has a rate of at most b Σ|g_j| 
 1/√Σg². So the factor is (Σ|g_j|)² / (4 Σg²), largest for the midpoint of an edge at the centre of a triangle.
 """
 MASS_FACTOR_OF_A_SPHERE = 2.0
-"""This ratio for a particle without a surface, whose number of contacts is assumed."""
+"""MASS_FACTOR of a particle without a surface, whose number of contacts is assumed."""
 NOTHING = 1e-30
 """Stands for the spacing of a body without one, such as a single particle [m]."""
 
@@ -44,7 +44,7 @@ def unit_of_sums(largest: float) -> float:
 
 
 class ContactRules:
-    """Contact rules by pairs of kinds. Bodies of one kind belong to the same of the groups that rules name.
+    """Contact rules by pairs of kinds of bodies; bodies in the same groups are of one kind.
 
     If several rules apply to a pair, the last one counts. `table` has the rule's index for two kinds, −1 if none
     applies; `kind` has the kind of each body. `thickness` [m] and `stiffness` [N/m] of a rule are −1 if not given.
@@ -98,7 +98,7 @@ class ContactRules:
         return np.append(self.stiffness, -1.0)[self.between(a, b)]
 
     def pair_stiffness(self, a: Any, b: Any, own_a: Any, own_b: Any) -> NDArray[np.float64]:
-        """Return the stiffness of contacts between bodies a and b [N/m]: a rule's, else that of their own."""
+        """Return the stiffness of contacts between bodies a and b [N/m]: a rule's, or from their own ones."""
         given = self.given_stiffness(a, b)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(given < 0, harmonic_mean(own_a, own_b), given)
@@ -146,12 +146,12 @@ class ContactRules:
     def _blocks(
         self, mass: NDArray[np.float64], surfaces: TouchingSurfaces, density: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return `blocks` of one row.
+        """Return `blocks` for one row of the model's parameters.
 
-        A contact of stiffness k and gradient g has the matrix k g gᵀ. By Gershgorin it is bounded by the diagonal
-        matrix of k |g_i| Σ|g_j|, with Σ|g_j| = 2: the weights of the point sum to 1, as do those of the facet.
-        Blocks get half of that. All points of a surface are assumed to be in contact, with equally many points of
-        other bodies.
+        A contact of stiffness k and gradient g has the stiffness matrix k g gᵀ. By Gershgorin's theorem it is
+        bounded by the diagonal matrix of k |g_i| Σ|g_j|, with Σ|g_j| = 2: the weights of the point sum to 1, as do
+        those of the facet. Half of that is returned, since the stability bound doubles blocks. All points of a
+        surface are assumed to be in contact, with equally many points of other bodies.
         """
         bodies = len(surfaces.closed)
         own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, NOTHING)
@@ -198,7 +198,7 @@ def harmonic_mean(a: Any, b: Any) -> Any:
 def spread_to_particles(
     surfaces: TouchingSurfaces, values: NDArray[np.float64], particle_count: int
 ) -> NDArray[np.float64]:
-    """Return for each particle the sum of the vertices' values, times its absolute weight in each vertex."""
+    """Return for each particle the sum over vertices of their values times its absolute weights in them."""
     total = np.zeros(particle_count)
     np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
     return total

@@ -13,7 +13,7 @@ from ..model.model import Model
 from .tables_by_world import Repeated, surfaces_by_row
 
 UNLIMITED = 1e30
-"""A rate of dampers that none has [1/s]."""
+"""A rate above that of any damper [1/s]."""
 
 
 class ContactSurfaces:
@@ -38,7 +38,7 @@ class ContactSurfaces:
         """Independent vertices per point of each body."""
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
-        """Fill the struct that kernels read; a vertex has no self-contact within `hops` edges (of each body)."""
+        """Fill the struct that kernels read; each body has no self-contact within its number `hops` of edges."""
         self.data, surfaces, scalar = data, self.on_host, model.scalar
         vertices, bodies = len(surfaces.particle), len(surfaces.closed)
         present = surfaces.weight != 0
@@ -72,7 +72,7 @@ class ContactSurfaces:
             setattr(data, name, each.by_row(np.array([getattr(one, name) for one in self.by_row]), scalar))
 
     def by_particle(self, data: Any, model: Model) -> NDArray[np.bool_]:
-        """Write the vertices in which each particle of a world has a weight; return which particles have any."""
+        """Write the vertices that depend on each particle of a world; return a mask of particles with any."""
         surfaces, device = self.on_host, model.device
         present = surfaces.weight != 0
         order, first = rows(surfaces.particle[present], model.particle_count)
@@ -91,7 +91,7 @@ def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
 
 
 def facets_around(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the triangles around each vertex, vertex after vertex, and row starts by vertex."""
+    """Return the triangles around each vertex, concatenated by vertex, and row starts by vertex."""
     corner = surfaces.corner
     triangles = np.flatnonzero(corner[:, 1] != corner[:, 2])
     order, first = rows(corner[triangles].reshape(-1), len(surfaces.particle))
@@ -101,7 +101,7 @@ def facets_around(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArra
 def neighbourhoods(
     surfaces: TouchingSurfaces, hops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return row starts, and the neighbours of each vertex: itself, and all within `hops` edges of its body."""
+    """Return row starts, and the neighbours of each vertex: all within `hops` edges, and the vertex itself."""
     count, corner = len(surfaces.particle), surfaces.corner
     edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
     edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)

@@ -1,4 +1,4 @@
-"""DivisionPlanes: keeps near pairs apart that are apart when a substep begins."""
+"""DivisionPlanes: keeps near pairs apart if they are apart when a substep begins."""
 
 from typing import Any
 
@@ -44,17 +44,17 @@ ROOM = 4
 LEAST_ROOM = 2**13
 """Initial room for pairs of inner surfaces."""
 MOST_IN_CLUSTER = 2**15
-"""Where there are more pairs, each phase is a launch of its own: a cluster has too few threads."""
+"""With more pairs each phase is a separate launch, since a cluster has too few threads."""
 CLUSTER = 8
 """Blocks in the cluster that has all phases in one launch."""
 QUIET = 60
-"""Frames in which no pair comes too near, after which no launch keeps pairs apart until one does."""
+"""After this many frames in which no pair came too near, no launch keeps pairs apart until one does."""
 MANY_FACETS = 2**14
 """Number of facets above which a GPU has warps for each piece of the tree; below it has a warp per facet."""
 MOST_SEARCHING = 2**18
-"""Threads that search for them, at most."""
+"""Maximal number of threads that search for near pairs."""
 PAIR_THREADS = 2**16
-"""Threads on a GPU that share the pairs, at most: with more, launches take longer where nothing comes near."""
+"""Maximal number of GPU threads that divide the pairs: with more, launches take longer if nothing is near."""
 
 
 class DivisionPlanes(Effect):
@@ -135,7 +135,7 @@ class DivisionPlanes(Effect):
         self._give_room(LEAST_ROOM if self.may_sleep else ROOM * model.worlds * (vertices + len(edge)))
 
     def _add_vertices(self, surfaces: ContactSurfaces, each: Repeated, inner: NDArray[np.bool_]) -> None:
-        """Write the vertices of pairs: all drawn ones, then those of the inner surfaces of the bodies `inner`."""
+        """Write the vertices of pairs: of drawn surfaces, then of inner surfaces (of the bodies `inner`)."""
         data, on_host, drawn, model = self.pairs, surfaces.on_host, surfaces.data, self._model
         data.first_particle, data.particle_of, data.weight = drawn.first, drawn.particle, drawn.weight
         data.mobility, data.body_of = drawn.mobility, drawn.body_of
@@ -179,10 +179,10 @@ class DivisionPlanes(Effect):
                 wp.load_module(kernel.module, device, block_dim=block if device.is_cuda else None)
 
     def meet(self, neighbors: Any, more: float) -> None:
-        """Set the `NeighborList` whose searches list pairs too; distant vertices may move `more` [m] further."""
+        """Set the `NeighborList` whose searches also list pairs, with a margin `more` [m] for far vertices."""
         self.neighbors, device = neighbors, self._model.device
         self._searching = 0
-        """Threads that search for the facets of pieces; 0 where each facet is searched for alone."""
+        """Threads that search for all facets of a piece at once; 0 if each facet is searched for separately."""
         if device.is_cuda and len(neighbors.tree.facet) > MANY_FACETS and not self._grains:
             self._searching = min(SHARES * WARP * len(neighbors.tree.piece), MOST_SEARCHING)
             self.pairs.queue = wp.zeros(QUEUES * (self._searching // WARP), dtype=wp.vec3i, device=device)
@@ -213,7 +213,7 @@ class DivisionPlanes(Effect):
         neighbors.share(kernel, threads, inputs, [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
-        """Exclude surfaces that cross at the start or are inside another body, until they are apart."""
+        """Exclude surfaces that cross or contain each other at the start, until they have separated."""
         self._find_tangles()
         self.tangles = overlapping or bool(self.pairs.tangles.numpy()[0])
 
@@ -225,14 +225,14 @@ class DivisionPlanes(Effect):
         neighbors.share(kernel, lanes * (len(pairs.edge) + len(surfaces.ends)), inputs, [])
 
     def watch(self) -> None:
-        """Launch the test whether inner surfaces may come so near that they must be kept apart."""
+        """Launch the test whether inner surfaces may come so near that their pairs must be kept apart."""
         if self.may_sleep:
             kernel, neighbors = find_alarm(self._model.scalar, self._model.in_worlds), self.neighbors
             inputs = [self._contact, self.pairs, self.apart, neighbors.dt]
             neighbors.share(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
-        """Launch the kernels that keep near pairs apart at a substep's end.
+        """Launch the kernels that keep near pairs apart, at the end of a substep.
 
         At a frame's end it also launches the test of motion that shows whether lists were valid.
         """
@@ -286,7 +286,7 @@ class DivisionPlanes(Effect):
         return missed
 
     def extend(self, pairs: int) -> bool:
-        """Make room for twice this many near pairs; return False if there is room for `pairs` already."""
+        """Double the room for near pairs until `pairs` fit; return False if they already fit."""
         if pairs <= len(self.pairs.vertices):
             return False
         self._give_room(2 * pairs)  # most pairs are far apart: there are seldom more at a time
@@ -308,10 +308,10 @@ class DivisionPlanes(Effect):
 
 
 def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
-    """Return the ends of each edge, the parts that each facet owns, as bits, and the points there, -1 for none.
+    """Return the ends of each edge, the parts that each facet owns, as bits, and contact points there, -1: none.
 
     The parts of a facet are its corners (bits 0 to 2) and sides (3 to 5). The first facet around a vertex or edge
-    owns it. A grain is an edge whose two ends are the same.
+    owns it. A grain (a particle that is a facet) counts as an edge with two equal ends.
     """
     corner = surfaces.corner
     facets, triangle = len(corner), corner[:, 1] != corner[:, 2]

@@ -56,7 +56,7 @@ def near_together(x: NDArray[np.floating], owner: NDArray[np.integer]) -> NDArra
 
 
 def runs(owner: NDArray[np.integer], width: int) -> tuple[NDArray[np.integer], ...]:
-    """Return runs of at most `width` items of one owner, as (first items, ends, owners); `owner` is sorted."""
+    """Return runs of at most `width` items of one owner: (first items, ends, owners); `owner` is sorted."""
     begins = np.flatnonzero(np.diff(owner, prepend=-1))
     ends = np.append(begins[1:], len(owner))
     firsts = np.concatenate([np.arange(a, b, width) for a, b in zip(begins, ends, strict=True)] or [begins])

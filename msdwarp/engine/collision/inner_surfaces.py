@@ -18,9 +18,9 @@ body: not beyond the middle of a body of one cell."""
 MOST_OF_CHORD = 0.3
 """Largest fraction of the chord to the opposite side: below a half, so that two sides do not meet."""
 FLAT = 0.05
-"""Triangles around a vertex count as one plane in directions in which their normals differ less, by squares."""
+"""Directions in which the mean square of the normals around a vertex is below this are ignored."""
 ABOVE = 0.02
-"""Rays begin this far below the surface, by the depth of the inner vertex: they must not hit where they begin."""
+"""Depth at which rays begin, over the depth of the inner vertex: they must not hit the surface there."""
 
 
 def have_inner_surfaces(surfaces: TouchingSurfaces, rules: ContactRules) -> NDArray[np.bool_]:
@@ -33,10 +33,10 @@ def have_inner_surfaces(surfaces: TouchingSurfaces, rules: ContactRules) -> NDAr
 def chords(
     surfaces: TouchingSurfaces, x: NDArray[np.float64], bodies: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the four vertices whose mean each inner vertex is, and their weights, shape [vertex_count, 4] each.
+    """Return the four surface vertices that each inner vertex is a mean of, and weights, [vertex_count, 4] each.
 
-    They are the drawn vertex and the three of the opposite facet; all −1 outside `bodies`. Drawn vertices are at x
-    [m], shape [vertex_count, 3].
+    They are the vertex itself and the three of the opposite facet; all −1 outside `bodies`. Surface vertices are
+    at x [m], shape [vertex_count, 3].
     """
     chord, weight = np.full((len(x), 4), -1), np.zeros((len(x), 4))
     vertex = np.flatnonzero(bodies[surfaces.body])
@@ -62,9 +62,9 @@ def chords(
 
 
 def _inward(surfaces: TouchingSurfaces, x: NDArray[np.float64], corner: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the displacement of each vertex inwards [m], of the length of the inset.
+    """Return the displacement [m] of each vertex inwards; its length is that of the inset.
 
-    Along its direction the planes of all triangles around the vertex move by the same distance, or nearly so.
+    The planes of all triangles around the vertex are equally far from the displaced vertex, or nearly so.
     """
     a, b, c = x[corner].transpose(1, 0, 2)
     area = np.cross(b - a, c - a)
@@ -86,7 +86,7 @@ def _inward(surfaces: TouchingSurfaces, x: NDArray[np.float64], corner: NDArray[
 def inner_vertices(
     surfaces: TouchingSurfaces, chord: NDArray[np.int64], weight: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the number of particles whose mean each inner vertex is, these particles, and their weights."""
+    """Return how many particles each inner vertex is a mean of, these particles, and their weights."""
     vertex, k = np.nonzero(weight)
     drawn = chord[vertex, k]
     particle, share = surfaces.particle[drawn], surfaces.weight[drawn] * weight[vertex, k][:, None]

@@ -47,7 +47,7 @@ from .tables_by_world import Repeated
 MOST_BODIES, MOST_BODIES_ON_GPU = 64, 4096
 """Bodies of a world, up to which all pairs of them are tested; more are searched by a tree."""
 MOST_BY_WARPS, LANES_OF_MANY = 2**15, 8
-"""On a GPU a warp shares a point, a body or a facet in a search; with more points than this, only some threads."""
+"""Up to this number of points a warp of a GPU searches for each point, body or facet; else this many threads."""
 MOST_SEARCHING = 2**20
 """Threads on a GPU that search for points: most points of large bodies are near nothing."""
 MORTON_BITS = 16
@@ -61,7 +61,7 @@ MOST_ROOM = 2**30
 LEAST_SKIN = 0.25
 """Initial and least width of the skin, as a fraction of the distance at which bodies touch."""
 SKIN_BY_WAY = 2.5
-"""Width of the skin over the longest path of a vertex while lists should be valid; they are above 2."""
+"""Width of the skin over the longest path of a vertex while lists should be valid; at least 2 are needed."""
 WIDEST_SKIN = 0.5
 """Largest width of the skin, over the distance at which bodies touch, unless the next limit is wider."""
 SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.2
@@ -71,9 +71,9 @@ FARTHEST_WAY = 64.0
 MOST_THREADS = 2**14
 """Threads on a GPU that examine the active points."""
 MOST_BETWEEN = 32
-"""Substeps between two searches for which the skin allows, unless it would become wider than the widest."""
+"""Substeps between two searches for which the width of the skin is chosen, within its limits."""
 CHECK_EVERY = 4
-"""Substeps from one decision of a GPU whether to search to the next: a launch that depends on it takes 10 µs.
+"""Substeps between a GPU's decisions whether to search: a launch that depends on it takes 10 µs.
 
 A CPU decides in every substep. So does a GPU if rarer decisions needed a skin wider than the widest.
 """
@@ -85,10 +85,10 @@ decision."""
 class NeighborList:
     """Lists the facets near each point.
 
-    A list is valid until a vertex has moved by half of the skin. When the device places vertices and one is about
-    to do so, it makes the lists again. A frame must be repeated if lists had no room, or if a vertex was faster
-    than expected. Listed facets without contact change nothing: results depend neither on the skin nor on how
-    often lists are made.
+    A list is valid until a vertex has moved by half of the skin. The device rebuilds the lists when it places
+    vertices and one is about to move that far. A frame must be repeated if lists had no room, or if a vertex was
+    faster than expected. Listed facets without contact change nothing: results depend neither on the skin nor on
+    how often lists are rebuilt.
 
     It replaces arrays that recorded launches write to, and then increases `Model.generation`.
 
@@ -123,7 +123,7 @@ class NeighborList:
         """Points that had facets near them in the last frame."""
         self.launcher = Launcher()
         self.check_every = self._check_every = CHECK_EVERY if device.is_cuda else 1
-        """Substeps from one decision whether to search to the next: now, and where nothing is fast."""
+        """Substeps between decisions whether to search: now, and as long as nothing is fast."""
         self.dt, self.substep = 0.0, 0
         """Length of a substep [s], and the number of the coming one."""
         self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
@@ -138,7 +138,7 @@ class NeighborList:
         data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
         data.since = wp.zeros(1, dtype=float, device=device)
         data.due = wp.full(1, FORCED, dtype=int, device=device)
-        # By this much a distant facet may come nearer than the search's reach, without touching.
+        # A facet that the search has not found may come nearer than its reach by this much without touching.
         self._more = max(0.0, self._around - thickest)
         self._warp = WARP if device.is_cuda else 1
         self._grains = surfaces.grains
@@ -180,10 +180,10 @@ class NeighborList:
     def share(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
-        """Launch a kernel whose threads share `many` items: on a GPU one thread per item, but at most `most`.
+        """Launch a kernel whose threads divide `many` items: on a GPU one thread per item, but at most `most`.
 
-        On the CPU a part has a single thread, since each thread would copy the arguments (2 kB). `block` is the
-        number of threads in a block on a GPU.
+        On the CPU each part (`kernels.partition`) has one thread, since each thread would copy the arguments (2
+        kB). `block` is the number of threads in a block on a GPU.
         """
         device = self._model.device
         threads = min(many, most) if device.is_cuda else 1
@@ -229,7 +229,7 @@ class NeighborList:
             self.launcher.launch_if(self.data.due, partial(self._find, after))
 
     def invalidate(self) -> None:
-        """Make the next evaluation of forces list neighbours again, since positions have been changed."""
+        """Make the next evaluation of forces rebuild the lists, since positions have changed."""
         self.data.due.fill_(FORCED)
 
     @property
@@ -238,12 +238,12 @@ class NeighborList:
         return self._more, self._farthest_way, self._around
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """List the facets near each point, and make room for all."""
+        """List the facets near each point, and enlarge the lists until all fit."""
         self.place(x, v, None)
         self._find_rows_with_room()
 
     def launch(self, kernel: Any, many: int, inputs: list, outputs: list) -> None:
-        """Launch a kernel whose threads share `many` items: on a GPU one per item, on the CPU one in all."""
+        """Launch a kernel whose threads divide `many` items: on a GPU a thread per item, on the CPU one in all."""
         device = self._model.device
         threads = many if device.is_cuda else 1
         wp.launch(kernel, threads, [*inputs, threads], outputs, device=device)
@@ -343,7 +343,7 @@ class NeighborList:
         return True
 
     def _give_room(self, room: int, body_pairs: int) -> None:
-        """Allocate lists with room for `room` facets near a point, and `body_pairs` bodies near a body."""
+        """Allocate lists for up to `room` facets near each point, and `body_pairs` pairs of near bodies."""
         data, device = self.data, self._model.device
         points, bodies = len(data.candidate_count), len(data.body_pair_count)
         data.candidates, data.candidate_pair = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
@@ -358,5 +358,5 @@ class NeighborList:
 
 
 def room_for(many: int) -> int:
-    """Return the room for `many` entries and some more: a power of 2."""
+    """Return how many entries to allocate for `many` entries: a power of 2, with some to spare."""
     return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()

@@ -16,7 +16,7 @@ from .extended_solids import geometries
 TOUCHING = 0.01
 """Depth that counts as touching, over the shortest rest length: the strain from moving a particle out."""
 TOUCHING_ALONE = 1e-3
-"""The same without connections [m]: about the fall of a particle from rest in a frame."""
+"""TOUCHING without connections [m]: about the fall of a particle from rest in a frame."""
 
 
 def describe(data: Any, colliders: Sequence[Collider], dim: int, scalar: Any, device: Any) -> None:

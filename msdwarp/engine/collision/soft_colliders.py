@@ -41,7 +41,7 @@ class SoftColliders(Effect):
         self._damped = float(numbers["dissipation"].any())
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the numbers of each obstacle, and its place if one number or point tells it."""
+        """Return the parameters of each obstacle, with its position if one number or point defines it."""
         found, count = dict[str, Parameter](), len(NUMBERS)
         for p, (k, one) in enumerate(self._soft):
             for n, word in enumerate(NUMBERS):
@@ -58,7 +58,7 @@ class SoftColliders(Effect):
         self.data.dt = dt
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of the largest stiffness to each particle at any place, since it may be in contact soon.
+        """Add half of the largest stiffness to the block of each particle at any place: it may soon be in contact.
 
         If colliders dissipate, a particle that hits one at the speed 1/c has at most the damping √(k m).
         """
@@ -70,7 +70,7 @@ class SoftColliders(Effect):
         )
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the stored energy [J], and the power that dissipation and friction take [W]."""
+        """Return the stored energy [J], and the power that is dissipated by damping and friction [W]."""
         model = self._model
         inputs = [self.data, model.table("inverse_mass"), model.stride, x, v]
         return summed(model, self._composed.measure, model.particle_count, inputs)

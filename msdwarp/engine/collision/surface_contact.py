@@ -62,8 +62,8 @@ class SurfaceContact(WithHistory):
     """Keeps the facets of bodies out of obstacles, as `Colliders` does for particles.
 
     See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices; `met`
-    has the indices of obstacles that count; `corner` has the vertices of each facet, shape [facet_count, 3],
-    without grains.
+    has the indices of the obstacles that are tested; `corner` has the vertices of each facet, shape [facet_count,
+    3], without facets that are single particles.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class SurfaceContact(WithHistory):
         wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sums of obstacles' work and, if requested, impulses, for forces that act for `seconds`."""
+        """Launch the sums of obstacles' work and, if requested, of impulses, for forces during `seconds` [s]."""
         model, contact = self._model, self._contact
         if self.done is not None:
             inputs = [self._data.power, seconds]
@@ -189,7 +189,7 @@ class SurfaceContact(WithHistory):
         )
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness and damping of contact with obstacles, as far as they exceed those of body contact."""
+        """Add the stiffness and damping of contact with obstacles, if larger than those between bodies."""
         for blocks, each, others in zip((stiffness, damping), self._blocks, self._touching.blocks, strict=True):
             more = np.maximum(each - others[0], 0.0)
             blocks.assign(blocks.numpy() + more[:, None, None] * np.eye(self._model.dim))
@@ -227,8 +227,8 @@ def _blocks(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the contributions of obstacles to diagonal blocks of K [N/m] and B [N s/m], scalars of each particle.
 
-    A sample with weights w has the matrix k w wᵀ, of which by Gershgorin a particle's part is at most k w_i;
-    blocks get half of that. If all samples are inside, each corner of a facet has a third. Half of it is used: all
+    A sample with weights w has the stiffness matrix k w wᵀ, whose row i sums to at most k w_i (Gershgorin); blocks
+    get half of that. If all samples are inside, each corner of a facet has a third. Half of that is used: all
     samples of a body are inside only if its particles move together, and then its springs are at rest. Dampers are
     computed for the centre of a facet, which has three times the mass of a corner.
     """

@@ -40,7 +40,7 @@ class Repeated:
         return wp.array(np.ascontiguousarray(each.reshape(-1, *values.shape[2:])), dtype=kind, device=self._device)
 
     def starts(self, counts: NDArray[np.integer]) -> wp.array:
-        """Upload row starts for rows of the lengths `counts`, and the end of the last row."""
+        """Upload where rows of the lengths `counts` start in a concatenated table, and the end of the last row."""
         first = np.append(0, np.cumsum(np.tile(counts, self._worlds)))
         return wp.array(first, dtype=int, device=self._device)
 

@@ -81,7 +81,7 @@ class InFrames:
         self._copy()
 
     def _fill_in(self, time: float) -> None:
-        """Fill the host's tables."""
+        """Fill the host's tables for the frame that begins at `time` [s]."""
         self._holds = None
         self._wait()
         self._fill(time, self.tables)

@@ -14,7 +14,7 @@ import warp as wp
 
 
 class _Frame:
-    """Graphs to be replayed at the same time, each by one thread."""
+    """The graphs of a frame, to be replayed concurrently, each by one thread."""
 
     def __init__(self, graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
         self.graphs, self.begin, self._give_up = graphs, begin, give_up
@@ -80,7 +80,7 @@ _choosing = threading.Lock()
 
 
 def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
-    """Replay graphs that wait for each other, each on a thread of its own; return when all are done.
+    """Replay graphs that wait for each other, each on its own thread; return when all have ended.
 
     `begin` is called first. `give_up` is called if a graph cannot be replayed, and must make the other graphs end.
     Exceptions of the threads are raised here.
@@ -96,7 +96,7 @@ def replay_together(graphs: list[Any], begin: Callable[[], None], give_up: Calla
 
 
 def _awaited(frame: _Frame) -> BaseException | None:
-    """Wait for a frame, and return its error, if any; Ctrl-C is raised when the frame is done."""
+    """Wait until a frame is done, and return its error, if any; a Ctrl-C meanwhile is raised afterwards."""
     try:
         return frame.done.get()
     except BaseException:

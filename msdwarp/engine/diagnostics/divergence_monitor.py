@@ -1,4 +1,4 @@
-"""Detect divergence of a run or of a world, and keep a state to return to.
+"""Detect divergence of a run or of a world, and keep a copy of the state to return to.
 
 `energy_balance.py` measures slow growth of energy, and `simulation/substep_controller.py` reacts to it.
 `kernels/reductions/frozen_worlds.py` tests worlds of an ensemble; `simulation/divergence_error.py` has the error.
@@ -117,12 +117,12 @@ class Backup:
         self.changing = [(live, wp.clone(live)) for live in (*changing, *others)]
 
     def live(self) -> list[wp.array]:
-        """Return the state's arrays, in the order of `kept`."""
+        """Return the state's arrays, in the order of their copies in `kept`."""
         compensation = self._state.compensation.v
         return moving(self._state.state_in) + ([compensation] if compensation.size else [])
 
     def save(self) -> None:
-        """Keep the present state."""
+        """Copy the current arrays, so that `restore` can return to them."""
         copy_vectors(self.kept, self.live())
         for live, kept in self.changing:
             wp.copy(kept, live)
@@ -166,7 +166,7 @@ class FrozenWorlds:
 
     @property
     def changing(self) -> list[wp.array]:
-        """Arrays to restore if a frame is repeated, which only contact between bodies may require."""
+        """Arrays to restore if a frame must be repeated, which happens only for contact between bodies."""
         return self._own if self._contact is not None else []
 
     def launch(self, found: Found, backup: Backup) -> None:
@@ -184,7 +184,7 @@ class FrozenWorlds:
                 wp.launch(put_back, (worlds, threads), inputs, [words], device=device)
 
     def found(self) -> WorldStatus:
-        """Return the status of each world."""
+        """Wait for the device, and return the status of each world."""
         status: Any
         status, frames, particle = (one.numpy() for one in (self._frozen, self._good_frames, self._particle))
         lost = particle < self._model.particle_count
@@ -195,7 +195,7 @@ class FrozenWorlds:
         )
 
     def tell_contact(self) -> None:
-        """Pass the status of worlds to contact between bodies: neighbor lists of frozen worlds may be invalid."""
+        """Pass the worlds' status to contact between bodies: neighbor lists of frozen worlds may be invalid."""
         if self._contact is not None:
             self._contact.frozen = self._frozen.numpy() != RUNNING
 

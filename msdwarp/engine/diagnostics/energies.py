@@ -1,4 +1,4 @@
-"""Measures: energies, momentum and strain of each world, summed on the device in float64."""
+"""Sums over the state of each world, computed on the device in float64: energies, momentum and strain."""
 
 from functools import partial
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from .readout import Sweep
 
 
 class Measures(NamedTuple):
-    """Sums over a state; in an ensemble arrays with a row for each world. Pinned particles are excluded."""
+    """Sums over a state, in an ensemble arrays of shape [worlds, ...]. Pinned particles are excluded."""
 
     kinetic_energy: float
     """Σ m v²/2 [J]."""
@@ -78,10 +78,10 @@ def measure(
 
 
 class Sums:
-    """Launches sums over particles and connections, with `msdwarp.kernels.reductions.columns`.
+    """Launches sums over particles and connections; `msdwarp.kernels.reductions.columns` lists the sums.
 
-    If `everything` is false, a pass over the particles computes only the columns that detect divergence. The work
-    of loads is also summed, unless `with_work` is false.
+    If `everything` is false, only the columns that detect divergence are computed, in one pass over the particles.
+    The work of loads is also summed, unless `with_work` is false.
     """
 
     def __init__(self, assembly: Assembly, *, everything: bool = True, with_work: bool = True) -> None:

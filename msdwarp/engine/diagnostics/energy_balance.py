@@ -79,7 +79,7 @@ class EnergySums:
 
 
 def is_told_by_frames(dynamics: Dynamics) -> bool:
-    """Return whether it is faster to compute the balance in each frame than on request."""
+    """Return whether computing the balance in each frame is faster than on request."""
     model = dynamics.model
     few = model.particle_count < FEW and not model.in_worlds
     return model.device.is_cuda and few and not dynamics.launches_before_forces
@@ -92,7 +92,7 @@ def mass(model: Model) -> Any:
 
 
 def weight(model: Model) -> Any:
-    """Return the weight of the free particles [N]."""
+    """Return the weight of the free particles [N], in an ensemble of each world."""
     falling = model.row_of("gravity")
     if model.falling is not None:  # only the magnitude matters
         falling = model.falling.at(np.zeros(1), model.dim)

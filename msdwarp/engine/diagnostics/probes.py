@@ -1,4 +1,4 @@
-"""Sensors: sums for probes in each world, on the device at the end of a frame or of each substep."""
+"""Sensors: the sums of probes in each world, on the device at the end of each frame or substep."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -110,7 +110,7 @@ class Sensors:
 
 
 class _Sum:
-    """The sums that one probe needs: columns from `first` on in the table of all probes' sums."""
+    """The sums for one probe: columns of the table of all probes' sums, starting at `first`."""
 
     def __init__(self, model: Model, name: str, probe: Probe, first: int, tears: bool) -> None:
         self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model
@@ -223,7 +223,7 @@ class GroupMeans:
 
 
 def _shares(model: Model, count: int, width: int) -> wp.array:
-    """Return zeros for partial sums of `width` numbers, by world and thread, over `count` members."""
+    """Return zeros for partial sums of threads: `width` numbers by world and thread, over `count` particles."""
     most = max(MOST_THREADS // model.worlds, 1)
     threads = min(max(count // FEW_EACH, 1), most) if model.device.is_cuda else 1
     return wp.zeros((model.worlds, threads, width), dtype=wp.float64, device=model.device)

@@ -38,7 +38,7 @@ class Rates(NamedTuple):
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
-        """Return rates that hold for several worlds."""
+        """Return rates that bound those of all given worlds."""
         most = cls(*map(max, zip(*several, strict=True)))
         return most._replace(least_ratio=min(one.least_ratio for one in several))
 
@@ -110,12 +110,12 @@ def resists(assembly: Assembly) -> bool:
 
 
 def acts_on_rates(effects: Sequence[Effect]) -> bool:
-    """Return whether any effect adds to the bounds."""
+    """Return whether any effect contributes to the bounds."""
     return any(one.overrides("add_blocks", "add_resistance") for one in effects)
 
 
 def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
-    """Add the blocks of effects; return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
+    """Add effects' parts to `blocks`; return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
     model, contact = assembly.model, assembly.body_contact if assembly.model.in_worlds else None
     others = [one for one in assembly.all if one is not contact]
     for world in range(model.different if acts_on_rates(others) else 0):

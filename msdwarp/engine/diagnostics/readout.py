@@ -34,7 +34,7 @@ class Found:
             self._written = wp.Event(self._device)
 
     def mark(self) -> None:
-        """Record an event after the launches so far, for `wait`."""
+        """Record an event after the launches so far; `wait` waits for it."""
         if self._device.is_cuda:
             self._device.stream.record_event(self._written)
 
@@ -44,7 +44,7 @@ class Found:
             wp.synchronize_event(self._written)
 
     def read(self) -> list[float]:
-        """Wait, and return the sums of a single world as Python floats, which the host reads faster."""
+        """Wait for the device, and return the sums of a single world as a list, faster to read than arrays."""
         self.wait()
         return self._seen.tolist()
 

@@ -65,11 +65,11 @@ class ActuatedSprings(StageTables):
         return self._model.row_of(name)[:, self.connection]
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the strains."""
+        """Return the actuators' strains, for gradients."""
         return {"strain": Parameter(lambda sums: sums[..., 0], varies=True)}
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the transverse stiffness of contracted actuators, at the least strain of `_least`."""
+        """Add the transverse stiffness of actuators that contract, at their smallest strain (`_least`)."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self.connection
         least = np.repeat([self._least(one) for _, one in self.named], [len(each) for each in self._delays])
@@ -82,7 +82,7 @@ class ActuatedSprings(StageTables):
         wp.launch(kernel, len(chosen), [*inputs, x], [stiffness], device=device)
 
     def _least(self, one: Actuator) -> float:
-        """Return an actuator's least strain over the times AHEAD; the strain at 0 if it is undefined there."""
+        """Return an actuator's smallest strain at the times AHEAD; where undefined there, the strain at time 0."""
         try:
             return float(one.at(AHEAD).min())
         except ValueError:  # the strain may be defined for a shorter run only

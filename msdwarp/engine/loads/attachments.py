@@ -153,19 +153,19 @@ class AttachmentSprings(FrameTables):
                 tables[names[0]][:, k], tables[names[1]][:, k] = now, (later - then) / span
 
     def _poses(self, k: int, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (R, o) of a carrier at each time; raise ValueError naming the carrier if one is undefined."""
+        """Return a carrier's poses (R, o) at these times; raise ValueError naming it if one is undefined."""
         name, carrier = self._carriers[k]
         assert carrier.motion is not None
         furthest = float(np.finfo(self._model.dtype).max) / 4
         return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of each attachment's stiffness and damping, since the stability bound doubles blocks."""
+        """Add half of each attachment's stiffness and damping to the blocks, which the stability bound doubles."""
         outputs, threads = [stiffness, damping], self._member_count
         wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
 
     def elements(self) -> Elements | None:
-        """Return the attachments; None if there are mouse springs."""
+        """Return the attachments as elements, for gradients; None if there are mouse springs."""
         if self._hands:
             return None
         first = self.data.first.numpy()
@@ -174,7 +174,7 @@ class AttachmentSprings(FrameTables):
         return Elements(self.data, self._composed.projected, particle[:, None], numbers=numbers)
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the numbers of each attachment, in the order of its particles' indices."""
+        """Return the parameters of each attachment, in the order of its particles' indices, for gradients."""
         found = dict[str, Parameter]()
         if self._hands:
             return found
@@ -182,7 +182,7 @@ class AttachmentSprings(FrameTables):
             found[f"{name}.to"] = Parameter(lambda sums, mine=mine, turn=turn: sums[..., mine, 3:] @ turn.T)
             for n, word in enumerate(("stiffness", "damping")[: 1 + self._damped]):
                 found[f"{name}.{word}"] = Parameter(lambda sums, mine=mine, n=n: sums[..., mine, n].sum(axis=-1))
-            if isinstance(one, Attachment) and np.all(one.rest_length):  # at 0 the law is another one
+            if isinstance(one, Attachment) and np.all(one.rest_length):  # with a rest length of 0 there is no axis
                 found[f"{name}.rest_length"] = Parameter(lambda sums, mine=mine: sums[..., mine, 2])
         return found
 

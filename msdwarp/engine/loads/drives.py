@@ -122,24 +122,24 @@ class Drives(FrameTables):
             self._fill_accelerations(float(times[-1]), tables)
 
     def _times(self, time: float) -> NDArray[np.float64]:
-        """Return the times at which the frame that begins at `time` takes poses [s]."""
+        """Return the times [s] at which poses are evaluated for the frame that begins at `time`."""
         times = np.maximum(time + self.steps.dt * self._at, 0.0)  # a motion may be undefined before 0
         times[-1] = (round(time * self.steps.fps) + 1) / self.steps.fps
         return times
 
     def lead_frame_back(self, time: float, by_place: NDArray, by_speed: NDArray) -> tuple[NDArray, NDArray]:
-        """Return times, and derivatives by poses then, from those by the tables of a frame that begins at `time`.
+        """Convert derivatives by the tables of the frame from `time` to derivatives by poses, with their times.
 
-        Derivatives by tables have the shape [worlds, rows, drive_count, ...], others [time_count, worlds, ...].
+        By tables they have the shape [worlds, rows, drive_count, ...], by poses [time_count, worlds, ...].
         """
         places = np.eye(len(self._at))[self._rows]
         values = np.tensordot(places, by_place, (0, 1)) + np.tensordot(self._weights, by_speed, (0, 1))
         return self._times(time), values
 
     def lead_rates_back(self, time: float, *by_rates: NDArray | None) -> tuple[NDArray, NDArray]:
-        """Return times, and derivatives by poses then, from those by the first and second rates at `time` [s].
+        """Convert derivatives by the first and second rates at `time` [s] to derivatives by poses, with times.
 
-        Derivatives by rates have the shape [worlds, drive_count, ...], others [time_count, worlds, ...].
+        Derivatives by rates have the shape [worlds, drive_count, ...], those by poses [time_count, worlds, ...].
         """
         points, step = self._window(time, self.steps.fps)
         parts = [
@@ -155,11 +155,11 @@ class Drives(FrameTables):
         return [one for _, one in self._drives]
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the motions, which `MotionAdjoint` sums by their poses."""
+        """Return the motions as parameters, for gradients; `MotionAdjoint` has their derivatives."""
         return {f"{name}.motion": Parameter(lambda poses: poses, varies=True) for name, _ in self._drives}
 
     def _window(self, time: float, fps: float) -> tuple[NDArray, float]:
-        """Return the points of a window at `time`, for derivatives at the point 0, and their distance [s]."""
+        """Return POINTS times that end or begin at `time`, relative to it and in steps, and the step [s]."""
         step = WINDOW / (fps * (POINTS - 1))
         return np.arange(POINTS - 1, -1, -1) * (-1 if round(time * fps) > 0 else 1), step
 
@@ -169,7 +169,7 @@ class Drives(FrameTables):
             (_, _, tables["bending"][k]), (_, _, tables["push"][k]) = self._around(name, one, time, self.steps.fps)
 
     def _around(self, name: str, one: Driven, time: float, fps: float) -> tuple[list[NDArray], list[NDArray]]:
-        """Return rotation and shift, each with two derivatives, at `time`: a frame's end, or the start."""
+        """Return rotation and shift with two derivatives each at `time`, the end of a frame or the start."""
         points, step = self._window(time, fps)
         found = self._poses(name, one, time + step * points)
         result = []

@@ -26,7 +26,7 @@ MOST_SHARES = 4096
 
 
 def _stored(effect: Effect) -> str:
-    """Return the name of an effect's work in checkpoints, as in version 0.1, whose files still load."""
+    """Return the name of an effect's work in checkpoints: that of version 0.1, so that its files still load."""
     return _STORED[type(effect).__name__]
 
 
@@ -85,7 +85,7 @@ class Work(Effect):
         self.before += done - self.totals(x, v)
 
     def shares(self) -> wp.array:
-        """Return an array for partial sums of threads, with equally many threads for each world."""
+        """Return an array for the partial sums of threads; each world has equally many threads."""
         most = max(1, MOST_SHARES // self._model.worlds)
         threads = max(1, min(self._model.particle_count // 8, most)) if self._device.is_cuda else 1
         return wp.zeros(self._model.worlds * threads, dtype=wp.float64, device=self._device)

@@ -51,7 +51,7 @@ def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDAr
 
 
 def _particles_with(model: Model, data: Any, varies: bool) -> Elements:
-    """Return the particles on which given forces act, in groups that share their sums."""
+    """Return the particles with given forces as elements for gradients, grouped by combination of forces."""
     project, numbers = given_force_projection(model.dim, model.scalar, data._cls, varies)
     combination = data.combination.numpy()
     particle = np.flatnonzero(combination)
@@ -60,7 +60,7 @@ def _particles_with(model: Model, data: Any, varies: bool) -> Elements:
 
 
 def _forces(named: Named, shares: NDArray[np.float64], varies: bool) -> dict[str, Parameter]:
-    """Return the derivatives by forces, given those by the sums of their combinations."""
+    """Return parameters that convert derivatives by the forces of combinations into derivatives by each force."""
     return {
         name: Parameter(lambda sums, share=share: share @ sums, varies)
         for (name, _), share in zip(named, shares.T, strict=True)
@@ -68,7 +68,7 @@ def _forces(named: Named, shares: NDArray[np.float64], varies: bool) -> dict[str
 
 
 class Steady(Effect):
-    """Forces that are constant."""
+    """Constant forces."""
 
     def __init__(self, model: Model, forces: Named) -> None:
         self.piece = steady_force(model.dim, model.scalar, model.compensated)
@@ -85,11 +85,11 @@ class Steady(Effect):
         return self._shares @ np.array([one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces])
 
     def elements(self) -> Elements:
-        """Return the particles that the forces act on."""
+        """Return the particles that the forces act on, as elements for gradients."""
         return _particles_with(self._model, self.data, varies=False)
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the forces."""
+        """Return the forces as parameters, for gradients."""
         return _forces(self._forces, self._shares, varies=False)
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
@@ -116,11 +116,11 @@ class Varying(StageTables):
         return self._shares @ super().at(times)
 
     def elements(self) -> Elements:
-        """Return the particles that the forces act on."""
+        """Return the particles that the forces act on, as elements for gradients."""
         return _particles_with(self._model, self.data, varies=True)
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the forces."""
+        """Return the forces as parameters, for gradients."""
         return _forces(self.named, self._shares, varies=True)
 
 
@@ -146,5 +146,5 @@ class ForceField(Effect):
         self._on = np.flatnonzero(self.members)
 
     def elements(self) -> Elements:
-        """Return the particles that the force acts on."""
+        """Return the particles that the force acts on, as elements for gradients."""
         return Elements(self.data, self._projected, self._on[:, None])

@@ -72,14 +72,14 @@ class GivenPressures(SurfacePressure, StageTables):
         return np.stack([one.at(times, name) for name, one in self.named], axis=1)
 
     def elements(self) -> Elements:
-        """Return the triangles."""
+        """Return the triangles as elements, for gradients."""
         model, faces = self._model, self._faces
         project, numbers = given_projection(model.dim, model.scalar, self.data._cls)
         numbers = Numbers(faces.of, 1, numbers)
         return Elements(self.data, project, faces.corner, faces.facets, numbers=numbers)
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the pressures."""
+        """Return the pressures as parameters, for gradients."""
         return {
             name: Parameter(lambda sums, k=k: sums[..., k, 0], callable(one.pressure))
             for k, (name, one) in enumerate(self.named)
@@ -118,7 +118,7 @@ class Gases(SurfacePressure):
         wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
 
     def elements(self) -> Elements:
-        """Return the triangles; `Elements.prepare` first sums over each gas."""
+        """Return the triangles as elements, for gradients; `Elements.prepare` first sums over each gas."""
         model, faces, worlds = self._model, self._faces, self._model.worlds
         each, count = np.arange(worlds)[:, None], worlds * len(self._gases)
         of, ends = faces.of + len(self._gases) * each, faces.ends[:-1] + faces.ends[-1] * each
@@ -139,7 +139,7 @@ class Gases(SurfacePressure):
         return Elements(data, project, faces.corner, faces.facets, prepare, of_all_worlds=True, numbers=own)
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the numbers of each gas; what is taken from the start is constant."""
+        """Return the parameters of each gas, for gradients; values of the initial state are constants."""
         words = "pressure", "outside", "volume", "exponent"
         return {
             f"{name}.{word}": Parameter(lambda sums, k=k, n=n: sums[..., k, n])

@@ -62,7 +62,7 @@ class WindEffect(StageTables):
             getattr(self.data.winds, name).assign(values.astype(self._model.dtype))
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the numbers of each wind, of which kernels have ½ ρ C and the velocity."""
+        """Return the parameters of each wind, for gradients; kernels take ½ ρ C and the velocity."""
         found = {}
         for k, (name, one) in enumerate(self.named):
             of, half = name.removesuffix("velocity"), 0.5 * one.density
@@ -114,7 +114,7 @@ class OnFaces(WindEffect):
         damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
 
     def elements(self) -> Elements:
-        """Return the triangles."""
+        """Return the triangles as elements, for gradients."""
         model, faces = self._model, self._faces
         kinds = model.dim, model.scalar, self.data._cls
         project, numbers = projection_on_faces(*kinds, self.function, self._closed)
@@ -142,7 +142,7 @@ class OnParticles(WindEffect):
         damping += self._resistance(v, self._area, self._number)
 
     def elements(self) -> Elements:
-        """Return the particles."""
+        """Return the particles as elements, for gradients."""
         model = self._model
         project, numbers = projection_on_particles(model.dim, model.scalar, self.data._cls, self.function)
         on = np.flatnonzero(self._area)

@@ -63,7 +63,7 @@ def automatic_force_algorithm(system: System, *, on_gpu: bool) -> tuple[str, Lat
 def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
     """Return the algorithm for many worlds of a system; its sums are in a fixed order.
 
-    Lattices with ties use a table, because ties have their own constants.
+    Lattices with ties (springs in no lattice direction) use a table, because ties have their own constants.
     """
     if not on_gpu:
         return "scatter"
@@ -76,8 +76,8 @@ def ensemble_force_algorithm(system: System, *, on_gpu: bool) -> str:
 def scatter_order(system: System) -> NDArray[np.int64] | None:
     """Return an order of connections in which scatter seldom waits; None if the current order is suitable.
 
-    Successive connections are added at the same time; two with a common particle wait for each other. So the order
-    consists of rounds, each with at most one connection of every first particle.
+    Forces of successive connections are added in parallel; two with a common particle wait for each other. So the
+    order consists of rounds, each with at most one connection of every first particle.
     """
     first = system.connections[:, 0]
     if len(first) < 2 or np.count_nonzero(first[1:] == first[:-1]) < 0.2 * len(first):

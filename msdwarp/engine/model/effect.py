@@ -46,18 +46,18 @@ class Steps(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """The numbers on which the forces of elements depend, such as the pressure on a triangle."""
+    """Numbers on which the forces of elements depend, such as the pressure on a triangle, for gradients."""
 
     group: NDArray[np.integer]
     """The group of each element: its elements share their numbers, and derivatives are summed over it."""
     width: int
     """How many numbers an element has."""
     of: Any = None
-    """wp.func that returns those of an element, see `elements_adjoint`; None if `prepare` adds derivatives."""
+    """wp.func that returns an element's numbers, see `elements_adjoint`; None if `prepare` adds derivatives."""
 
 
 class Elements(NamedTuple):
-    """Groups of points, each with forces that depend only on the points of the group, for gradients."""
+    """Groups of points, such as triangles under wind, whose forces depend on no other points; for gradients."""
 
     data: Any
     """The struct that `projected` reads."""
@@ -68,28 +68,28 @@ class Elements(NamedTuple):
     vertices: Facets | None = None
     """The surface's vertices, if points are vertices; else None."""
     prepare: Callable[..., None] | None = None
-    """Function (particle, weight, x, φ, by_numbers) that launches what must precede; see `elements_adjoint`."""
+    """Function (particle, weight, x, φ, by_numbers) that launches kernels before those of `elements_adjoint`."""
     of_all_worlds: bool = False
     """Whether `data` concatenates the elements of all worlds; else all worlds share it."""
     numbers: Numbers | None = None
-    """The numbers on which the forces depend, if there are derivatives by them."""
+    """The numbers on which the forces depend, if derivatives by these are computed."""
     of_motion: bool = True
     """Whether the forces depend on the motion; else only derivatives by numbers need the elements."""
 
 
 class Parameter(NamedTuple):
-    """A derivative by a number, or several, of a load or an obstacle."""
+    """A number or vector of a load or an obstacle with respect to which gradients are computed."""
 
     of: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    """Function that returns it from the sums of derivatives by numbers of elements, shape [..., group, k]."""
+    """Function that converts sums of derivatives by elements' numbers, shape [..., group, k], to this one."""
     varies: bool = False
-    """Whether it is a function of time; then there is a derivative for each stage."""
+    """Whether the parameter is a function of time; then there is a derivative for each stage."""
 
 
 def summed(
     model: Model, kernel: Any, count: int, inputs: Sequence[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Launch a kernel over worlds and `count` parts of an effect; return the sums of its two outputs by world.
+    """Launch a kernel over worlds and `count` items of an effect; return the sums of its two outputs by world.
 
     The outputs are energies [J] and powers [W], float64 of shape [worlds, count].
     """
@@ -137,10 +137,10 @@ class Effect:
     """The substeps of the coming frames; set when `begin` is called."""
 
     def go_on_from(self, other: "Effect") -> None:
-        """Take over the state of `other`: the same effect in the model before a change."""
+        """Copy the state of `other`: the same effect in the model before a change of the scene."""
 
     def use_launcher(self, launcher: Launcher) -> None:
-        """Make launches that CPU threads may divide by this launcher."""
+        """Set the launcher that makes those launches that CPU threads may divide."""
         self.launcher = launcher
 
     def begin(self, substeps: int, dt: float) -> None:
@@ -169,7 +169,7 @@ class Effect:
         """
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
-        """Reserve room for the neighbours of particles, for positions x and velocities v, when a run continues."""
+        """Allocate lists of neighbours at positions x and velocities v, when a run starts or continues."""
 
     def search(
         self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
@@ -188,7 +188,7 @@ class Effect:
         """
 
     def watch(self) -> None:
-        """Launch kernels that `end_substep` needs, after `search`; they may run beside the first forces."""
+        """Launch kernels that `end_substep` needs, after `search`; they may run parallel to the first forces."""
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch changes of `after`, the state at a substep's end, given `before`, the state at its start.
@@ -212,10 +212,10 @@ class Effect:
         """
 
     def look(self) -> None:
-        """Launch the kernels whose results `is_void` reads, after a frame's substeps; a graph may record it."""
+        """Launch the kernels whose results `is_void` reads, at the end of a frame; a graph may record them."""
 
     def is_void(self) -> bool:
-        """Return whether the finished frame must be repeated; if so, first reserve the missing room."""
+        """Return whether the finished frame must be repeated; if so, first allocate the room that it lacked."""
         return False
 
     def begin_substep(self, substep: int) -> bool:
@@ -224,7 +224,7 @@ class Effect:
 
     @property
     def changing(self) -> list[wp.array]:
-        """Arrays that substeps change: a return to a frame's start must restore them."""
+        """Arrays that substeps change; they must be restored to repeat a frame."""
         return []
 
     def checkpoint(self) -> dict[str, NDArray]:
@@ -239,11 +239,11 @@ class Effect:
         return {}
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the effect's stiffness [N/m] and damping [N s/m] to the blocks for the stability bound.
+        """Add the effect's stiffness [N/m] and damping [N s/m] to the diagonal blocks for the stability bound.
 
-        The arrays hold the diagonal blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
-        [particle_count], for a world's particles at x. The bound is twice the largest eigenvalue of block over
-        mass, which suits a spring between two particles. A force that depends on one particle adds half.
+        The arrays hold the blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
+        [particle_count], for the particles of a world at x. The bound is twice the largest eigenvalue of block
+        over mass, as for a spring between two particles. So a force that depends on only one particle adds half.
         """
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
@@ -256,7 +256,7 @@ class Effect:
         """Return the elements whose forces Warp differentiates; None if the effect has none."""
 
     def parameters(self) -> dict[str, Parameter]:
-        """Return the numbers by which there are derivatives, by name such as "loads[0].drag"."""
+        """Return the parameters for gradients, by names such as "loads[0].drag"."""
         return {}
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

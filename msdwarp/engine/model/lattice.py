@@ -77,7 +77,7 @@ class Lattice(NamedTuple):
 
     @property
     def reach(self) -> int:
-        """`margin` for kernels over single particles instead of columns."""
+        """The `margin` for kernels with a thread per particle instead of per column."""
         return 2 + (int(np.abs(self.shift).max()) if self.shift.ndim == 1 else 0)
 
 
@@ -115,7 +115,7 @@ class _Part(NamedTuple):
 
 
 def find_lattice(system: System) -> Lattice:
-    """Return a system's lattices, found by its named directions; each direction is checked.
+    """Return the lattices of a system, found by its named directions, each of which is checked.
 
     Raises NotALattice if no connection is in a direction, if a direction's connections do not follow its step, or
     if its constants vary within a body.
@@ -175,7 +175,7 @@ def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
 
 
 def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32] | None:
-    """Return the offset to each row, shape [row_count]; None if it differs between particles."""
+    """Return the index offset to each row of neighbours, shape [row_count]; None if particles differ."""
     shift: dict[int, int] = {}
     for part in parts:
         i, j = system.connections[part.connections].T
@@ -190,7 +190,7 @@ def _common_shift(system: System, parts: list[_Part], row_count: int) -> NDArray
 
 
 def _shift_by_particle(system: System, parts: list[_Part], row_count: int) -> NDArray[np.int32]:
-    """Return the offset to each row from each particle, shape [row_count, particle_count]."""
+    """Return the index offset from each particle to each row of neighbours, shape [row_count, particle_count]."""
     shift = np.zeros((row_count, system.particle_count), dtype=np.int32)
     for check in (False, True):  # connections to one row must agree: the value written last must equal all others
         for part in parts:

@@ -130,7 +130,7 @@ class Model:
             )
 
     def fall(self, gravity: ArrayLike) -> None:
-        """Set gravity [m/s²]; callers with a cached value must read it again. Raises ValueError if invalid."""
+        """Set gravity [m/s²]; callers that cached its value must read it again. Raises ValueError if invalid."""
         towards = checks.gravity("gravity", gravity, self.dim)
         self.check_range(towards, "gravity")
         self.gravity = self.vector(*towards)
@@ -207,7 +207,7 @@ class Model:
         return records_together(count, each, self.dim, self.scalar, self.device, self.margin)
 
     def of_each_world(self, rows: NDArray) -> NDArray:
-        """Return values of connections, given in rows, in the device's order, concatenated by world."""
+        """Return values of connections, given by row, for all worlds in the device's order, concatenated."""
         return self.of_each(self.ordered(rows.T).T).ravel()
 
     def upload_rows(self, values: NDArray[np.float64]) -> wp.array:
@@ -244,13 +244,13 @@ class Model:
         return vectors.reshape(self.worlds, self.stride, self.dim)[:, : self.particle_count]
 
     def of_each(self, rows: NDArray) -> Any:
-        """Return the row of each world, shape [worlds, ...]; for a single world its row or number."""
+        """Return the row of each world, shape [worlds, ...]; for a single world its row, without this axis."""
         if self.in_worlds:
             return rows if len(rows) == self.worlds else rows[np.arange(self.worlds) % len(rows)]
         return rows[0].item() if rows.ndim == 1 else rows[0]
 
     def spread(self, values: NDArray) -> NDArray:
-        """Return vectors of shape [rows, particle_count, d] for all worlds, in the layout of `vectors`."""
+        """Return vectors, shape [rows, particle_count, d], repeated for all worlds, in the layout of `vectors`."""
         if values.shape[:2] == (self.worlds, self.stride):
             return values.reshape(-1, self.dim)
         flat = np.zeros((self.worlds, self.stride, self.dim), dtype=values.dtype)
@@ -259,7 +259,7 @@ class Model:
         return flat.reshape(-1, self.dim)
 
     def _upload_unbroken(self, values: NDArray[np.float64], name: str) -> wp.array:
-        """Upload values of connections, 0 for broken ones; one number per connection if connections can break."""
+        """Upload values of connections, with 0 for broken ones; stored one by one if connections can break."""
         if self.system.tears:
             values = np.where(self.system.broken, 0.0, values)
         return self._upload(self.ordered(values), name)

@@ -64,7 +64,7 @@ class StageTables(FrameTables):
         self.now = self.at(np.zeros(1))  # a function that raises should do so before anything runs
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rows at these times, shape [time_count, width] or [time_count, width, d]."""
+        """Return the table's rows at these times, shape [time_count, width] or [time_count, width, d]."""
         return np.stack([one.at(times, self._model.dim, name) for name, one in self.named], axis=1)
 
     def exchange(self, others: Mapping[Load, Load]) -> None:

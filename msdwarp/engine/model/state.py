@@ -96,7 +96,7 @@ class State:
         return self.state_in.compensation
 
     def motion(self) -> dict[str, Any]:
-        """Return the arrays of a stage that advances a whole substep, named as in the method's `Step`."""
+        """Return the arrays of a stage that advances a whole substep, by their names in the method's `Step`."""
         now, then = self.state_in, self.state_out
         return {"compensation": now.compensation, "x": now.x, "v": now.v, "x_out": then.x, "v_out": then.v}
 
@@ -112,7 +112,7 @@ class State:
 
 
 def moving(instant: Instant) -> list[wp.array]:
-    """Return the arrays of an instant that the next instant does not share."""
+    """Return the arrays of an instant that are not shared with the next instant."""
     return [array for array in (instant.x, instant.v, *instant.method_state, instant.compensation.x) if array.size]
 
 

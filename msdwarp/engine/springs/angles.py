@@ -39,15 +39,15 @@ class AngleSprings(Effect):
         )
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half a bound of the angles' stiffness and damping, since the stability bound doubles blocks."""
+        """Add half a bound of angles' stiffness and damping to the blocks, which the stability bound doubles."""
         outputs = [stiffness, damping]
         wp.launch(angle_blocks(*self._kinds), self._count, [self.data, x], outputs, device=self._model.device)
 
     def elements(self) -> Elements:
-        """Return the angles."""
+        """Return the angles as elements, for gradients."""
         return Elements(self.data, angle_projection(*self._kinds), self._particles)
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return Σ 2 K tan²(θ/2) [J] and Σ D θ'² [W]."""
+        """Return the stored energy Σ 2 K tan²(θ/2) [J] and the dissipated power Σ D θ'² [W]."""
         inputs = [self.data, self._model.stride, x, v]
         return summed(self._model, angle_energies(*self._kinds), self._count, inputs)

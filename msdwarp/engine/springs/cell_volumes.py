@@ -101,7 +101,7 @@ class CellVolumes(Effect):
         self.launcher.launch_parts(launch)
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half a bound of the cells' stiffness and damping, since the stability bound doubles blocks."""
+        """Add half a bound of cells' stiffness and damping to the blocks, which the stability bound doubles."""
         model = self._model
         table = model.table("inverse_mass")
         inputs = [self._table, table[world % table.shape[0]], x]
@@ -109,20 +109,20 @@ class CellVolumes(Effect):
         wp.launch(kernel, self._count, inputs, [stiffness, damping], device=model.device)
 
     def elements(self) -> Elements:
-        """Return the cells."""
+        """Return the cells as elements, for gradients."""
         model, (solid, flat) = self._model, self._kind
         project = cell_projection(model.dim, model.scalar, solid, flat, self._damped)
         return Elements(self._table, project, self._corners)
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return Σ V₀ w [J] and Σ c V̇²/V₀ [W]."""
+        """Return the stored energy Σ V₀ w [J] and the dissipated power Σ c V̇²/V₀ [W]."""
         model = self._model
         kernel = cell_energies(model.dim, model.scalar, *self._kind)
         return summed(model, kernel, self._count, [self._table, model.stride, x, v])
 
 
 def lattice_steps(corners: NDArray[np.integer]) -> tuple[int, int, int] | None:
-    """Return the index steps along three axes from a cell's first corner, if equal for all cells; else None.
+    """Return the index steps from a cell's first corner along three axes, if equal for all cells; else None.
 
     All steps are positive; sums of them lead to the other corners.
     """

@@ -10,10 +10,9 @@ from ..model.model import Model
 
 
 class ExtraSprings(Effect):
-    """The forces of the springs that a stencil leaves out (`Lattice.ties`).
+    """Forces of the springs that a stencil leaves out (`Lattice.ties`).
 
-    Energies, the stability bound and linearised products already include them, as springs of the system. So this
-    effect adds only forces.
+    Energies, the stability bound and linearised products already include them, as springs of the system.
     """
 
     conserves = True

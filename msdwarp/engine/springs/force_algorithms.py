@@ -65,7 +65,7 @@ class Scatter:
 
 
 def _join_with_themselves(fracture: Fracture, connections: wp.array) -> None:
-    """Replace the second particle of each broken spring by its first."""
+    """Replace the second particle of each broken spring by its first particle, so that its force is 0."""
     joined = np.array(connections.numpy())
     joined[fracture.broken, 1] = joined[fracture.broken, 0]
     connections.assign(joined)
@@ -101,7 +101,7 @@ class Gather:
             fracture.carry_out(self.data.other, partial(self._name_themselves, model, fracture))
 
     def _name_themselves(self, model: Model, fracture: Fracture) -> None:
-        """Replace the neighbour in slots of broken springs by the particle itself."""
+        """Replace the neighbour in slots of broken springs by the particle itself, so that the force is 0."""
         inputs = [self.data.first, fracture.data.number, fracture.broken_at]
         kernel, outputs = tables.name_itself_where_broken, [self.data.other]
         wp.launch(kernel, model.particle_count, inputs, outputs, device=model.device)
@@ -129,7 +129,7 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
 
 
 def records_of_three(model: Model, values: NDArray) -> wp.array:
-    """Return values of shape [count, 3] on the device, in records."""
+    """Return values of shape [count, 3] on the device, in records of four numbers (see `kernels.records`)."""
     held = in_records(len(values), 3, model.scalar, model.device)
     held.assign(values.astype(model.dtype))
     return held
@@ -202,7 +202,7 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
 
 
 class Stencil:
-    """The gather algorithm for lattices, without a table; ties between lattices are an effect, `ExtraSprings`.
+    """The gather algorithm for lattices, without a table; ties are added by an effect, `ExtraSprings`.
 
     `lanes` is the number of threads per particle; more than one needs a GPU and a uniform lattice without tearing.
     """
@@ -242,7 +242,7 @@ class Stencil:
         upload_fields(data, device, shift=shift, kind=lattice.kind, **lattice.constants)
 
     def _share(self, model: Model, lattice: Lattice) -> None:
-        """Fill the struct for lanes; mask bits are in the order in which lanes visit neighbours."""
+        """Fill the struct for several lanes; mask bits are in the order in which lanes visit neighbours."""
         constants = np.ones((MOST_NEIGHBOURS, 3))
         _, own = lattice.neighbours()
         constants[: len(own)] = own
@@ -256,7 +256,7 @@ class Stencil:
         self.data.constants = records_of_three(model, constants)
 
     def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
-        """Clear mask bits of broken springs; `numbers` is the spring by direction and first particle, or −1."""
+        """Clear the mask bits of broken springs; `numbers`: the spring by direction and first particle, or −1."""
         mask, directions = np.array(self.data.mask.numpy()), len(numbers)
         gone = (numbers >= 0) & fracture.broken[numbers]
         for d, first in enumerate(map(np.flatnonzero, gone)):

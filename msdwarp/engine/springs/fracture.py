@@ -64,7 +64,7 @@ class Fracture(Effect):
         self._strike_out: Callable[[], None] = lambda: None
 
     def _give_each_world_its_own(self) -> None:
-        """Upload separate constants for each world, since breaking changes them."""
+        """Upload separate arrays of constants for each world, since breaking springs change them."""
         model, data, whole = self._model, self.data, ~self._model.system.broken
         self.by_world = ("broken_at", "stiffness", "damping", "steepest")
         rows = {name: model.row_of(name) for name in ("stiffness", "damping")}
@@ -84,7 +84,7 @@ class Fracture(Effect):
         self._joined = [joined]
 
     def carry_out(self, joined: wp.array, strike_out: Callable[[], None]) -> None:
-        """Register an algorithm's array of connected particles; remove springs that are already broken."""
+        """Register a force algorithm's array of connected particles; remove springs that are already broken."""
         self._joined.append(joined)
         self._strike_out = strike_out
         strike_out()
@@ -130,7 +130,7 @@ class Fracture(Effect):
 
 
 def _least_ratio(model: Model, rest_length: NDArray[np.float64], stretch: NDArray[np.float64]) -> float:
-    """Return a ratio of length to rest length below which no spring breaks, also after yielding."""
+    """Return a ratio of length to rest length below which no spring breaks, even after plastic deformation."""
     system, whole = model.system, ~model.system.broken
     if not whole.any():
         return np.inf

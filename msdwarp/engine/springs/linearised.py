@@ -24,7 +24,7 @@ def add_linearised(
     scale: float,
     everyone: bool = False,
 ) -> None:
-    """Add scale (spring·K + damper·B) p to z, with K and B linearised at x; scatters, whatever the algorithm.
+    """Add scale (spring·K + damper·B) p to z, with K and B linearised at x, by scatter for any force algorithm.
 
     Pinned and driven particles are excluded, unless `everyone` is set.
     """

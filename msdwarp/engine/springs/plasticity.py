@@ -57,5 +57,5 @@ class Plasticity(Effect):
         self.rest_length.assign(self._model.ordered(arrays["rest_length"]))
 
     def changed_fields(self) -> dict[str, NDArray]:
-        """Return the current and the original rest lengths [m]; the latter do not change."""
+        """Return the current rest lengths, and the original ones, which do not change [m]."""
         return self.checkpoint() | {"original_length": self._model.system.original_length}

@@ -80,7 +80,7 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
 
 
 def _yielding(model: Model, forces: Any, rest_length: wp.array) -> EnsembleForces:
-    """Return forces with constants for each spring, because rest lengths change."""
+    """Return forces with constants stored for each spring, because yielding changes rest lengths."""
     fields = {"rest_length": rest_length.reshape((model.worlds, model.connection_count))}
     how = {"rest_length": EACH}
     for name in ("stiffness", "damping"):
@@ -117,12 +117,12 @@ class Classes:
 
     @staticmethod
     def named(numbers: NDArray) -> NDArray[np.int64]:
-        """Return the class indices for stiffnesses of the stand-in; 0, which is no spring, gives class 0."""
+        """Return the class indices for stiffnesses of the stand-in; 0, for no spring, gives class 0."""
         return np.maximum(np.rint(numbers).astype(np.int64) - 1, 0)
 
 
 def _stand_in(model: Model, classes: Classes) -> Model:
-    """Return a model whose spring stiffnesses are class indices, counted from 1."""
+    """Return the stand-in: a model whose spring stiffnesses are class indices, counted from 1."""
     numbers: Any = classes.of + 1.0
     if model.dtype is np.float32 and numbers.max(initial=0.0) > 2**24:
         raise ValueError("connections differ in more ways than float32 can count; precision must be 'float64'")

@@ -187,7 +187,7 @@ class Assembly:
         return self.fracture is not None or any(piece.begin is not None for piece in pieces)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
-        """Return for each world the arrays from which a single run restores its effects."""
+        """Return for each world the effects' arrays, from which a single run can continue."""
         found: list[dict[str, NDArray]] = [{} for _ in range(self.model.worlds)]
         for effect in self.all:
             if effect is self.body_contact:

@@ -20,9 +20,9 @@ MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
 
 
 class ContactLaunch:
-    """Launches `persistent_contact`: stages, forces of contact and searches in one kernel.
+    """Launches `persistent_contact`: stages, contact forces and searches in one kernel.
 
-    It is composed of the kernels that otherwise are launched one by one.
+    It is composed of the kernels that are otherwise launched separately.
     """
 
     def __init__(self, dynamics: Dynamics, effect: BodyContact, stages: Sequence[Stage]) -> None:
@@ -33,7 +33,7 @@ class ContactLaunch:
 
     @property
     def pays(self) -> bool:
-        """Whether so few points are near anything that separate launches, which fill the GPU, are slower.
+        """Whether one launch is faster: too few points are near anything for separate launches to fill the GPU.
 
         False if pairs are kept apart: the kernel would compile for half a minute and save a tenth of the time.
         """
@@ -41,7 +41,7 @@ class ContactLaunch:
         return (planes is None or not planes.awake) and self._effect.neighbors.active <= MOST_ACTIVE
 
     def launch(self, substeps: int, first: int) -> None:
-        """Take `substeps` substeps of a frame, from number `first` on."""
+        """Advance by `substeps` substeps of a frame, from number `first` on."""
         dynamics, effect, model = self._dynamics, self._effect, self._dynamics.model
         neighbors, planes, triangles = effect.neighbors, effect.planes, effect.surfaces.triangles
         dynamics.go_to_substep(first)

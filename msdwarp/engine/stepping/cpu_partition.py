@@ -168,7 +168,7 @@ class PartitionedGraph:
 
 
 def repeat(left: wp.array, times: int, launch: Callable[[], object]) -> None:
-    """Record launches once that run this many times, at least once; `left`, shape [1], counts them down."""
+    """Record launches that run `times` times, at least once; `left`, shape [1], counts down."""
 
     def launch_once() -> None:
         launch()
@@ -179,7 +179,7 @@ def repeat(left: wp.array, times: int, launch: Callable[[], object]) -> None:
 
 
 def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:
-    """Return the first particle of each thread, and last the particle count, shape [threads + 1].
+    """Return the first particle of each thread, followed by the particle count, shape [threads + 1].
 
     Each thread gets consecutive particles with about the same number of spring ends (`ends`, shape
     [connection_count, 2]).
@@ -221,7 +221,7 @@ def threads_for(assembly: Assembly, threads: int | str) -> int:
 
 
 def _work_to_share(assembly: Assembly) -> int:
-    """Return the number of springs and contact points that threads can share."""
+    """Return the number of springs and contact points, which threads can divide."""
     points = sum(one.shared_points for one in assembly.all)
     if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # a single thread runs the stages
         return points

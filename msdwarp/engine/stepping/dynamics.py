@@ -183,7 +183,7 @@ class Dynamics:
             effect.prepare(time)
 
     def hold(self, time: float) -> None:
-        """Set effects to `time` [s], for launches between frames."""
+        """Set the time-dependent data of effects to `time` [s], for launches between frames."""
         if self.composition.timed:
             self.scene.time.fill_(time)
         for effect in self.assembly.all:
@@ -191,14 +191,14 @@ class Dynamics:
         self.go_to_frame_end()
 
     def go_to_frame_end(self) -> None:
-        """Set effects to the end of a frame, for the next launches."""
+        """Set the time-dependent data of effects to the end of a frame, for the next launches."""
         self._in_frame = self._at_substep_start = False
         if self.composition.timed:
             self.scene.stage = self._last_stage
 
     @contextmanager
     def measuring(self, substep: int) -> Iterator[None]:
-        """Set effects to a substep's end while forces are measured, which do no work and are not a stage's."""
+        """Set effects to a substep's end for forces that are only measured, do no work and belong to no stage."""
         if self.composition.timed:  # the end is the start of the next substep
             self.scene.stage = (substep + 1) * len(self.steps.stage_times)
         work = self.assembly.external_work
@@ -230,12 +230,12 @@ class Dynamics:
         self.go_to_substep(substep)
 
     def end_substep(self, state: State, substep: int) -> None:
-        """End substep number `substep` of a frame: launch what effects change in its result, `state.state_out`."""
+        """End substep number `substep` of a frame: launch effects' changes of its result, `state.state_out`."""
         for effect in self._ending:
             effect.end_substep(state.state_in, state.state_out, substep)
 
     def go_to_substep(self, substep: int) -> None:
-        """Set effects to the start of a substep of a frame, for the next launches."""
+        """Set the time-dependent data of effects to the start of a substep of a frame, for the next launches."""
         for effect in self.assembly.all:
             if effect.begin_substep(substep):
                 self._bind(effect)
@@ -292,19 +292,19 @@ class Dynamics:
 
     @property
     def repeats(self) -> bool:
-        """Whether all substeps of a frame are the same launches, on a CPU, where recording a launch takes 1 ms."""
+        """Whether all substeps of a frame are the same launches, on a CPU, where recording one takes 1 ms."""
         alike = not self.composition.timed and not any(one.numbers_substeps for one in self.assembly.all)
         return alike and not self.model.device.is_cuda
 
     def repeat(self, times: int, launch: Callable[[], None]) -> None:
-        """Call `launch`, whose launches the device repeats this many times, at least once."""
+        """Call `launch`; the device repeats its launches this many times, at least once."""
         if self.partition is not None and self.partition.is_recording:
             self.partition.repeat(times, launch)
         else:
             repeat(self._left, times, launch)
 
     def _search(self, step: Any, begins: bool) -> None:
-        """Launch effects' searches for a stage, not on the side stream, where launches cannot be conditional."""
+        """Launch effects' searches for a stage; not on the side stream, where launches cannot be conditional."""
         steps, after = self.steps, 0.0
         if self._in_frame and not begins and not self._measuring and self._stage < len(steps.stage_times):
             after = (steps.stage_times[self._stage] - 1.0) * steps.dt
@@ -329,7 +329,7 @@ class Dynamics:
 
     @property
     def only_contact_precedes(self) -> bool:
-        """Whether nothing but contact between bodies, without sums of its forces, is launched beside stages."""
+        """Whether contact between bodies, without sums of forces, is the only effect with its own launches."""
         effect = self.assembly.body_contact
         if effect is None or self._preceding != [effect] or effect.impulse is not None:
             return False
@@ -337,7 +337,7 @@ class Dynamics:
 
     @property
     def launches_between(self) -> bool:
-        """Whether an effect needs its own launch before forces, so that each stage must be one launch."""
+        """Whether an effect needs its own launch before forces, so that each stage must be a separate launch."""
         return len(self._evaluated_within()) < len(self._preceding)
 
     def _evaluated_within(self) -> list[Effect]:

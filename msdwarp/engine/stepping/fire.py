@@ -37,11 +37,11 @@ class Fire(Effect):
 
     @property
     def changing(self) -> list[wp.array]:
-        """The arrays that substeps change: the method's decisions."""
+        """The arrays that substeps change: the parameters that the method adapts."""
         return [self._decision]
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
-        """Launch nothing; that this method exists makes each substep its own launch."""
+        """Launch nothing; but since this method is overridden, each stage is a separate launch."""
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch the sums, the decision and the change of velocities: the first thread does all."""

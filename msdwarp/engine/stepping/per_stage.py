@@ -68,7 +68,7 @@ def column_count(model: Model, algorithm: Any) -> int:
 
 
 def columns(model: Model) -> int:
-    """Return the number of columns in a lattice; 0 if there are too few particles, or no layers."""
+    """Return the number of columns in a lattice; 0 if it has too few particles or no evenly spaced layers."""
     stride = model.lattice.stride if model.lattice else 0
     if stride <= 0 or not model.device.is_cuda or model.particle_count < LEAST_IN_COLUMNS:
         return 0

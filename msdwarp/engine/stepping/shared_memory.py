@@ -96,7 +96,7 @@ def on_chip(dynamics: Dynamics, state: State, method: Any, stages: list[Any]) ->
 
 
 def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
-    """Return the threads of a world, how many particles beyond its own they read, and whether it has columns."""
+    """Return a world's threads, how many particles before and after it they read, and whether it has columns."""
     count, lattice = model.particle_count, model.lattice
     if lattice is None:
         return count, 0, False
@@ -108,7 +108,7 @@ def _threads(model: Model, force_algorithm: Any) -> tuple[int, int, bool]:
 
 
 def _addresses(instant: Instant) -> list[int]:
-    """Return the addresses of an instant's arrays, in the same order for both instants of a state."""
+    """Return the addresses of an instant's arrays, in the same order for `state_in` and `state_out`."""
     arrays = [instant.x, instant.v, *instant.method_state, instant.compensation.x]
     return [int(array.ptr) for array in arrays if array.size]
 

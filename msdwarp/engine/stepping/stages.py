@@ -25,7 +25,7 @@ class Stage(NamedTuple):
 
 
 class Solve(NamedTuple):
-    """A method's own launches between two stages, such as a linear solver's."""
+    """Launches of a method itself between two stages, such as those of a linear solver."""
 
     launch: Callable[[Any], None]
     """Function of the `Dynamics` that makes the launches."""

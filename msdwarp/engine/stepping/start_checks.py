@@ -33,7 +33,7 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
 
 
 def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | None:
-    """Warn about a doubtful start; return a message about an overlap with an obstacle or between bodies.
+    """Warn about a doubtful start; return a message about overlap with an obstacle or between bodies, or None.
 
     The warning names the line two calls up. Raises ValueError if depenetration would tear a body.
     """

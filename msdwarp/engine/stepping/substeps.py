@@ -1,4 +1,4 @@
-"""Stepper: takes the substeps of a frame, with a launch per stage or one for all.
+"""Stepper: advances by the substeps of a frame, with a launch per stage or one launch for all stages.
 
 `integrators/stability.py` and `simulation/substep_controller.py` choose their length and number.
 """
@@ -23,7 +23,7 @@ Blocks = tuple[int, int] | Literal["auto"] | None
 
 
 class Stepper:
-    """Takes substeps with a launch per stage or, if launches would dominate the time, with one launch for all.
+    """Advances by substeps: a launch per stage or, if launches would dominate the time, one launch for all.
 
     `stages` returns the stages of a substep from the current `state.state_in`. `after_substep` launches
     measurements after each substep, given its index in the frame. `blocks` is None for a launch per stage, and
@@ -85,11 +85,11 @@ class Stepper:
 
     @property
     def may_take_contact_along(self) -> bool:
-        """Whether one launch for the coming frame, with all of contact in it, is fastest."""
+        """Whether one launch for the whole next frame, including all contact kernels, is fastest."""
         return self.contact is not None and self.contact.pays
 
     def take(self, substeps: int, first: int = 0) -> None:
-        """Take `substeps` substeps from number `first` of a frame on, and write the new state over the old."""
+        """Advance by `substeps` substeps, from number `first` of a frame on; the new state replaces the old."""
         if self.takes_contact_along and self.contact is not None:
             self.contact.launch(substeps, first)
             if substeps % 2:
@@ -110,7 +110,7 @@ class Stepper:
         self._state.settle()
 
     def _take_each(self, numbers: range, first: int) -> None:
-        """Take substeps with a launch per stage, their numbers counted from `first`."""
+        """Advance by the substeps `numbers`, counted from `first`, with a launch per stage."""
         for k in numbers:
             self._dynamics.begin_substep(self._state, first + k)
             for stage in self._substeps[k % 2]:
@@ -121,7 +121,7 @@ class Stepper:
                 self._after_substep(first + k)
 
     def _launch_all(self, blocks: int, threads: int, stages: int, first: int) -> None:
-        """Take `stages` stages from substep number `first` on, in one launch or one per CPU thread."""
+        """Advance by `stages` stages, from substep `first` on, in one launch or one per CPU thread."""
         dynamics, partition = self._dynamics, self._dynamics.partition
         dynamics.go_to_substep(first)
         if partition is not None and partition.is_recording:
