@@ -32,7 +32,7 @@ def elements_adjoint(
     Rows = element_rows(points, dim, scalar)
 
     @kernel
-    def lead_elements_back(
+    def propagate_elements(
         data: Data,
         count: int,  # elements of a world; below, particles from one world to the next
         stride: int,
@@ -87,7 +87,7 @@ def elements_adjoint(
                 by_v[e * wp.static(points) + k] = of_v[k]
             e += threads
 
-    return lead_elements_back
+    return propagate_elements
 
 
 @functools.cache

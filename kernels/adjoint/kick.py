@@ -23,7 +23,7 @@ def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
 
     @wp.func
-    def lead_back(
+    def propagate(
         i: int,
         kick: scalar,
         w: scalar,
@@ -39,7 +39,7 @@ def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
                 store(by_gravity_of, i, load(by_gravity_of, i) + kick * back)
         return (kick * w) * back
 
-    return lead_back
+    return propagate
 
 
 @functools.cache
@@ -50,10 +50,10 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     later, and φ = ∂L/∂F = s/m ∂L/∂v of each particle. h and s are the lengths of the drift and of the kick [s].
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    lead_back = kick_back(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar, by_mass, by_gravity)
 
     @kernel
-    def lead_kick_back(
+    def propagate_kick(
         drift: scalar,  # h, 0 without a drift [s]
         kick: scalar,  # s [s]
         inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
@@ -79,10 +79,10 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
             if wp.static(by_mass):
                 push = (load(v_out, i) - load(v, i)) - kick * gravity
             store(by_v, i, back)
-            store(phi, i, lead_back(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
+            store(phi, i, propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
             i += threads
 
-    return lead_kick_back
+    return propagate_kick
 
 
 @functools.cache

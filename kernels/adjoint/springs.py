@@ -260,7 +260,7 @@ def adding(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     Then it propagates these back through the kick and drift of the substep before; see `kick_back`.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    lead_back = kick_back(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar, by_mass, by_gravity)
 
     @wp.func
     def add(
@@ -286,7 +286,7 @@ def adding(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
         if wp.static(by_mass):
             push = (load(v, i) - load(v_before, i)) - kick * gravity
         store(by_v, i, back)
-        store(phi_before, i, lead_back(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
+        store(phi_before, i, propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
 
     return add
 

@@ -43,10 +43,10 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
     stored ones, which gives the derivative with respect to the start of the substep.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    lead_back = kick_back(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar, by_mass, by_gravity)
 
     @kernel
-    def lead_combination_back(
+    def propagate_combination(
         weight: wp.array2d(dtype=scalar),  # row n: h A_k(n−1) for each state k [s]; row 0: 1
         n: int,
         seconds: scalar,  # from the start to this state [s]
@@ -78,7 +78,7 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
             push = V()
             if wp.static(by_mass):
                 push = (load(v, i) - load(v_start, i)) - seconds * gravity
-            lead_back(i, seconds, w, back, push, by_inverse_mass, by_gravity_of)
+            propagate(i, seconds, w, back, push, by_inverse_mass, by_gravity_of)
             store(kept, n * count + i, load(by_x, i))
             store(kept, (states + n) * count + i, back)
             sum_x = V()
@@ -95,4 +95,4 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
                 store(phi, i, w * sum_v)
             i += threads
 
-    return lead_combination_back
+    return propagate_combination

@@ -156,8 +156,8 @@ class Differentiable(Present):
         for k, name in enumerate(names):
             checks.one_of(f"by[{k}]", name, [*GRADIENT_NAMES, *of_loads])
         method, around = self.integrator, self._surroundings
-        led_back = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
-        if not led_back or method.method_state:
+        differentiated = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
+        if not differentiated or method.method_state:
             raise ValueError(
                 f"integrator is {method!r}; gradients need SymplecticEuler(), Leapfrog(), RK4(), RKC2() or "
                 "ExplicitEuler()"
@@ -165,7 +165,7 @@ class Differentiable(Present):
         if self.model.compensated:
             raise ValueError(f"precision is {self.model.precision!r}; gradients need 'float32' or 'float64'")
         if missing := without_adjoint(self.assembly):
-            raise ValueError(f"the scene has {' and '.join(missing)}; gradients cannot be led back through these")
+            raise ValueError(f"the scene has {' and '.join(missing)}; gradients through these are not possible")
         if "strain" in names and not any(isinstance(one, Actuator) for one in around["loads"]):
             raise ValueError("by has 'strain', that of actuators; there must be an Actuator among the loads")
         if "damping" in names and self.model.damper is None:

@@ -102,7 +102,7 @@ class Differentiated:
         """The memory of the tape, and its states, of each frame if they fit: then no frame is taken again."""
         model = self._model
         self._direct = model.device.is_cuda and tableau is None and model.worlds * model.stride >= LEAST_DIRECT
-        """Whether derivatives are led back from `_kept`, not from a copy of it on the tape."""
+        """Whether derivatives are propagated by `_kept`, not from a copy of it on the tape."""
         self._every, self._part = 1, 0
         """Frames between checkpoints; number of the checkpoint after which states of all frames are stored."""
         self._v_read, self._times = self._model.vectors(), list[float]()
@@ -203,7 +203,7 @@ class Differentiated:
         added = np.zeros((count + 1, self._model.worlds))
         for k in reversed(range(count + 1)):
             if k < count:
-                self._lead_back(k)
+                self._propagate_frame(k)
             by_x, by_v = by_position[k], by_velocity[k]
             self._add(k, by_x, by_v)
             added[k] = np.hypot(_norm(by_x), self._fps * _norm(by_v))
@@ -242,8 +242,8 @@ class Differentiated:
         copy_vectors(self._tape.states[0], self._state(k))
         self._tape.go_to(0)
 
-    def _lead_back(self, k: int) -> None:
-        """Lead derivatives back through frame k; for k = 0 also to the given velocities."""
+    def _propagate_frame(self, k: int) -> None:
+        """Propagate derivatives back through frame k; for k = 0 also to the given velocities."""
         storage, states = self._kept[k] if self._kept else (None, None)
         if storage is None:
             self._restart(k)

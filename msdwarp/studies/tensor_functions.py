@@ -31,7 +31,7 @@ def differentiated(
     return Simulation(system.replace(**own), **options, **around).differentiated(frames, list(values))
 
 
-def led_back(
+def derivatives_of(
     run: Differentiated, by_frames: Sequence[NDArray], shapes: Mapping[str, tuple[int, ...]]
 ) -> list[NDArray]:
     """Return derivatives by arrays of these shapes, given derivatives by positions and velocities of frames.
@@ -99,7 +99,7 @@ def simulate_torch(system: System, frames: int, *, worlds: int | None = None, **
         @staticmethod
         def backward(ctx: Any, *by_frames: Any) -> Any:
             shapes = {name: tuple(one.shape) for name, one in zip(names, tensors, strict=True)}
-            found = led_back(ctx.run, [on_host(one) for one in by_frames], shapes)
+            found = derivatives_of(ctx.run, [on_host(one) for one in by_frames], shapes)
             return tuple(
                 torch.as_tensor(each, dtype=one.dtype, device=one.device)
                 for each, one in zip(found, tensors, strict=True)
@@ -154,10 +154,10 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
         run, found = differentiated(system, frames, worlds, values, options)
         return run, (found.position.astype(dtype), found.velocity.astype(dtype))
 
-    def lead_back(given: Any, by_frames: Any) -> Any:
+    def propagate(given: Any, by_frames: Any) -> Any:
         run = kept.pop() if kept else take_frames(*given)[0]
         shapes = {name: tuple(one.shape) for name, one in zip(names, given, strict=True)}
-        found = led_back(run, [np.asarray(one, dtype=np.float64) for one in by_frames], shapes)
+        found = derivatives_of(run, [np.asarray(one, dtype=np.float64) for one in by_frames], shapes)
         return tuple(np.asarray(one, dtype=like.dtype) for one, like in zip(found, given, strict=True))
 
     def compiles(given: Any) -> bool:
@@ -181,8 +181,8 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     def backward(given: Any, by_frames: Any) -> Any:
         if compiles((given, by_frames)):
             shapes = tuple(jax.ShapeDtypeStruct(one.shape, one.dtype) for one in given)
-            return jax.pure_callback(lead_back, shapes, given, by_frames)
-        return as_arrays(lead_back(given, by_frames))
+            return jax.pure_callback(propagate, shapes, given, by_frames)
+        return as_arrays(propagate(given, by_frames))
 
     simulate.defvjp(forward, backward)
     return simulate(*arrays)

@@ -73,7 +73,7 @@ def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_devic
 
 @pytest.mark.parametrize("method", [msd.SymplecticEuler(), RK4()])
 def test_threads_share_the_way_back(method, monkeypatch):
-    # With a soft obstacle, a force, a gas and muscles, each of which is led back by parts, too.
+    # With a soft obstacle, a force, a gas and muscles, whose adjoints are divided among threads, too.
     body, found = block(), []
     plane, loads = Plane((0.1, 0, 1), -0.1, **SOFT), [Force(soft_floor), msd.EnclosedGas(60.0)]
     loads += [Actuator(lambda t: 0.1 * math.sin(40 * t))]

@@ -214,7 +214,7 @@ def test_a_chaotic_world_is_named(plain_device):
         ensemble.gradient(place, 600, by=("position",))
 
 
-def test_what_an_ensemble_cannot_lead_back_is_told_by_name():
+def test_what_an_ensemble_cannot_differentiate_is_refused_by_name():
     def refused(message: str, loss: Any = losses, by: tuple[str, ...] = ("position",), **options) -> None:
         with pytest.raises(ValueError, match=message):
             Ensemble(BLOCK.translate((0, 0, 1)), 2, device="cpu", **options).gradient(loss, 2, by=by)

@@ -164,13 +164,13 @@ class Adjoint:
             self.motions.clear()
 
     def kick(self, drift: float, seconds: float, x: wp.array, v: wp.array, v_out: wp.array, stage: int) -> None:
-        """Lead derivatives back through a kick of v to v_out by forces at (x, v), and a drift by v_out.
+        """Propagate derivatives back through a kick of v to v_out by forces at (x, v), and a drift by v_out.
 
         `seconds` is the length of the kick and `drift` that of the drift [s]; `stage` is the stage of a frame at
         which the forces are.
         """
-        self._lead_kick_back(drift, seconds, v, v_out)
-        self._lead_forces_back(x, v, stage)
+        self._propagate_kick(drift, seconds, v, v_out)
+        self._propagate_forces(x, v, stage)
 
     def forget_driven(self, stage: int) -> None:
         """Set derivatives of driven particles to 0, since their motion does not depend on earlier states."""
@@ -181,42 +181,42 @@ class Adjoint:
                 self.motions.sums.add_up(stage)
 
     def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
-        """Lead derivatives back through the substeps (h seconds each) of a frame, given its `Tape.states`.
+        """Propagate derivatives back through the substeps (h seconds each) of a frame, given its `Tape.states`.
 
         If only springs act, one launch goes back through the forces of a substep and then through the kick of the
         previous one.
         """
         last = len(states) - 1
         self.forget_driven(last)
-        self._lead_kick_back(h, h, states[-2][1], states[-1][1])
+        self._propagate_kick(h, h, states[-2][1], states[-1][1])
         for n in reversed(range(last)):
             x, v = states[n]
             before = states[n - 1][1] if n else None
             if self._only_springs:
-                self._lead_forces_back(x, v, n, h, before)
+                self._propagate_forces(x, v, n, h, before)
             else:
-                self._lead_forces_back(x, v, n)
+                self._propagate_forces(x, v, n)
                 self.forget_driven(n)
                 if before is not None:
-                    self._lead_kick_back(h, h, before, v)
+                    self._propagate_kick(h, h, before, v)
 
-    def _lead_kick_back(self, drift: float, seconds: float, v: wp.array, v_out: wp.array) -> None:
-        """Lead derivatives back through a kick and a drift; write the derivatives by the forces of the kick."""
+    def _propagate_kick(self, drift: float, seconds: float, v: wp.array, v_out: wp.array) -> None:
+        """Propagate derivatives back through a kick and a drift; write the derivatives by the forces of the kick."""
         inputs = [drift, seconds, self._inverse_mass, self._gravity, v, v_out, self.by_x, self.by_v]
         inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
         self._launch(self._kick, self._count, inputs)
 
-    def _lead_forces_back(
+    def _propagate_forces(
         self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: wp.array | None = None
     ) -> None:
-        """Lead derivatives by forces back to (x, v), and through the kick from `v_before` to v, if not None."""
+        """Propagate derivatives by forces back to (x, v), and through the kick from `v_before` to v, if not None."""
         state = [x, v, self._phi, self.by_x, self.by_v]
         h, v_before = (0.0, v) if v_before is None else (h, v_before)
         kick = [h, h, self._inverse_mass, self._gravity, v_before, self._by_inverse_mass, self._by_gravity]
         inputs = [self._springs.table, stage, *state, *self._own.values(), *kick, self._next_phi]
         self._springs.launch(self._pull, inputs, self._launch)
         for one in self._elements:
-            one.lead_back(x, v, self._phi, self.by_x, self.by_v, stage)
+            one.propagate(x, v, self._phi, self.by_x, self.by_v, stage)
         if self._soft is not None:
             inputs = [self._soft.data, self._inverse_mass, *state, self._by_inverse_mass, self._soft_by]
             self._launch(self._soft_kernel, self._count, inputs)

@@ -73,7 +73,7 @@ class ElementAdjoints:
         self._lead = elements_adjoint(model.dim, scalar, size, *kinds, *numbers)
         self._add = add_elements(model.dim, scalar)
 
-    def lead_back(
+    def propagate(
         self, x: wp.array, v: wp.array, phi: wp.array, by_x: wp.array, by_v: wp.array, stage: int
     ) -> None:
         """Launch the addition of (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ, for forces at (x, v) in a stage of a frame."""

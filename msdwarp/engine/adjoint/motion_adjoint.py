@@ -52,7 +52,7 @@ class MotionAdjoint:
         rows[:, -1] += self._start  # the state at a frame's start is that at the end of the frame before
         self._start = rows[:, 0].copy()
         rows[:, 0] = 0.0
-        self._found.append(self._drives.lead_frame_back(time, rows[..., 0, :, :], rows[..., 1, :, :]))
+        self._found.append(self._drives.propagate_frame(time, rows[..., 0, :, :], rows[..., 1, :, :]))
 
     def add_reading(self, time: float, lag: float, by_v: NDArray) -> None:
         """Add derivatives by the velocities that are read at `time` [s], shape [worlds, particle_count, d].
@@ -63,7 +63,7 @@ class MotionAdjoint:
         for one in self._drives.motions:
             places = np.append(one.start, np.ones((len(one.start), 1)), axis=1)
             by_acceleration.append(lag * np.einsum("wia,ib->wab", by_v[:, one.held], places))
-        self._found.append(self._drives.lead_rates_back(time, None, np.stack(by_acceleration, axis=1)))
+        self._found.append(self._drives.propagate_rates(time, None, np.stack(by_acceleration, axis=1)))
 
     def take_start(self, time: float, lag: float) -> None:
         """Collect the derivatives left at the start, `time` [s]; the method's velocities are `lag` [s] earlier."""
@@ -71,7 +71,7 @@ class MotionAdjoint:
         if time == 0:  # a later start is a given state
             by_place, by_speed = np.moveaxis(own + given, -3, 0)
             self._found.append((np.array([time]), by_place[None]))
-            self._found.append(self._drives.lead_rates_back(time, by_speed, -lag * own[..., 1, :, :]))
+            self._found.append(self._drives.propagate_rates(time, by_speed, -lag * own[..., 1, :, :]))
 
     def _take(self) -> NDArray[np.float64]:
         """Return and reset the sums, shape [worlds, rows, drive_count, 2, d, d + 1]: by poses, and by rates."""

@@ -49,23 +49,23 @@ class StageAdjoint(Adjoint):
         self._weight: Any = wp.array(weight, dtype=model.scalar, device=model.device)
 
     def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
-        """Lead derivatives back through the substeps of a frame; see `Adjoint.frame`."""
+        """Propagate derivatives back through the substeps of a frame; see `Adjoint.frame`."""
         stages = len(self._inner) + 1
         for k in reversed(range(len(states) - 1)):
             inner = [states[k], *self._inner, states[k + 1]]
             self._tape.take(k, self._keep)
             for n in reversed(range(stages)):
-                self._lead_combination_back(n + 1, inner, k * stages)
+                self._propagate_combination(n + 1, inner, k * stages)
                 x, v = inner[n]
-                self._lead_forces_back(x, v, k * stages + n)
-            self._lead_combination_back(0, inner, k * stages)
+                self._propagate_forces(x, v, k * stages + n)
+            self._propagate_combination(0, inner, k * stages)
 
     def _keep(self, stage: int, x: wp.array, v: wp.array) -> None:
         """Store the state at which a stage evaluates forces; the tape already has the first."""
         if stage:
             self._launch(self._copy, self._count, [x, v, *self._inner[stage - 1]])
 
-    def _lead_combination_back(self, n: int, states: list[Any], begin: int) -> None:
+    def _propagate_combination(self, n: int, states: list[Any], begin: int) -> None:
         """Propagate derivatives by state n of a substep, whose first stage is `begin`, back by one stage."""
         self.forget_driven(begin + n)
         inputs = [self._weight, n, self._times[n], self._inverse_mass, self._gravity, states[0][1], states[n][1]]

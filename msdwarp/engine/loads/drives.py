@@ -127,7 +127,7 @@ class Drives(FrameTables):
         times[-1] = (round(time * self.steps.fps) + 1) / self.steps.fps
         return times
 
-    def lead_frame_back(self, time: float, by_place: NDArray, by_speed: NDArray) -> tuple[NDArray, NDArray]:
+    def propagate_frame(self, time: float, by_place: NDArray, by_speed: NDArray) -> tuple[NDArray, NDArray]:
         """Convert derivatives by the tables of the frame from `time` to derivatives by poses, with their times.
 
         By tables they have the shape [worlds, rows, drive_count, ...], by poses [time_count, worlds, ...].
@@ -136,7 +136,7 @@ class Drives(FrameTables):
         values = np.tensordot(places, by_place, (0, 1)) + np.tensordot(self._weights, by_speed, (0, 1))
         return self._times(time), values
 
-    def lead_rates_back(self, time: float, *by_rates: NDArray | None) -> tuple[NDArray, NDArray]:
+    def propagate_rates(self, time: float, *by_rates: NDArray | None) -> tuple[NDArray, NDArray]:
         """Convert derivatives by the first and second rates at `time` [s] to derivatives by poses, with times.
 
         Derivatives by rates have the shape [worlds, drive_count, ...], those by poses [time_count, worlds, ...].
