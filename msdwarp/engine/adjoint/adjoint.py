@@ -201,7 +201,7 @@ class Adjoint:
                     self._propagate_kick(h, h, before, v)
 
     def _propagate_kick(self, drift: float, seconds: float, v: wp.array, v_out: wp.array) -> None:
-        """Propagate derivatives back through a kick and a drift; write the derivatives by the forces of the kick."""
+        """Propagate derivatives back through a kick and a drift; write those by the forces of the kick."""
         inputs = [drift, seconds, self._inverse_mass, self._gravity, v, v_out, self.by_x, self.by_v]
         inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
         self._launch(self._kick, self._count, inputs)
@@ -209,7 +209,7 @@ class Adjoint:
     def _propagate_forces(
         self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: wp.array | None = None
     ) -> None:
-        """Propagate derivatives by forces back to (x, v), and through the kick from `v_before` to v, if not None."""
+        """Propagate derivatives by forces to (x, v), and through the kick from `v_before` to v, if not None."""
         state = [x, v, self._phi, self.by_x, self.by_v]
         h, v_before = (0.0, v) if v_before is None else (h, v_before)
         kick = [h, h, self._inverse_mass, self._gravity, v_before, self._by_inverse_mass, self._by_gravity]
