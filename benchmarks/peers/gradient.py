@@ -21,6 +21,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from msdwarp import Simulation, SymplecticEuler, box
+from msdwarp.simulation.gradient_run import MOST_KEPT
 
 from ..common import arguments, machine, read_csv, table, write_csv
 from .codes import newton_model
@@ -63,9 +64,10 @@ def of_msdwarp(body: Body, device: str, precision: str = "float32") -> Run:
         run.backward(by_position, [None] * (FRAMES + 1))
 
     count, c = body.system.particle_count, body.system.connection_count
-    # States: a checkpoint a frame, and the tapes of all and of one; derivatives; constants of springs in both
+    # States: a checkpoint a frame, and the tapes of all frames or of one; derivatives; constants of springs in both
     # precisions.
-    memory = 32.0 * count * (FRAMES + 1 + (FRAMES + 1) * (SUBSTEPS + 1)) + 92.0 * count + 12.0 * c
+    tapes = FRAMES + 1 if count <= MOST_KEPT else 1
+    memory = 32.0 * count * (FRAMES + 1 + tapes * (SUBSTEPS + 1)) + 92.0 * count + 12.0 * c
     return both, lambda: run.found(["position"])["position"], memory
 
 

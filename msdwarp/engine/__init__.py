@@ -6,7 +6,6 @@ launches its own solver.
 
 from .adjoint.adjoint import Adjoint as Adjoint, without_adjoint as without_adjoint
 from .adjoint.stage_adjoint import StageAdjoint as StageAdjoint
-from .adjoint.stored_tapes import StoredTapes as StoredTapes
 from .adjoint.tape import Tape as Tape
 from .collision.body_contact import BodyContact as BodyContact
 from .collision.contact_forces import ContactForces as ContactForces

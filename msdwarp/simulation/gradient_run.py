@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,6 @@ from ..engine import (
     Dynamics,
     StageAdjoint,
     State,
-    StoredTapes,
     Tape,
     copy_vectors,
     kicked,
@@ -28,6 +26,9 @@ from .stepping import Stepping
 SHARE, SHARE_OF_SUBSTEPS = 1 / 4, 1 / 16
 """Most of the free memory that states at the start of all frames may take, and those of all substeps. On a CPU the
 frames that the loss gets take nearly as much again as the former, and its derivatives twice that."""
+
+MOST_KEPT = 100_000
+"""Number of particles above which a GPU simulates a substep as fast as it copies its state (an H100)."""
 
 
 class Frames(NamedTuple):
@@ -94,11 +95,11 @@ class Differentiated:
         if tableau is None:
             self._adjoint = Adjoint(dynamics, names)
         else:
-            self._adjoint = StageAdjoint(dynamics, names, tableau, choice.step, self._tape)
+            self._adjoint = StageAdjoint(dynamics, names, tableau, choice.step)
         self._by_stage = dict[str, NDArray[np.float64]]()
         self._checkpoints, self._between = list[Sequence[wp.array]](), list[Sequence[wp.array]]()
-        self._stored: StoredTapes | None = None
-        """The states of all substeps, if they fit: then no frame is simulated again."""
+        self._tapes = list[wp.array]()
+        """The tape of each frame, if they are kept: then no frame is simulated again."""
         self._every, self._part = 1, 0
         """Frames between checkpoints; number of the checkpoint after which states of all frames are stored."""
         self._v_read, self._times = self._model.vectors(), list[float]()
@@ -147,8 +148,8 @@ class Differentiated:
             if k > 0 and not stepping.advance(times[k - 1]):
                 raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")
             copy_vectors(self._place(k), now)
-            if k > 0 and self._stored is not None:
-                self._stored.store(k - 1)
+            if k > 0 and self._tapes:
+                wp.copy(self._tapes[k - 1], self._tape.storage)
             look(k)
         self._part = frames // self._every
 
@@ -156,16 +157,13 @@ class Differentiated:
         """Make room for the states of all substeps, or at the start of `count` frames, or for 2 √count, as fit."""
         x: Any = self._first[0]
         device, size, substeps = x.device, 2 * len(x) * x.strides[0], len(self._tape.states)
-        self._stored = None
-        self._graphs.clear()
-        launch = self._stepping.stepper.take
         free = device.free_memory if device.is_cuda else checks.free_memory()
         many = free is not None and count * size > SHARE * free
         self._every = math.isqrt(count - 1) + 1 if many else 1
-        if free is not None and (count - 1) * substeps * size <= SHARE_OF_SUBSTEPS * free:
-            self._stored = StoredTapes(self._tape, count - 1, ahead=not isinstance(self._adjoint, StageAdjoint))
-            launch = self._launch_on_tape
-        self._stepping.launch_substeps_by(launch)
+        small = not device.is_cuda or len(x) <= MOST_KEPT
+        keep = small and free is not None and (count - 1) * substeps * size <= SHARE_OF_SUBSTEPS * free
+        self._tapes = [wp.empty_like(self._tape.storage) for _ in range(count - 1)] if keep else []
+        self._stepping.launch_substeps_by(self._launch_on_tape if keep else self._stepping.stepper.take)
         self._checkpoints = [self._model.vectors_together(2) for _ in range(0, count, self._every)]
         self._between = [self._model.vectors_together(2) for _ in range(self._every - 1)]
 
@@ -182,7 +180,7 @@ class Differentiated:
             copy_vectors(now, self._checkpoints[part])
             for n in range(begin, min(begin + len(self._between), len(self._times) - 1)):
                 self._dynamics.begin_frame(self._times[n])
-                self._play("again", self._launch_again)
+                self._play(self._launch_again)
                 copy_vectors(self._place(n + 1), now)
         return self._place(k)
 
@@ -243,14 +241,12 @@ class Differentiated:
 
     def _propagate_frame(self, k: int) -> None:
         """Propagate derivatives back through frame k; for k = 0 also to the given velocities."""
-        if self._stored is None:
-            self._restart(k)
-            name, launch = "back", self._launch_back
+        if self._tapes:
+            wp.copy(self._tape.storage, self._tapes[k])
         else:
-            which, states = self._stored.read(k)
-            name, launch = f"adjoint of copy {which}", partial(self._launch_adjoint, states)
+            self._restart(k)
         self._dynamics.begin_frame(float(self._times[k]))
-        self._play(name, launch)
+        self._play(self._launch_adjoint if self._tapes else self._launch_back)
         if k == 0 and self._lag:
             x, v = self._checkpoints[0]
             self._dynamics.hold(float(self._times[0]))
@@ -269,9 +265,9 @@ class Differentiated:
             rows = self._by_stage[name][k * self._stages :][: self._stages]
             rows += added[: len(rows)]
 
-    def _play(self, name: str, launch: Callable[[], None]) -> None:
-        """Launch what a function launches, by a graph of this name that is recorded the first time."""
-        partition = self._dynamics.partition
+    def _play(self, launch: Callable[[], None]) -> None:
+        """Run the launches of a method; they are recorded as a graph the first time, and then replayed."""
+        name, partition = launch.__name__, self._dynamics.partition
         if partition is not None:
             self._graphs[name] = self._graphs.get(name) or partition.record(launch)
             self._graphs[name].replay()
@@ -293,11 +289,11 @@ class Differentiated:
     def _launch_back(self) -> None:
         """Launch a frame's substeps again, and their adjoints."""
         self._tape.launch()
-        self._launch_adjoint(self._tape.states)
+        self._launch_adjoint()
 
-    def _launch_adjoint(self, states: Sequence[Any]) -> None:
-        """Launch the adjoints of a frame's substeps, from the last to the first."""
-        self._adjoint.frame(self._h, states)
+    def _launch_adjoint(self) -> None:
+        """Launch the adjoints of the substeps on the tape, from the last to the first."""
+        self._adjoint.frame(self._h, self._tape)
         self._adjoint.add_up()
 
     def found(self, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:

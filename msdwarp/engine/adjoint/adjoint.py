@@ -1,6 +1,6 @@
 """Adjoint: propagates derivatives of a loss back through the launches of substeps."""
 
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -36,6 +36,7 @@ from .element_adjoints import ElementAdjoints
 from .motion_adjoint import MotionAdjoint
 from .number_sums import NumberSums
 from .spring_adjoints import InTable, springs_of_particles
+from .tape import Tape
 
 GIVEN = (Drives, Weight, Work)
 DIFFERENTIABLE = (ActuatedSprings, EmbeddedVertices, ExtraSprings, SoftColliders, *GIVEN)
@@ -180,13 +181,13 @@ class Adjoint:
             if self.motions is not None:
                 self.motions.sums.add_up(stage)
 
-    def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
-        """Propagate derivatives back through the substeps (h seconds each) of a frame, given its `Tape.states`.
+    def frame(self, h: float, tape: Tape) -> None:
+        """Propagate derivatives back through the substeps (h seconds each) of a frame, which are stored on a tape.
 
         If only springs act, one launch goes back through the forces of a substep and then through the kick of the
         previous one.
         """
-        last = len(states) - 1
+        states, last = tape.states, len(tape.states) - 1
         self.forget_driven(last)
         self._propagate_kick(h, h, states[-2][1], states[-1][1])
         for n in reversed(range(last)):

@@ -1,6 +1,6 @@
 """The adjoint of explicit methods with a tableau: goes back through the stages, from the last to the first."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -30,12 +30,10 @@ class StageAdjoint(Adjoint):
         A, the coefficients of the method, shape [stages, stages]; see `Integrator.tableau`.
     h
         Length of a substep [s].
-    tape
-        The tape on which frames are.
     """
 
-    def __init__(self, dynamics: Dynamics, wanted: Iterable[str], tableau: NDArray, h: float, tape: Tape) -> None:
-        self._tape, names = tape, set(wanted)
+    def __init__(self, dynamics: Dynamics, wanted: Iterable[str], tableau: NDArray, h: float) -> None:
+        names = set(wanted)
         super().__init__(dynamics, names)
         model, stages = dynamics.model, len(tableau)
         kinds = model.dim, model.scalar
@@ -48,17 +46,17 @@ class StageAdjoint(Adjoint):
         weight = np.vstack([np.ones(stages + 1), np.insert(h * tableau.T, 0, 0.0, axis=1)])
         self._weight: Any = wp.array(weight, dtype=model.scalar, device=model.device)
 
-    def frame(self, h: float, states: Sequence[Sequence[wp.array]]) -> None:
+    def frame(self, h: float, tape: Tape) -> None:
         """Propagate derivatives back through the substeps of a frame; see `Adjoint.frame`."""
         stages = len(self._inner) + 1
-        for k in reversed(range(len(states) - 1)):
-            inner = [states[k], *self._inner, states[k + 1]]
-            self._tape.take(k, self._keep)
+        for k in reversed(range(len(tape.states) - 1)):
+            states = [tape.states[k], *self._inner, tape.states[k + 1]]
+            tape.take(k, self._keep)
             for n in reversed(range(stages)):
-                self._propagate_combination(n + 1, inner, k * stages)
-                x, v = inner[n]
+                self._propagate_combination(n + 1, states, k * stages)
+                x, v = states[n]
                 self._propagate_forces(x, v, k * stages + n)
-            self._propagate_combination(0, inner, k * stages)
+            self._propagate_combination(0, states, k * stages)
 
     def _keep(self, stage: int, x: wp.array, v: wp.array) -> None:
         """Store the state at which a stage evaluates forces; the tape already has the first."""

@@ -38,10 +38,6 @@ class Tape:
             self.go_to(k)
             self._stages.append(stages(self.state))
 
-    def another(self) -> tuple[wp.array, Sequence[tuple[wp.array, ...]]]:
-        """Return memory like `storage`, and the states in it."""
-        return rows_like(self.states[0], len(self.states))
-
     def go_to(self, substep: int) -> None:
         """Make the start of a substep the current state."""
         self.state.state_in, self.state.state_out = self._instants[substep : substep + 2]
