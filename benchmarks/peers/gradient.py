@@ -64,8 +64,7 @@ def of_msdwarp(body: Body, device: str, precision: str = "float32") -> Run:
         run.backward(by_position, [None] * (FRAMES + 1))
 
     count, c = body.system.particle_count, body.system.connection_count
-    # States: a checkpoint a frame, and the tapes of all frames or of one; derivatives; constants of springs in both
-    # precisions.
+    # States: a checkpoint a frame, and the tapes of all or of one; derivatives; constants in two precisions.
     tapes = FRAMES + 1 if count <= MOST_KEPT else 1
     memory = 32.0 * count * (FRAMES + 1 + tapes * (SUBSTEPS + 1)) + 92.0 * count + 12.0 * c
     return both, lambda: run.found(["position"])["position"], memory
