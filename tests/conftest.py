@@ -141,13 +141,14 @@ def _covering(tests: list[pytest.Item], size: int = 1) -> set[pytest.Item]:
     return chosen
 
 
-def _values(test: pytest.Item) -> dict[str, int]:
-    """Return the value of each parameter by name, as a number that tells values apart.
+def _values(test: pytest.Item) -> dict[str, tuple[int, ...]]:
+    """Return the value of each parameter by name, as numbers that tell values apart.
 
-    Of names that are given values together, as in parametrize(("a", "b"), ...), one counts.
+    Names that are given values together, as in parametrize(("a", "b"), ...), count as one, by its first name.
     """
-    names = [_names(mark)[0] for mark in test.iter_markers("parametrize")]
-    return {name: id(test.callspec.params[name]) for name in names}  # type: ignore[attr-defined]
+    together = [_names(mark) for mark in test.iter_markers("parametrize")]
+    given = test.callspec.params  # type: ignore[attr-defined]
+    return {names[0]: tuple(id(given[name]) for name in names) for names in together}
 
 
 def _names(mark: pytest.Mark) -> list[str]:
