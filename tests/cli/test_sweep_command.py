@@ -29,11 +29,11 @@ def lines(path):
 
 @pytest.mark.slow
 def test_the_runs_are_those_of_single_commands_and_are_drawn(msdwarp, tmp_path):
-    code, out, err = msdwarp("sweep", "cube", "--stiffness", "1e3:1e4:log:3", "--damping=1,2", *HERE)
+    code, out, err = msdwarp("sweep", "cube", "--stiffness", "1e3,1e4", "--damping=1,2", *HERE)
     assert (code, err) == (0, "")
-    assert out.startswith("6 points: 6 done\n")
+    assert out.startswith("4 points: 4 done\n")
     assert f"wrote {'out/results.nc'}" in out
-    (line,) = (one for one in lines(tmp_path / "out") if (one["stiffness"], one["damping"]) == ("10000.0", "2"))
+    (line,) = (one for one in lines(tmp_path / "out") if (one["stiffness"], one["damping"]) == ("10000", "2"))
     flags = ["--frames", "none", "--video", "none", "--stiffness", "1e4", "--damping", "2"]
     assert msdwarp("run", "cube", *flags, *SHORT, "--out", "single", "--log", "energy.csv")[0] == 0
     folder = tmp_path / "out" / "runs" / line["run"]
@@ -45,10 +45,10 @@ def test_the_runs_are_those_of_single_commands_and_are_drawn(msdwarp, tmp_path):
     # A wider grid takes the rest from what is there; one parameter is drawn as a line, two as maps.
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out" / "runs").iterdir()}
     assert msdwarp("plot", "out")[0] == 0
-    assert msdwarp("sweep", "cube", "--stiffness", "1e3:1e4:log:5", *HERE)[1].startswith("5 points: 5 done\n")
+    assert msdwarp("sweep", "cube", "--stiffness", "1e3:1e4:log:3", *HERE)[1].startswith("3 points: 3 done\n")
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out" / "runs").iterdir()}
     assert before.items() <= after.items()
-    assert len(after) == 6 + 5  # the usual damping is 5: none of these were there
+    assert len(after) == 4 + 3  # the usual damping is 5: none of these were there
     assert msdwarp("plot", "out/results.nc", "--show", "elastic_J", "--out", "line.png")[0] == 0
     for picture in ("out/results.png", "line.png"):
         assert np.asarray(Image.open(picture).convert("L")).std() > 5, picture  # not blank
@@ -127,9 +127,7 @@ def is_alive(pid):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-@pytest.mark.parametrize(
-    ("number", "jobs"), [(signal.SIGKILL, "2"), (signal.SIGINT, "2"), (signal.SIGINT, "1"), (signal.SIGTERM, "1")]
-)
+@pytest.mark.parametrize(("number", "jobs"), [(signal.SIGKILL, "2"), (signal.SIGINT, "2"), (signal.SIGTERM, "1")])
 def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path, heard, number, jobs):
     # However late this is to end it, it is not done: the second half of the points waits.
     hold = tmp_path / "hold"
@@ -138,11 +136,11 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
         "import os, time\nfrom pathlib import Path\nfrom msdwarp import Scene, box\n\n"
         "def build(*, stiffness: float = 100.0):\n"
         "    Path(__file__).with_name(f'pid-{os.getpid()}').touch()\n"
-        "    while stiffness >= 108 and Path(__file__).with_name('hold').exists():\n"
+        "    while stiffness >= 104 and Path(__file__).with_name('hold').exists():\n"
         "        time.sleep(0.01)\n"
         "    return Scene(system=box((3, 3, 3), 0.1, stiffness=stiffness), duration=0.2)\n"
     )
-    words = ["own.py", "--stiffness", "100:116", "--keep", "summary", "--device", "cpu", "-o", "out"]
+    words = ["own.py", "--stiffness", "100:108", "--keep", "summary", "--device", "cpu", "-o", "out"]
     command = [sys.executable, "-m", "msdwarp", "sweep", *words, "--jobs", jobs]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         while len(list(tmp_path.glob("out/runs/[0-9a-f]*"))) < 3 and process.poll() is None:
@@ -166,11 +164,11 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
     assert workers
     assert not any(map(is_alive, workers))
     there = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("out/runs/[0-9a-f]*")}
-    assert 3 <= len(there) < 16
+    assert 3 <= len(there) < 8
     code, out, err = msdwarp("sweep", *words, "--jobs", "1")
     assert (code, err) == (0, "")
-    assert out.startswith("16 points: 16 done\n")
+    assert out.startswith("8 points: 8 done\n")
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out" / "runs").iterdir()}
     assert there.items() <= after.items()
-    assert len(after) == 16
-    assert len(lines(tmp_path / "out")) == 16
+    assert len(after) == 8
+    assert len(lines(tmp_path / "out")) == 8

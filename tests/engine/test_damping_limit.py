@@ -45,7 +45,7 @@ def ropes() -> System:
     return sum(bodies[1:], bodies[0])
 
 
-def lying(device: str, frames: int = 40, bodies: System | None = None, **options) -> Simulation:
+def lying(device: str, frames: int = 25, bodies: System | None = None, **options) -> Simulation:
     """Return a heap that has fallen together, with strong dampers, at its automatic substeps."""
     contact = Contact(restitution=0.05, friction=0.5)
     simulation = Simulation(
@@ -111,7 +111,7 @@ def test_energy_only_falls_at_few_substeps(plain_device):
     without = simulation.integrator.stable_step(plain)
     assert simulation.choice.step > 1.2 * 0.8 * without  # dampers would have allowed no more
     energies = []
-    for _ in range(40):
+    for _ in range(25):
         simulation.step()
         energies.append(simulation.measure().energy)
     # What a first-order method's energy swings by, while fast modes ring: less than 1e-3 of what falls.

@@ -159,7 +159,7 @@ def test_threads_share_contacts(name):
     for threads in (1, 2, 3):
         simulation = Simulation(system, device="cpu", threads=threads, **options)
         body_contact = False
-        for _ in range(8):
+        for _ in range(8 if name in ("balls", "and flowing") else 4):  # these first fall on each other
             simulation.step()
             (touching,) = (one for one in simulation.assembly.all if isinstance(one, BodyContact))
             body_contact |= touching.deepest > 0

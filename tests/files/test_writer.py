@@ -303,11 +303,11 @@ from msdwarp import box
 from msdwarp import Trajectory
 from msdwarp.files.writer import TrajectoryWriter
 system, peak = box((10, 10, 10)), []
-with TrajectoryWriter(sys.argv[1], system, fps=60, frame_count=4_000) as writer:
-    for n in range(4_000):
+with TrajectoryWriter(sys.argv[1], system, fps=60, frame_count=2_000) as writer:
+    for n in range(2_000):
         position = (system.position * (1 + n / 1024)).astype(np.float32)
         writer.write((n / 60, position, -position))
-        if n in (999, 3999):
+        if n in (499, 1999):
             peak.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 with Trajectory(sys.argv[1]) as found:
     for frame in found[::10]:
@@ -320,7 +320,7 @@ print(*peak)
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=600, check=True)
     early, late, read = map(
         int, done.stdout.split()
-    )  # in KiB on Linux; the file has 100 MB, most of it after the first
+    )  # in KiB on Linux; the file has 50 MB, most of it after the first
     assert late - early < 10_000
     assert read - late < 30_000
 

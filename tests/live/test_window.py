@@ -302,7 +302,7 @@ def test_opening_and_closing_leaks_no_thread(screen):
     for _ in range(2):  # what is opened once and kept
         once()
     before = threading.active_count(), native(), files()
-    for _ in range(8):
+    for _ in range(4):
         once()
     assert threading.active_count() == before[0]
     assert native() <= before[1]
