@@ -213,7 +213,7 @@ def test_rubber_bulges_in_the_press_and_foam_does_not():
 
 @pytest.mark.slow
 def test_the_tyre_climbs_the_kerb_and_stays_a_tyre():
-    scene = build("tyre", across=14)
+    scene = build("tyre", across=11)
     frames = simulate(scene, scene.duration)
     shape = np.array([np.ptp(frame.position, axis=0) for frame in frames])
     assert shape[:, 2].min() < 0.9 * shape[0, 2]  # flat for a moment
@@ -297,7 +297,7 @@ def test_the_ball_leaves_a_dent_in_the_mattress():
     # With fixed substeps, a third more than small motions need, as it is pressed deep: that raises no alarm.
     few = msd.Simulation.from_scene(scene, device="cpu").substeps
     simulation = msd.Simulation.from_scene(scene, device="cpu", substeps=math.ceil(1.33 * few))
-    simulation.step(round(scene.duration * simulation.fps))
+    simulation.step(round(3.6 * simulation.fps))  # it rolls off after 3.2 s
     foam = scene.system.group("mattress")
     left = left_alone(simulation)[foam].reshape(5, 13, 25, 3)
     top = left[-1, 2:-2, 2:-2, 2]  # without the edges: the ball presses one as it rolls off

@@ -110,7 +110,7 @@ def test_the_balloons_stay_blown_up_and_lean_in_a_steady_wind_as_statics_say():
 
 @pytest.mark.slow
 def test_the_bridge_sags_as_statics_say():
-    scene = build("bridge")
+    scene = build("bridge", stiffness=1.2e5)  # softer, so that substeps are longer: statics hold for any
     system = scene.system
     frames = simulate(scene, scene.duration)
     lowest = np.array([frame.position[system.group("ropes"), 2].min() for frame in frames])

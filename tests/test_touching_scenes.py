@@ -92,7 +92,8 @@ def test_momentum_goes_through_the_cradle():
 
 @pytest.mark.slow
 def test_the_curtain_hides_the_ball_and_comes_to_lie_on_the_floor():
-    scene = build("curtain")
+    # Of half as many particles, each twice as heavy: the same cloth.
+    scene = build("curtain", size=19, mass=0.0018)
     system = scene.system
     ball = system.group("ball")
     last = simulate(scene, scene.duration + 0.5)[-1]  # folds that are held apart come to rest a little later

@@ -63,13 +63,13 @@ def opened(chromium, view, **options):
 def test_a_newcomer_finds_the_body_beside_the_panel_at_any_size(chromium, view, capsys):
     time.sleep(0.3)
     assert view.source.time == 0.0  # it waits for somebody who looks
-    options = {"viewport": {"width": 1400, "height": 800}, "has_touch": True}
+    options = {"viewport": {"width": 1100, "height": 560}, "has_touch": True}
     with opened(chromium, view, permissions=["clipboard-read", "clipboard-write"], **options) as (page, camera):
         until(lambda: view.source.time > 0.3)
         view.post("pause", value=True)
         until(lambda: view.paused)
         corners = np.stack(np.meshgrid(*zip(*extent(view), strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
-        for width, height in ((1400, 800), (700, 600), (390, 844)):
+        for width, height in ((1100, 560), (700, 480), (390, 640)):
             page.set_viewport_size({"width": width, "height": height})
 
             def is_seen():
