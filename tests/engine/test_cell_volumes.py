@@ -115,6 +115,7 @@ def test_forces_by_faces_are_those_by_corners(monkeypatch, precision, ratio):
         assert np.abs(found.sum(axis=0)).max() < 1e-13 * np.abs(found).sum()
 
 
+@pytest.mark.slow
 def test_by_faces_every_route_does_the_same(monkeypatch):
     monkeypatch.setattr(cell_volumes, "FACES_ON_CPU", True)
     system = thrown(box((5, 4, 4), 0.1, material=of_ratio(0.45)), 0.005)
@@ -195,30 +196,30 @@ def stretched(system: System, *by: float) -> System:
     return system.replace(position=system.position * by)
 
 
-HEAVY = np.linspace(0.5, 2.0, 60)
+HEAVY = np.linspace(0.5, 2.0, 36)
 DEFORMED = {
-    "block": box((4, 4, 4), 0.1, material=of_ratio(0.45)),
+    "block": box((3, 3, 3), 0.1, material=of_ratio(0.45)),
     "a cell": box((2, 2, 2), 0.1, material=of_ratio(0.49)),
     "bar": box((7, 2, 2), 0.1, material=of_ratio(0.49)),
     "squeezed": stretched(box((4, 4, 4), 0.1, material=of_ratio(0.45)), 0.7, 1.15, 1.15),
-    "pulled": stretched(box((6, 3, 3), 0.1, material=of_ratio(0.45)), 1.3, 0.9, 0.9),
+    "pulled": stretched(box((5, 3, 2), 0.1, material=of_ratio(0.45)), 1.3, 0.9, 0.9),
     "blown up": stretched(box((3, 3, 3), 0.1, material=of_ratio(0.4)), 1.2, 1.2, 1.2),
     "distorted": thrown(box((3, 3, 3), 0.1, material=of_ratio(0.45))),
-    "held": box((4, 4, 4), 0.1, material=of_ratio(0.49)).pin(slice(0, 16)),
-    "heavy": box((5, 4, 3), 0.1, material=of_ratio(0.45)).replace(mass=HEAVY),
-    "cork": box((4, 4, 4), 0.1, material=of_ratio(0.0)),
-    "squeezed cork": stretched(box((4, 4, 4), 0.1, material=of_ratio(0.0)), 0.8, 1.0, 1.0),
+    "held": box((4, 3, 3), 0.1, material=of_ratio(0.49)).pin(slice(0, 9)),
+    "heavy": box((4, 3, 3), 0.1, material=of_ratio(0.45)).replace(mass=HEAVY),
+    "cork": box((3, 3, 3), 0.1, material=of_ratio(0.0)),
+    "squeezed cork": stretched(box((3, 3, 3), 0.1, material=of_ratio(0.0)), 0.8, 1.0, 1.0),
     "cloth": sheet((5, 5), 0.1, material=of_ratio(0.49), thickness=0.01),
     "stretched cloth": stretched(sheet((5, 5), 0.1, material=of_ratio(0.49), thickness=0.01), 1.2, 1.1, 1.0),
     "plane": sheet((5, 5), 0.1, material=of_ratio(0.45), thickness=0.01, dim=2),
 }
 
 
-LARGE = ("block", "squeezed", "pulled", "held", "heavy", "cork", "squeezed cork")
+SMALL = ("a cell", "cloth", "stretched cloth", "plane")
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=[pytest.mark.slow] * (one in LARGE)) for one in DEFORMED]
+    "name", [pytest.param(one, marks=[pytest.mark.slow] * (one not in SMALL)) for one in DEFORMED]
 )
 def test_the_bound_of_the_step_holds_and_is_near(name):
     system = DEFORMED[name]
@@ -229,6 +230,7 @@ def test_the_bound_of_the_step_holds_and_is_near(name):
     assert bound <= 2.1 * truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["both", "flat"])
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 def test_one_launch_of_a_frame_does_what_a_launch_of_each_stage_does(device, name, precision):

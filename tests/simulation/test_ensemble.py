@@ -18,7 +18,6 @@ from msdwarp import (
     Plane,
     QuadraticDamper,
     Scene,
-    Sphere,
     SymplecticEuler,
     UnstableStep,
     at,
@@ -164,7 +163,7 @@ def test_worlds_of_other_bodies(plain_device, name, force_algorithm):
     system = BODIES[name]()
     own = {"stiffness": np.linspace(0.5, 1.5, WORLDS)[:, None] * system.stiffness}
     own["gravity"] = np.linspace(5.0, 15.0, 3)
-    how = {"colliders": [Plane(offset=-9.0)] if system.dim == 2 else [Plane(), Sphere((0.3, 0.3, 0.2), 0.2)]}
+    how = {"colliders": [Plane(offset=-9.0)] if system.dim == 2 else [Plane()]}
     how |= {"substeps": 40, "device": plain_device, "force_algorithm": force_algorithm, "integrator": Leapfrog()}
     if name == "rope":
         how["colliders"] = [Plane(offset=-9.0), Box((0.5, 0.0, -0.6), (0.4, 0.4, 0.2))]
@@ -238,6 +237,7 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device, forc
         ensemble.diagnose(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "precision"), [("leapfrog", "float32"), ("extrapolated", "float32-compensated"), ("rk4", "float64")]
 )

@@ -125,7 +125,12 @@ def assert_worlds_equal_runs(name: str, method, device: str, **more) -> Ensemble
     return ensemble
 
 
-@pytest.mark.parametrize("name", SCENES)
+QUICK = ("force in time", "cells", "plane", "moving sphere")
+
+
+@pytest.mark.parametrize(
+    "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in SCENES]
+)
 def test_worlds_equal_single_runs_with_each_load_and_obstacle(plain_device, name):
     if name == "contact":
         pytest.skip("tests/simulation/test_ensemble_touching.py has these")
@@ -141,12 +146,12 @@ def test_worlds_equal_single_runs_with_each_load_and_obstacle(plain_device, name
     ("name", "method"),
     [
         (name, method)
-        for a, name in enumerate(SCENES)
+        for a, name in enumerate([*SCENES][::2])
         for b, method in enumerate(METHODS)
         if (a + b) % len(METHODS) == 0
     ],
     ids=str,
 )
 def test_worlds_equal_single_runs_by_each_method(name, method):
-    # Each scene by one other method, in turn: what a load does depends on no method.
+    # Every second scene by one other method, in turn: what a load does depends on no method.
     assert_worlds_equal_runs(name, method, "cpu", fps=240, force_algorithm=("scatter", "gather")[len(name) % 2])
