@@ -92,6 +92,7 @@ def test_a_row_is_as_one_in_space(device, integrator):
     assert np.abs(one.position - row.position).max() > 0.1
 
 
+@pytest.mark.slow
 def test_a_row_between_walls_is_as_one_in_space(device):
     row = chain(6, spacing=0.5, mass=0.2, stiffness=300.0, damping=0.4, dim=1).with_velocity((3.0,))
     walls = (

@@ -54,6 +54,7 @@ def test_no_file_takes_the_number_of_a_closed_stream(tmp_path):
     assert done.stdout.startswith("error: ")  # said where somebody listens
 
 
+@pytest.mark.slow
 @posix
 def test_runs_that_begin_at_once_each_take_a_folder(msdwarp, tmp_path):
     (tmp_path / "out" / "cube").mkdir(parents=True)

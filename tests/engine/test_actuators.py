@@ -240,6 +240,7 @@ def test_work_is_what_energy_comes_from(plain_device, method, blocks):
     assert found[1] < found[0] / (8 if method == RK4() else 1.4), found
 
 
+@pytest.mark.slow
 def test_a_run_resumes_to_the_last_bit(device):
     def make():
         loads = [Actuator(lambda t: 0.2 * math.sin(7 * t), along=["z", "x"])]

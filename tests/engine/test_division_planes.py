@@ -80,6 +80,7 @@ def test_nothing_goes_through_what_is_thrown_at_it(seed):
     assert found["energy"] < crossings.GAINED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("thickness", "speed"), [(1e-5, 20.0), (1e-5, 150.0), (1e-6, 400.0)])
 def test_thin_sheets_do_not_pass_unseen(plain_device, thickness, speed):
     # In a substep they go thousands of times as far as the distance at which they touch, and are not flying apart.
@@ -158,6 +159,7 @@ def test_blocks_do_not_pass_through_a_slab(plain_device, speed, pinned):
         np.testing.assert_allclose(momentum, [0.0, 0.0, 0.27 * speed], atol=1e-10)
 
 
+@pytest.mark.slow
 def test_what_crosses_at_the_start_is_left_out_until_it_is_apart():
     cloth = sheet((4, 4), 0.1, mass=0.01, stiffness=400.0, damping=0.5)
     cloth = cloth.translate(tuple(-cloth.position.mean(axis=0)))
@@ -184,6 +186,7 @@ def test_what_goes_around_the_border_is_let_go(device):
     assert x[2] < -0.1
 
 
+@pytest.mark.slow
 def test_restarts_lists_and_overflow_change_nothing(device, monkeypatch):
     def run(simulation: Simulation, frames: int) -> np.ndarray:
         simulation.step(frames)
@@ -216,6 +219,7 @@ def test_no_impulse_is_left_for_later(device):
         assert not pairs.impulse.numpy().any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("substeps", [21, 22])  # after the pair that is recorded once come 1 and 2
 def test_substeps_recorded_once_equal_substeps_recorded_each(substeps, threads):
@@ -228,6 +232,7 @@ def test_substeps_recorded_once_equal_substeps_recorded_each(substeps, threads):
     np.testing.assert_array_equal(run(), each)
 
 
+@pytest.mark.slow
 def test_a_folded_strip_does_not_depend_on_lists(monkeypatch):
     # Its driven end meets the strip in the 12th frame.
     def folded() -> np.ndarray:

@@ -60,6 +60,7 @@ def test_facets_are_what_is_drawn(name):
     assert 0 < len(half.corner) < len(facets.corner)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
 def test_pressure_on_a_skin_moves_no_body(device, name):
     # Σ a = 0 and Σ x × a = 0 over a closed surface, and weights reproduce places: momenta stay, but for rounding

@@ -164,6 +164,7 @@ def test_a_slack_rope_pulls_and_brakes_nothing(plain_device):
     assert simulation.frame().velocity[1, 0] < 0.09  # it has become taut
 
 
+@pytest.mark.slow
 def test_a_limit_holds_cloth(plain_device):
     cloth = sheet((8, 8), 0.1, stiffness=20.0, damping=0.05, mass=0.01).pin([0, 7])
     strains = []
@@ -174,6 +175,7 @@ def test_a_limit_holds_cloth(plain_device):
     assert strains[0] < 0.5 * strains[1]
 
 
+@pytest.mark.slow
 def test_worlds_have_the_law(plain_device):
     system = box((3, 3, 3), 0.1, stiffness=500.0, damping=0.5).replace(spring=LimitedSpring(0.02, 5.0))
     x = system.position
@@ -189,6 +191,7 @@ def test_worlds_have_the_law(plain_device):
     np.testing.assert_allclose(ensemble.frame().position[1], position, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_files_hold_the_laws(tmp_path):
     for spring in (one for one, *_ in LAWS.values()):
         system = box((3, 3, 3), 0.1).replace(spring=spring)

@@ -33,6 +33,7 @@ def grains(count: int, size: float) -> System:
     return System(position=position, connections=np.zeros((0, 2), int), mass=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::msdwarp.checks.StartWarning")  # some start in each other
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_spheres_list_what_a_tree_finds(plain_device, precision):

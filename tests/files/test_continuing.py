@@ -174,7 +174,9 @@ except OSError as error:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit to the size of files")
 @pytest.mark.parametrize("compress", [False, True])
-@pytest.mark.parametrize("shift", [0.0, 1.0], ids=["the same frames again", "others"])
+@pytest.mark.parametrize(
+    "shift", [pytest.param(0.0, marks=pytest.mark.slow), 1.0], ids=["the same frames again", "others"]
+)
 @pytest.mark.parametrize("room", [0, pytest.param(600_000, marks=pytest.mark.slow)])
 def test_on_a_full_disk_there_are_never_fewer_frames_than_before(tmp_path, compress, shift, room):
     system = SYSTEMS["box"]

@@ -59,6 +59,7 @@ def path():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_at_its_viewpoints_a_moving_camera_draws_what_one_there_draws(cube, backend):
     moving = msd.Renderer(scene_of(cube, path=path()), cube.position, resolution=SIZE, backend=backend)
@@ -129,6 +130,7 @@ def test_a_camera_that_cannot_be_is_refused(wrong, message):
         msd.Look(**wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_still_is_the_mean_of_shifted_views(cube, backend):
     """It is close to a picture of eight times the size, reduced, and nothing moves."""

@@ -62,6 +62,7 @@ def test_one_pose_is_its_picture(scene, backend):
     assert (difference > 2).mean() < 0.01
 
 
+@pytest.mark.slow
 def test_a_later_pose_covers_an_earlier_one(scene):
     first = scene.system.translate((0, 0, 0.6)).position
     second = scene.system.translate((0.2, -0.6, 0.6)).position  # in front

@@ -70,6 +70,7 @@ def test_sums_are_those_of_the_frames(plain_device, precision):
     assert observed.attrs["integrator"] == "Leapfrog(damper_extrapolation=0.0)"
 
 
+@pytest.mark.slow
 def test_energies_are_those_of_simulations(plain_device):
     worlds = ensemble(plain_device, precision="float64")
     names = ("kinetic energy", "elastic energy", "gravitational energy")

@@ -31,6 +31,7 @@ SHORT = {"fps": 180.0, "substeps": 4, "allow_unstable": True}
 """Frames of four substeps, as each launch of a frame is recorded. Explicit Euler is unstable, but not for long."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "effects"),
     [

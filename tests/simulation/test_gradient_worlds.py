@@ -80,7 +80,10 @@ CASES: dict[str, tuple[Scene, dict[str, Any]]] = {
 }
 NUMBERS = ["strain", "loads[1].force", "loads[3].velocity", "loads[4].to", "loads[5].motion"]
 NUMBERS += ["colliders[0].friction", "colliders[1].position"]
-EACH = [pytest.param(one, marks=pytest.mark.slow) if one.startswith("embedded") else one for one in CASES]
+EACH = [
+    one if one in ("parameters", "a method of several stages") else pytest.param(one, marks=pytest.mark.slow)
+    for one in CASES
+]
 
 
 def ensemble_of(case: str, device: str = "cpu", **more) -> Ensemble:
@@ -130,6 +133,7 @@ def test_states_that_do_not_fit_are_taken_again_to_the_last_bit(case, monkeypatc
                 np.testing.assert_array_equal(one[name], found[0][name], err_msg=name)
 
 
+@pytest.mark.slow
 def test_derivatives_of_worlds_are_those_of_central_differences(plain_device):
     def run(step: float, by: tuple[str, ...]) -> Gradient:
         stiffness = BLOCK.stiffness * (factors(1) + step * way)
@@ -158,6 +162,7 @@ def test_float32_worlds_of_a_lattice_have_the_gradient_of_their_runs(plain_devic
             assert difference < 1e-5 * np.linalg.norm(single[name])
 
 
+@pytest.mark.slow
 def test_the_gradient_of_a_world_that_diverges_is_nan_and_others_do_not_notice(plain_device):
     how = {"allow_unstable": True, "stiffness": np.array([1.0, 1e5, 1.2])[:, None] * BLOCK.stiffness}
     ensemble = ensemble_of("loads and soft obstacles", plain_device, **how)

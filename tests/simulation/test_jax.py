@@ -82,6 +82,7 @@ def test_one_number_for_all_has_the_sum_of_derivatives():
     assert float(one) == pytest.approx(float(two.sum()), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_loop_keeps_nothing():
     def kept() -> int:
         """Return how many functions of past calls are alive."""

@@ -86,6 +86,7 @@ def untouched(rows: list[wp.array]) -> bool:
     return all((one.numpy() == -777).all() for one in rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 2])
 def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, threads):
     # On a GPU that memory may be another's by then.

@@ -75,6 +75,7 @@ def test_a_chain_hangs_in_the_shape_of_its_forces(device):
     np.testing.assert_allclose(np.diff(pull[:, 2]), 0.01 * G, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_what_settles_stays(plain_device):
     resting = box((4, 4, 4), 0.1, material=SOFT)
     pulls = [Force((0, 0, -1.0), on=[0]), Force((0, 0, 1.0), on=[63])]

@@ -138,6 +138,7 @@ def test_nothing_is_collected_while_a_graph_is_recorded(plain_device):
     assert gc.isenabled()
 
 
+@pytest.mark.slow
 def test_what_is_dropped_in_anothers_turn_is_freed_when_that_ends(plain_device):
     # Memory that is freed while another thread records a graph can spoil the recording on a GPU.
     started, go_on = threading.Event(), threading.Event()

@@ -109,6 +109,7 @@ def test_rows_may_stand_in_any_order_and_lack_values():
     assert not noise_warnings(one, slow[order], 2, 1.0, robust=False)  # no more than what a time step leaves
 
 
+@pytest.mark.slow
 def test_a_good_fit_is_silent():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

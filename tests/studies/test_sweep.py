@@ -30,6 +30,7 @@ def assert_equal_results(one, other):
     xarray.testing.assert_identical(one.drop_vars("seconds"), other.drop_vars("seconds"))
 
 
+@pytest.mark.slow
 def test_a_sweep_is_so_many_single_runs(tmp_path):
     grid = {"stiffness": [100, 200.0], "count": (3, 4), "fps": "60,30"}
     found = msd.sweep(swept.build, grid, tmp_path / "out", observe={"height": swept.tip_height}, **HERE)
