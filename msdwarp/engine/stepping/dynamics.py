@@ -57,9 +57,9 @@ class Dynamics:
     def __init__(self, assembly: Assembly, threads: int = 1) -> None:
         self.assembly, self.model, self.threads = assembly, assembly.model, threads
         self._preceding = [one for one in assembly.all if one.precedes]
-        self._searching = [one for one in assembly.all if type(one).search is not Effect.search]
-        self._ending = [one for one in assembly.all if type(one).end_substep is not Effect.end_substep]
-        self._summing = [one for one in self._preceding if type(one).add_up is not Effect.add_up]
+        self._searching = [one for one in assembly.all if one.overrides("search")]
+        self._ending = [one for one in assembly.all if one.overrides("end_substep")]
+        self._summing = [one for one in self._preceding if one.overrides("add_up")]
         forces, differs = self._forces()
         effect_mask = self._effect_mask()
         self.composition = self._compose(forces.force_algorithm, differs, effect_mask)
