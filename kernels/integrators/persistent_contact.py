@@ -19,7 +19,6 @@ from ..collision import (
     clear_pairs,
     count_contacts,
     evaluate_contact,
-    evaluate_segments_and_spheres,
     find_alarm,
     find_candidates,
     find_pairs,
@@ -40,8 +39,6 @@ SEARCH_LANES = 8
 class ContactParts(NamedTuple):
     """Options by which a kernel with contact is composed."""
 
-    triangles: bool
-    """Whether any body has triangles; otherwise there are only segments and spheres."""
     overlapping_at_start: bool
     limited: bool
     """Whether dampers of contacts are limited."""
@@ -116,7 +113,8 @@ def search_in_launch(scalar: type, inner: bool):
 def persistent_contact(composition: Composition, method: Any, parts: ContactParts, blocks: int):
     """Compose the kernel that takes many substeps of one stage each, with contact forces, in one launch.
 
-    It is for a single world on a GPU, in a cluster of `blocks` blocks. `steps` has the steps of two substeps.
+    It is for a single world on a GPU whose bodies are all closed, in a cluster of `blocks` blocks. `steps` has the
+    steps of two substeps.
     """
     dim, scalar, V = composition.dim, composition.scalar, vector(composition.dim, composition.scalar)
     _, SceneData, *_ = tools(composition)
@@ -130,11 +128,8 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     place = as_function(place_vertices(dim, scalar, composition.compensated))
     search = search_in_launch(scalar, parts.inner)
     composed = scalar, parts.overlapping_at_start, parts.lanes
-    if parts.triangles:
-        count_touches = as_function(count_contacts(*composed))
-        evaluate = as_function(evaluate_contact(*composed, False, parts.limited))
-    else:
-        count_touches, evaluate = None, as_function(evaluate_segments_and_spheres(*composed))
+    count_touches = as_function(count_contacts(*composed))
+    evaluate = as_function(evaluate_contact(*composed, False, parts.limited))
     watch = as_function(find_alarm(scalar))
 
     @wp.func

@@ -43,7 +43,7 @@ class ContactLaunch:
     def launch(self, substeps: int, first: int) -> None:
         """Advance by `substeps` substeps of a frame, from number `first` on."""
         dynamics, effect, model = self._dynamics, self._effect, self._dynamics.model
-        neighbors, planes, triangles = effect.neighbors, effect.planes, effect.surfaces.triangles
+        neighbors, planes = effect.neighbors, effect.planes
         dynamics.go_to_substep(first)
         numbers, pairs, h = ContactNumbers(model.scalar)(), NearPairs(model.scalar)(), effect.steps.dt
         numbers.more, numbers.beyond, numbers.farthest = neighbors.margins
@@ -51,8 +51,8 @@ class ContactLaunch:
         numbers.ahead = AHEAD * h
         if planes is not None:
             pairs, numbers.apart = planes.pairs, planes.apart
-        kinds = triangles, effect.overlapping_at_start, effect.limits_now, planes is not None
-        parts, threads = ContactParts(*kinds, effect.lanes(triangles)), CLUSTER * MOST_THREADS
+        kinds = effect.overlapping_at_start, effect.limits_now, planes is not None
+        parts, threads = ContactParts(*kinds, effect.lanes(triangles=True)), CLUSTER * MOST_THREADS
         kernel = persistent_contact(dynamics.composition, self._method, parts, CLUSTER)
         inputs = [dynamics.scene, self._steps, substeps, model.connection_count, threads, first + 1]
         inputs += [*effect.on_device, pairs, numbers, neighbors.buffer, neighbors.flags, effect.nothing]
@@ -60,13 +60,13 @@ class ContactLaunch:
 
 
 def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int) -> ContactLaunch | None:
-    """Return the launch of whole frames; None if the scene is too large or has other effects than contact."""
+    """Return the launch of a scene's frames; None unless it is small, of closed bodies, without other effects."""
     model, effect, algorithm = dynamics.model, dynamics.assembly.body_contact, dynamics.composition.force_algorithm
     if effect is None or model.in_worlds or not model.device.is_cuda or model.device.arch < 90 or per_substep != 1:
         return None
     if not dynamics.only_contact_precedes or algorithm.evaluate is not None or algorithm.tears:
         return None
-    planes = effect.planes
+    planes = effect.planes  # they never sleep if any body is open, such as a rope or a grain
     if planes is not None and (planes.tangles or not planes.may_sleep):
         return None
     sizes = effect.shared_points, len(effect.neighbors.tree.body_lower), model.particle_count
