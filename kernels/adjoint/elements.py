@@ -13,11 +13,6 @@ from ..basis import kernel, vector
 from ..records import records
 
 
-def element_rows(points: int, dim: int, scalar: type):
-    """Return Warp's type of matrices with a row for each point of an element."""
-    return wp.types.matrix((points, dim), scalar)
-
-
 @functools.cache
 def elements_adjoint(
     dim: int, scalar: type, points: int, Data: Any, project: Any, in_worlds: bool, numbers: Any, wanted: int
@@ -29,7 +24,7 @@ def elements_adjoint(
     e, i, stage) -> vector of these, which `project` takes last. Derivatives by the first `wanted` are summed.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
-    Rows = element_rows(points, dim, scalar)
+    Rows = wp.types.matrix((points, dim), scalar)
 
     @kernel
     def propagate_elements(

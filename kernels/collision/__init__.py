@@ -8,7 +8,6 @@ from .body_contact import (
 from .contact_data import (
     ACTIVE as ACTIVE,
     DEEPEST as DEEPEST,
-    DUE as DUE,
     FLAGS as FLAGS,
     FORCED as FORCED,
     HELD_BACK as HELD_BACK,

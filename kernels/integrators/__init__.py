@@ -2,12 +2,8 @@
 
 from .composition import (
     Composition as Composition,
-    Stage as Stage,
-    Tools as Tools,
     beginning as beginning,
-    loads as loads,
     scene as scene,
-    tools as tools,
 )
 from .conjugate_gradients import conjugate_gradients as conjugate_gradients
 from .cpu_partition import (
@@ -44,7 +40,5 @@ from .stages import (
     each_connection as each_connection,
     each_masked as each_masked,
     each_particle as each_particle,
-    finish as finish,
     force_on_each as force_on_each,
-    particle_acceleration as particle_acceleration,
 )

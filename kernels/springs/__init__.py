@@ -21,7 +21,7 @@ from .cell_volumes import (
     cell_volumes as cell_volumes,
 )
 from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS
-from .dampers import LINEAR as LINEAR, Law as Law, damper_force as damper_force
+from .dampers import LINEAR as LINEAR, damper_force as damper_force
 from .extra_springs import tie_force as tie_force
 from .force_algorithm import ForceAlgorithm as ForceAlgorithm
 from .fracture import NO_SUBSTEP as NO_SUBSTEP, breaking as breaking, leave_out_broken as leave_out_broken
@@ -34,11 +34,9 @@ from .lanes import (
     sum_over_lanes as sum_over_lanes,
 )
 from .lattice_cells import (
-    lattice_cells as lattice_cells,
     lattice_pressures as lattice_pressures,
     lattice_volumes as lattice_volumes,
 )
-from .linearised import add_blocks as add_blocks
 from .plasticity import yielding as yielding
 from .scatter import scatter as scatter
 from .spring_laws import Laws as Laws, spring_energy as spring_energy

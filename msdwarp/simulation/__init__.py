@@ -10,5 +10,4 @@ from .ensemble_results import ENERGIES as ENERGIES, GroupMean as GroupMean, obse
 from .gradient import GRADIENT_NAMES as GRADIENT_NAMES, Gradient as Gradient
 from .gradient_run import Differentiated as Differentiated, Frames as Frames
 from .readback import Readback as Readback
-from .settling import Settled as Settled
 from .simulation import Simulation as Simulation
