@@ -286,7 +286,7 @@ class DivisionPlanes(Effect):
         return missed
 
     def extend(self, pairs: int) -> bool:
-        """Double the room for near pairs until `pairs` fit; return False if they already fit."""
+        """Make room for twice as many near pairs as `pairs`; return False, and do nothing, if they already fit."""
         if pairs <= len(self.pairs.vertices):
             return False
         self._give_room(2 * pairs)  # most pairs are far apart: there are seldom more at a time
