@@ -22,6 +22,7 @@ from .surface_triangles import mix_vertices as mix_vertices, mixed_vertices as m
 from .wind import (
     projection_on_faces as projection_on_faces,
     projection_on_particles as projection_on_particles,
+    speed_of_air as speed_of_air,
     wind_on_faces as wind_on_faces,
     wind_on_particles as wind_on_particles,
 )

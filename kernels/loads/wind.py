@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import vector
+from ..basis import kernel, vector
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
@@ -30,6 +30,24 @@ def _blows(dim: int, scalar: type, function: Any):
         return winds.velocity[stage, w]
 
     return Winds, air
+
+
+@functools.cache
+def speed_of_air(dim: int, scalar: type, function: Any):
+    """Compose the kernel, over particles, of the air's speed at each of them, for a `function` of place."""
+    V = vector(dim, scalar)
+
+    @kernel
+    def find_speeds(
+        x: wp.array(dtype=V),  # [m], shape [particle_count]
+        time: scalar,  # [s]
+        # Out:
+        speed: wp.array(dtype=scalar),  # [m/s], shape [particle_count]
+    ):
+        i = wp.tid()
+        speed[i] = wp.length(function(x[i], time))
+
+    return find_speeds
 
 
 @functools.cache

@@ -136,12 +136,16 @@ def test_routes_and_precisions_agree(plain_device):
         np.testing.assert_allclose(position, frames["scatter", "float64"], rtol=0, atol=atol)
 
 
-def test_the_bound_knows_the_resistance(plain_device):
+@wp.func
+def gale(x: Any, t: Any):
+    return type(x)(type(t)(50.0), type(t)(0.0), type(t)(0.0))
+
+
+@pytest.mark.parametrize("velocity", [(50.0, 0, 0), gale])
+def test_the_bound_knows_the_resistance(plain_device, velocity):
     # ∂F/∂v = ρ C_d A |u| on a particle; the bound of the rate may be twice that over its mass.
     body = System(position=np.zeros((1, 3)), mass=0.02)
-    system_rates = Simulation(
-        body, loads=[Wind((50.0, 0, 0), drag=DRAG, lift=0.0, area=0.05)], device=plain_device
-    )
+    system_rates = Simulation(body, loads=[Wind(velocity, drag=DRAG, lift=0.0, area=0.05)], device=plain_device)
     rate = rate_bounds(system_rates.system, system_rates.assembly, system_rates.state).damping
     steepest = RHO * DRAG * 0.05 * 50 / 0.02
     assert steepest <= rate * (1 + 4 * EPS64) <= 2 * steepest * (1 + 1e-12)

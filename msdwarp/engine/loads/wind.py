@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...kernels.loads import (
     projection_on_faces,
     projection_on_particles,
+    speed_of_air,
     wind_on_faces,
     wind_on_particles,
 )
@@ -53,6 +54,8 @@ class WindEffect(StageTables):
             setattr(self.data.winds, name, wp.zeros(len(winds), dtype=model.scalar, device=model.device))
         self._take_coefficients()
         self._given = not places
+        self._time = 0.0
+        """Start of the current frame [s]."""
         self.set_up(model, len(winds), model.vector, varies=any(one.varies for _, one in winds))
 
     def _take_coefficients(self) -> None:
@@ -80,6 +83,11 @@ class WindEffect(StageTables):
         super().exchange(others)
         self._take_coefficients()
 
+    def begin_frame(self, time: float) -> None:
+        """Upload the velocities of the frame that begins at `time` [s]."""
+        self._time = time
+        super().begin_frame(time)
+
     def place_table(self, name: str, table: wp.array) -> None:
         """Store the table of air velocities in the struct that kernels read."""
         setattr(self.data.winds, name, table)
@@ -88,10 +96,19 @@ class WindEffect(StageTables):
         """Return the velocity of each wind at each time [m/s], shape [time_count, wind_count, d]."""
         return super().at(times) if self._given else np.zeros((len(times), 1, self._model.dim))
 
-    def _resistance(self, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
-        """Return dF/du = ρ (C_d + C_l) A u [N s/m] for areas A [m²], at the largest relative speed u [m/s]."""
+    def _resistance(self, x: wp.array, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
+        """Return dF/du = ρ (C_d + C_l) A u [N s/m] for areas A [m²], at the largest relative speed u [m/s].
+
+        The speed of air that is a function of place is the largest at any particle when the frame begins.
+        """
+        model = self._model
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
         air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
+        if not self._given:
+            speeds = wp.zeros(len(x), dtype=model.scalar, device=model.device)
+            kernel = speed_of_air(model.dim, model.scalar, self.function)
+            wp.launch(kernel, len(x), [x, self._time], [speeds], device=model.device)
+            air = speeds.numpy().max()
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
         return coefficients * area * speed
 
@@ -111,7 +128,7 @@ class OnFaces(WindEffect):
         """Add a third of a triangle's resistance to each of its corners."""
         faces = self._faces
         area = np.linalg.norm(area_vectors(faces.corner, faces.facets.points(x.numpy())), axis=1)
-        damping += faces.bound(faces.add_to_corners(self._resistance(v, area, faces.of) / 3))
+        damping += faces.bound(faces.add_to_corners(self._resistance(x, v, area, faces.of) / 3))
 
     def elements(self) -> Elements:
         """Return the triangles as elements, for gradients."""
@@ -139,7 +156,7 @@ class OnParticles(WindEffect):
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
         """Add dF/du of each particle's drag [N s/m]."""
-        damping += self._resistance(v, self._area, self._number)
+        damping += self._resistance(x, v, self._area, self._number)
 
     def elements(self) -> Elements:
         """Return the particles as elements, for gradients."""
