@@ -9,13 +9,10 @@ from .signed_distance import KINDS, signed_distance, solids
 
 
 @functools.cache
-def distances(dim: int, kinds: tuple[str, ...] = KINDS):
-    """Compose the kernel that writes the signed distances of points from a solid, in float64.
-
-    By default it includes all kinds of solids, so that it is compiled only once.
-    """
+def distances(dim: int):
+    """Compose the kernel that writes the signed distances of points from a solid of any kind, in float64."""
     V, Solids, Distance = vector(dim, wp.float64), solids(dim, wp.float64), wp.float64
-    distance_from = signed_distance(dim, wp.float64, kinds)
+    distance_from = signed_distance(dim, wp.float64, KINDS)
 
     @kernel
     def measure_distances(

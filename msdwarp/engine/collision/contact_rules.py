@@ -32,8 +32,6 @@ MASS_FACTOR_OF_A_SPHERE = 2.0
 """MASS_FACTOR of a particle without a surface, whose number of contacts is assumed."""
 NOTHING = 1e-30
 """Stands for the spacing of a body without one, such as a single particle [m]."""
-
-
 UNITS = 2.0**-40
 """Unit in which forces or impulses are summed, as a fraction of the largest expected at a contact."""
 

@@ -23,7 +23,7 @@ from ..model.model import Model
 from .body_contact import OVERLAP, BodyContact
 from .colliders import LARGEST, Colliders
 from .contact_history import SEPARATION_TIME, WithHistory
-from .contact_rules import UNITS, spread_to_particles
+from .contact_rules import spread_to_particles, unit_of_sums
 from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
 
@@ -112,7 +112,7 @@ class SurfaceContact(WithHistory):
         self.piece = surface_contact_term(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
         self.data.force = data.force
-        self._unit = float(whole.max(initial=0.0)) * max(float(surfaces.spacing.max()), 1e-30) * UNITS
+        self._unit = unit_of_sums(float(whole.max(initial=0.0)) * float(surfaces.spacing.max()))
         self.data.unit = self._unit
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
         self._blocks = _blocks(model, surfaces, corner, stiffness, whole[body], max(damping))
