@@ -148,16 +148,26 @@ def within(name: str, values: NDArray, *limits: Limit) -> None:
 
 def indices(name: str, value: ArrayLike, width: int, below: int) -> NDArray[np.int32]:
     """Return `value` as a new read-only int32 array of shape (any, width) with 0 <= entries < below."""
-    given = np.asarray(value)
-    if given.size == 0:
-        given = given.reshape(0, width).astype(np.int32)
-    if given.ndim != 2 or given.shape[1] != width or given.dtype.kind not in "iu":
-        raise ValueError(
-            f"{name} has shape {given.shape} and type {given.dtype}; "
-            f"it must hold whole numbers in the shape (any, {width})"
-        )
+    given = whole_numbers(name, value, f"(any, {width})", lambda shape: 0 in shape or shape[1:] == (width,))
     within(name, given, index_below(below))
-    result = np.array(given, dtype=np.int32)
+    return as_int32(given.reshape(-1, width))
+
+
+def whole_numbers(name: str, value: ArrayLike, allowed: str, fits: Callable[[tuple[int, ...]], bool]) -> NDArray:
+    """Return `value` as an array; raise ValueError unless it has whole numbers, in a shape that `fits`."""
+    must = f"it must hold whole numbers in the shape {allowed}"
+    try:
+        given = np.asarray(value)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"{name} is {repr_short(value)}; {must}") from error
+    if not fits(given.shape) or (given.size and given.dtype.kind not in "iu"):
+        raise ValueError(f"{name} has shape {given.shape} and type {given.dtype}; {must}")
+    return given
+
+
+def as_int32(values: NDArray) -> NDArray[np.int32]:
+    """Return whole numbers as a new read-only array."""
+    result = values.astype(np.int32)
     result.flags.writeable = False
     return result
 

@@ -137,12 +137,8 @@ class Cells:
 
 def _corners(value: ArrayLike) -> NDArray[np.int32]:
     """Return the corners of cells, shape [cell_count, 8]; raise ValueError if they are invalid."""
-    given = np.asarray(value)
-    if given.ndim != 2 or given.shape[1] not in (CORNERS // 2, CORNERS) or given.dtype.kind not in "iu":
-        raise ValueError(
-            f"corners has shape {given.shape} and type {given.dtype}; it must hold whole numbers in the shape "
-            "(cell_count, 8), or (cell_count, 4) for flat cells"
-        )
+    allowed, widths = "(cell_count, 8), or (cell_count, 4) for flat cells", ((CORNERS // 2,), (CORNERS,))
+    given = checks.whole_numbers("corners", value, allowed, lambda shape: shape[1:] in widths)
     corners = np.full((len(given), CORNERS), NONE, dtype=np.int64)
     corners[:, : given.shape[1]] = given
     lacking = corners == NONE
@@ -150,6 +146,4 @@ def _corners(value: ArrayLike) -> NDArray[np.int32]:
     right[:, :4] &= ~lacking[:, :4]
     allowed = "an index of a particle (or −1 in all of the last four)"
     checks.every("corners", corners, right & (corners < 2**31), allowed)
-    result = corners.astype(np.int32)
-    result.flags.writeable = False
-    return result
+    return checks.as_int32(corners)

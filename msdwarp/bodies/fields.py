@@ -97,7 +97,7 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
                 checks.instance(f"a name in directions[{k}]", name, str, "'x'")
                 checks.instance(f"directions[{k}][{name!r}]", part, slice, "slice(0, 4)")
     if "groups" in new:
-        groups = fields["groups"] or {}
+        groups = {} if fields["groups"] is None else fields["groups"]
         checks.instance("groups", groups, Mapping, "{'scoop': [0, 1]}")
         fields["groups"] = {name: group_of(name, group, particle_count) for name, group in groups.items()}
     return fields
@@ -214,6 +214,7 @@ def lengths(position: NDArray, connections: NDArray[np.int32]) -> NDArray:
 def group_of(name: str, particles: ArrayLike, particle_count: int) -> NDArray[np.int32]:
     """Return a group's particles as a new read-only array of indices, shape [any]."""
     checks.instance("a group's name", name, str, "'scoop'")
-    where = np.reshape(particles, -1)
-    check_no_mask(f"groups[{name!r}]", where, particle_count)
-    return checks.indices(f"groups[{name!r}]", where[:, None], 1, particle_count)[:, 0]
+    label = f"groups[{name!r}]"
+    where = checks.whole_numbers(label, particles, "(any,)", lambda shape: True).reshape(-1)
+    check_no_mask(label, where, particle_count)
+    return checks.indices(label, where[:, None], 1, particle_count)[:, 0]

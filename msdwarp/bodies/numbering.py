@@ -33,7 +33,7 @@ def space_filling_order(position: ArrayLike) -> NDArray[np.int64]:
     order
         Index of the kth point along the curve, shape [count].
     """
-    x = np.asarray(position, dtype=np.float64)
+    x = checks.array("position", position)
     if x.ndim != 2 or x.shape[1] not in (1, 2, 3) or not np.isfinite(x).all():
         raise ValueError(
             f"position has shape {x.shape}; it must be finite, in the shape (count, d) with d = 1, 2, 3"
@@ -102,7 +102,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
 def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of two systems as one; the particles and connections of `other` come second.
 
-    Raises ValueError if the systems differ in the number of coordinates or the law of damping.
+    Raises ValueError if the systems differ in the number of coordinates, or in the law of springs or damping.
     """
     n, c = len(one["position"]), len(one["connections"])
     dims = [each["position"].shape[1] for each in (one, other)]

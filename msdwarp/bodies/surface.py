@@ -57,17 +57,19 @@ class Surface:
         weights: ArrayLike | None = None,
         normal_of: ArrayLike | None = None,
     ) -> None:
-        own = _whole("particle", particle, "(vertex_count,) or (vertex_count, k)")
-        object.__setattr__(self, "particle", own)
+        allowed = "(vertex_count,) or (vertex_count, k)"
+        own = checks.whole_numbers("particle", particle, allowed, lambda s: len(s) in (1, 2) and s[1:] != (0,))
+        checks.within("particle", own, checks.index_below(2**31 - 1))
+        object.__setattr__(self, "particle", checks.as_int32(own))
         object.__setattr__(self, "weights", _shares(weights, own.shape))
         object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(own), 2)))
         object.__setattr__(self, "triangles", checks.indices("triangles", triangles, 3, len(own)))
         object.__setattr__(self, "normal_of", None)
         if normal_of is not None:
-            of = _whole("normal_of", normal_of, f"({len(own)},)", own.shape[:1])
+            of = checks.whole_numbers("normal_of", normal_of, f"({len(own)},)", lambda s: s == own.shape[:1])
             checks.within("normal_of", of, checks.index_below(len(own)))
             checks.every("normal_of", of, of[of] == of, "a vertex that takes its own normal")
-            object.__setattr__(self, "normal_of", of)
+            object.__setattr__(self, "normal_of", checks.as_int32(of))
 
     def points(self, position: ArrayLike) -> NDArray[np.float64]:
         """Return the positions of the vertices [m], shape [vertex_count, d], for particles at `position` [m]."""
@@ -129,20 +131,6 @@ def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.flo
     total = shares.sum(axis=1)
     checks.every("the sum of weights", total, np.abs(total - 1) <= _SUM, f"1 to within {_SUM:g}")
     return shares
-
-
-def _whole(name: str, value: ArrayLike, allowed: str, shape: tuple[int, ...] | None = None) -> NDArray[np.int32]:
-    """Return integers as a new read-only array with one or two axes, or of a given shape."""
-    given = np.asarray(value)
-    fits = given.shape == shape if shape else given.ndim in (1, 2) and given.shape[1:] != (0,)
-    if not fits or given.dtype.kind not in "iu":
-        raise ValueError(
-            f"{name} has shape {given.shape} and type {given.dtype}; "
-            f"it must hold whole numbers in the shape {allowed}"
-        )
-    own = given.astype(np.int32)
-    own.flags.writeable = False
-    return own
 
 
 def _widened(

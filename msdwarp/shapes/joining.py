@@ -67,6 +67,10 @@ def join(
         checks.instance("b", b, System, "box((3, 3, 3))")
     if (within is None) == (pairs is None):
         raise ValueError("within and pairs both select particles to join; one of them must be given")
+    if not isinstance(on, tuple | list) or len(on) != 2:
+        raise ValueError(
+            f"on is {checks.repr_short(on)}; it must be two, of a and of b, such as ('left', 'right')"
+        )
     system, behind = (a, 0) if b is None else (a + b, a.particle_count)
     if pairs is None:
         assert within is not None
@@ -126,10 +130,6 @@ def _distances(system: System, connections: NDArray[np.int32], found: NDArray[np
 
 def _near(a: System, b: System | None, within: float, on: tuple[Any, Any]) -> NDArray[np.int32]:
     """Return the pairs that join each particle with the nearest one of the other body, in order."""
-    if not isinstance(on, tuple | list) or len(on) != 2:
-        raise ValueError(
-            f"on is {checks.repr_short(on)}; it must be two, of a and of b, such as ('left', 'right')"
-        )
     bodies = (a, a if b is None else b)
     one, other = (
         np.flatnonzero(particles_meant(f"on[{k}]", which, body))

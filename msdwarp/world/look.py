@@ -153,9 +153,8 @@ class Look:
                 raise ValueError(
                     f"target is {self.target}; it must be None where the camera follows {self.follow!r}"
                 )
-        object.__setattr__(self, "path", tuple(self.path))
-        for one in self.path:
-            checks.instance("path", one, Viewpoint, "Viewpoint(time=0.0, azimuth=-60.0)")
+        path = checks.sequence("path", self.path, Viewpoint, "Viewpoint(time=0.0, azimuth=-60.0)")
+        object.__setattr__(self, "path", path)
         times = checks.finite("path", [one.time for one in self.path])
         if (np.diff(times) <= 0).any():
             raise ValueError(f"path has the times {times.tolist()}; each must be later than the one before")

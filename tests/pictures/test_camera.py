@@ -119,7 +119,7 @@ def test_a_stored_scene_keeps_its_camera(cube):
     [
         ({"path": [msd.Viewpoint(time=1.0), msd.Viewpoint(time=1.0)]}, r"path has the times \[1.0, 1.0\]"),
         ({"path": [msd.Viewpoint(time=math.nan)]}, "path"),
-        ({"path": [0.0]}, "path is 0.0; it must be a Viewpoint"),
+        ({"path": [0.0]}, r"path\[0\] is 0.0; it must be a Viewpoint"),
         ({"path": [msd.Viewpoint(time=0.0, azimuth=400.0)]}, "azimuth is 400.0; it must be from -360 to 360"),
         ({"follow": "a", "path": [msd.Viewpoint(time=0.0, target=(0, 0, 1))]}, "it must be None where the camera"),
         ({"field_of_view": 0.5}, "field_of_view is 0.5; it must be from 1 to 120"),
