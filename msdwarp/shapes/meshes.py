@@ -72,7 +72,7 @@ def from_mesh(
     if (across is None) == (spacing is None):
         raise ValueError(f"spacing is {spacing} and across is {across}; one of them must be given, not both")
     h = longest / checks.count("across", across, 1) if across is not None else spacing
-    h = fine_enough(cast(float, h), {"longest extent of the mesh": longest})
+    h = fine_enough(cast(float, h), {"longest extent of the mesh": longest}, extent)
     shape = [max(cells_along(one, h), 1) for one in extent]
     samples, _, _ = _subdivided(points / h, None, triangles, SAMPLED)
     cells = held(_filled(points / h, triangles, shape), samples)

@@ -58,7 +58,7 @@ def cloth(
     """
     corners = _polygon(outline)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    spacing = fine_enough(spacing, {"longest extent of the outline": (high - low).max()})
+    spacing = fine_enough(spacing, {"longest extent of the outline": (high - low).max()}, high - low)
     centre, extent = (low + high) / 2, (high - low) / spacing
     corners = (corners - centre) / spacing
     shape = np.array([max(cells_along(one, 1.0), 1) for one in extent])

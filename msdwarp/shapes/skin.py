@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Surface, System
-from .grid import count_pieces, lattice_connections, lattice_directions, particle_numbers, whole_cells
+from .grid import (
+    check_memory,
+    count_pieces,
+    lattice_connections,
+    lattice_directions,
+    particle_numbers,
+    whole_cells,
+)
 from .lattices import lattice
 
 
@@ -76,6 +83,8 @@ def nearest_cells(
     return best, distance
 
 
+_OF_A_CELL = 16
+"""Bytes that each shape needs at least for a cell, inside or not, while it finds out which are inside."""
 AWAY, SAMPLED = 0.6, 0.4
 """Largest distance of the skin from the nearest cell; distance between samples of the skin; in cells."""
 
@@ -105,6 +114,8 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) 
     mask = cells
     for axis in range(cells.ndim):
         mask = np.insert(mask, 0, False, axis) | np.insert(mask, mask.shape[axis], False, axis)
+    checks.one_of("neighbours", kind["neighbours"], (26, 6) if mask.ndim == 3 else (8, 4))
+    check_memory("spacing", spacing, int(np.count_nonzero(mask)), mask.ndim, kind["neighbours"])
     whole = whole_cells(mask)
     # A cell's particles are joined along its edges, so connections along the axes determine the pieces.
     joined, _ = lattice_connections(mask.shape, lattice_directions(mask.ndim, diagonals=False), mask, whole)
@@ -126,12 +137,17 @@ def cell_centres(shape: ArrayLike, spacing: float) -> list[NDArray[np.float64]]:
     return list(np.meshgrid(*axes, indexing="ij", sparse=True))
 
 
-def fine_enough(spacing: float, sizes: Mapping[str, float]) -> float:
-    """Return the spacing; raise ValueError unless it is positive and at most each named size."""
+def fine_enough(spacing: float, sizes: Mapping[str, float], extent: Sequence[float]) -> float:
+    """Return the spacing; raise ValueError unless it is positive, and at most each named size.
+
+    Also raise ValueError if the cells that fill an extent [m] do not fit into memory.
+    """
     spacing = checks.positive("spacing", spacing)
     for name, size in sizes.items():
         if spacing > size:
             raise ValueError(f"spacing is {spacing:g}; it must be at most {size:g}, the {name}")
+    count = math.prod(max(1.0, length / spacing) for length in extent)
+    checks.fits(f"spacing is {spacing:g}", f"{count:.3g} cells", _OF_A_CELL * count)
     return spacing
 
 

@@ -41,7 +41,7 @@ def ball(
         As for `box`.
     """
     radius = checks.positive("radius", radius)
-    spacing = fine_enough(spacing, {"radius": radius})
+    spacing = fine_enough(spacing, {"radius": radius}, [2 * radius] * 3)
     columns = _columns(radius, spacing)
     latitude = np.linspace(-math.pi / 2, math.pi / 2, columns // 2 + 1)
     ring = radius * np.cos(latitude)
@@ -82,7 +82,7 @@ def cylinder(
         As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
-    spacing = fine_enough(spacing, {"radius": radius, "height": height})
+    spacing = fine_enough(spacing, {"radius": radius, "height": height}, (2 * radius, 2 * radius, height))
     columns, half = _columns(radius, spacing), height / 2
     across, along = cells_along(radius, spacing), cells_along(height, spacing)
     skin = _together(
@@ -126,7 +126,7 @@ def cone(
         As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
-    spacing = fine_enough(spacing, {"radius": radius, "height": height})
+    spacing = fine_enough(spacing, {"radius": radius, "height": height}, (2 * radius, 2 * radius, height))
     columns, half = _columns(radius, spacing), height / 2
     along = cells_along(math.hypot(radius, height), spacing)
     ring, z = np.linspace(radius, 0, along + 1), np.linspace(-half, half, along + 1)
