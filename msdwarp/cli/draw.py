@@ -41,12 +41,14 @@ def draw(
     device: str | None = None,
     still_at: float | None = None,
     samples: int = 1,
+    replaced: Sequence[Path] = (),
 ) -> str:
     """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line about the pictures.
 
     `name` is the film's name, `fps` its pictures per second (by default the trajectory's), and `device` is for the
-    ray caster. At `still_at` [s] one picture is drawn from `samples` samples. Raise Interrupted after a signal,
-    between two pictures, and never while VTK is imported, which would crash.
+    ray caster. At `still_at` [s] one picture is drawn from `samples` samples. Pictures in `replaced` are removed
+    before the first is drawn. Raise Interrupted after a signal, between two pictures, and never while VTK is
+    imported, which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()
@@ -64,6 +66,8 @@ def draw(
         how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
         renderer = Renderer(scene, seen, resolution=size, device=device, **how)
         _raise_if_stopped(requests)
+        for picture in replaced:  # not earlier: the file may lack what colours or arrows show
+            picture.unlink()
         positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
         if not pictures.frames == pictures.video == "none":
 

@@ -143,11 +143,10 @@ def render(
         if there and not force:
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
         writable_folder("out", folder, folder)
-        for picture in there:  # an earlier, longer film may have left further pictures
-            picture.unlink()
-        of_still = {"still_at": still, "samples": samples}
+        # An earlier, longer film may have left further pictures, so all of them are removed.
+        more = {"still_at": still, "samples": samples, "replaced": there}
         with progress_on(talk) as progress:
-            line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps, **of_still)
+            line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps, **more)
     if not quiet:
         print(line)
 

@@ -61,7 +61,11 @@ def test_pictures_that_are_there_are_kept(msdwarp, cube):
     assert "cube.webp exists, and would be replaced; name another --out or add --force" in err
     assert (cube / "render" / "cube.webp").read_bytes() == before
     assert msdwarp("render", str(cube), *strained, "--force", "--quiet") == (0, "", "")
-    assert (cube / "render" / "cube.webp").read_bytes() != before
+    after = (cube / "render" / "cube.webp").read_bytes()
+    assert after != before
+    impossible = (*PICTURES, "--arrows", "--out", str(cube / "render"), "--force")  # no contact forces in it
+    assert msdwarp("render", str(cube), *impossible)[0] == 1
+    assert (cube / "render" / "cube.webp").read_bytes() == after
 
 
 def test_a_file_without_a_scene_is_drawn_as_what_it_is(msdwarp, tmp_path):
