@@ -18,7 +18,7 @@ from ..disk import TRAJECTORY
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
-from ..studies import EnergyLog, GrowingTable, cheapest, tune
+from ..studies import EnergyLog, GrowingTable, cheapest, particle_energies, tune
 from ..world import FRAME, SUBSTEP, Scene, probe_columns, probes_by, scene_as_stored
 from .draw import draw
 from .options import Options
@@ -45,8 +45,8 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
     replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
-    if options.pictures.colour == "stress":
-        stress(scene.system)  # raises ValueError if the system has no stress
+    if options.pictures.colour in ("energy", "stress"):  # raise ValueError for a system that has none
+        {"energy": particle_energies, "stress": stress}[options.pictures.colour](scene.system)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     if options.pictures.any or options.trajectory != "none":
@@ -149,7 +149,8 @@ class Run:
     def __post_init__(self) -> None:
         self._keeps = self.options.trajectory != "none"
         self._writes = self._keeps or self.options.pictures.any
-        self._strain = self.options.strain and (self._keeps or self.options.pictures.colour == "energy")
+        of_springs = self.options.pictures.colour in ("energy", "stress")
+        self._strain = self.options.strain and (self._keeps or of_springs)
         self._tables: dict[str, GrowingTable] = {}
         for every, name in ((FRAME, PROBES), (SUBSTEP, PROBES_BY_SUBSTEP)):
             if self.folder is not None and (probes := probes_by(every, self.scene.probes)):

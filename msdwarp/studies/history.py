@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..bodies import AXES, System, broken_before, counted
+from ..bodies import AXES, LINEAR_SPRING, System, broken_before, counted
 from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
@@ -175,8 +175,10 @@ def recovered_rest_length(system: System, strain: NDArray) -> NDArray[np.float64
 def particle_energies(system: System) -> NDArray[np.float64]:
     """Return the energy of each particle [J], shape [particle_count]: kinetic, and half of its springs' energies.
 
-    Pinned particles have no kinetic energy.
+    Pinned particles have no kinetic energy. Raises ValueError if springs are not linear.
     """
+    if system.spring != LINEAR_SPRING:
+        raise ValueError(f"system has spring={system.spring!r}; for energies of particles it must be linear")
     mass = np.where(system.pinned, 0.0, system.mass)
     energy = 0.5 * mass * (system.velocity**2).sum(axis=1)
     half = 0.25 * np.where(system.broken, 0.0, system.stiffness) * (system.length - system.rest_length) ** 2

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from problems import EPS32, EPS64
 
-from msdwarp import Simulation, System, Trajectory, at
+from msdwarp import Simulation, System, TensionOnlySpring, Trajectory, at
 from msdwarp.engine.diagnostics.energies import Measures
 from msdwarp.files.writer import TrajectoryWriter
 from msdwarp.simulation.readback import Readback
@@ -198,6 +198,12 @@ def test_energies_of_particles_add_up(net_run):
 def test_without_connections_energies_are_kinetic():
     system = System(position=[[0.0, 0], [1, 0]], velocity=[[3.0, 4], [0, 0]], mass=[2.0, math.inf])
     np.testing.assert_array_equal(particle_energies(system), [25.0, 0.0])
+
+
+def test_energies_of_particles_are_refused_where_springs_are_not_linear():
+    system = System(position=[[0.0, 0], [1, 0]], connections=[[0, 1]], stiffness=1.0, spring=TensionOnlySpring())
+    with pytest.raises(ValueError, match="must be linear"):
+        particle_energies(system)
 
 
 # What is changed on the way
