@@ -65,7 +65,7 @@ def make_reference(
     The error of the solution is estimated from a run with half as many substeps that starts from positions rounded
     to float32. So the estimate includes changes of the motion that rounding alone causes, as in buckling.
     """
-    stable = Simulation(scene.system, integrator=RK4(), device=device).substeps
+    stable = Simulation.from_scene(scene, integrator=RK4(), device=device).substeps
     system, runs = scene.system, []
     for n, position in ((4, system.position.astype(np.float32)), (8, system.position)):
         start = replace(scene, system=system.replace(position=position))
