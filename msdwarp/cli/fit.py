@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from .. import checks
+from .. import checks, disk
 from ..integrators import METHODS
 from ..studies import FitResult, fit
 from ..world import Scene
@@ -20,6 +20,8 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
     """Fit parameters to a measured motion, and print the result."""
     if not Path(measured).is_file():
         raise FileNotFoundError(f"measured is {measured}, which is no file; it must be a CSV file or a trajectory")
+    if options.plot is not None:
+        disk.writable_folder("plot", options.plot, options.plot.parent)
     talk = Console(stderr=True, quiet=options.quiet)
     names = ("noise", "loss", "horizon", "starts", "fps", "substeps", "precision", "device")
     how: dict[str, Any] = {name: getattr(options, name) for name in names}

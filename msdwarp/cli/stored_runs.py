@@ -111,11 +111,6 @@ def rerun(
         options = restored_options(stored, log=None, restart=0.0, quiet=True, device=device)
         if options.trajectory == "none":
             options = replace(options, trajectory="plain")
-        if out is None:
-            folder = Path(stack.enter_context(TemporaryDirectory()))
-            options = replace(options, pictures=Pictures(frames="none", video="none"))
-        else:
-            folder = stack.enter_context(own_folder(origin.name, out, False))
         if not len(trajectory):
             raise ValueError(f"{trajectory.path} has no frames to repeat")
         if FIRST_FRAME in attributes:
@@ -124,6 +119,11 @@ def rerun(
             start = checks.count("first_frame of the file", attributes[FIRST_FRAME], 0)
             deeds, last = read_deeds(trajectory.path.parent), start + len(trajectory) - 1
             return _difference(trajectory, _live_frames(scene, options, deeds, start, last))
+        if out is None:
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+            options = replace(options, pictures=Pictures(frames="none", video="none"))
+        else:
+            folder = stack.enter_context(own_folder(origin.name, out, False))
         simulation = simulation_by(scene, options)
         new = about(origin, scene, simulation, options)
         last = (len(trajectory) - 1) * checks.count("every", options.every, 1)

@@ -32,7 +32,7 @@ def export(
     velocities, times and connections) have one file for all. `draw_usd` writes a usd file: its arguments are
     the folder for images, the frames' indices, and the path. Raise ValueError if the format is unknown, is not
     the path's suffix, cannot store the body, or needs a missing package, or if a frame does not exist. Raise
-    FileExistsError if a file exists and `force` is False. After an error nothing has been written.
+    FileExistsError if a file exists and `force` is False. Each file is written whole or not at all.
     """
     path = Path(path)
     checks.one_of("to", to, (*_MESHES, *_WHOLE))

@@ -208,8 +208,11 @@ def read_measured(path: Path, scene: Scene) -> Any:
     if path.suffix == ".vtkhdf":
         with Trajectory(path) as trajectory:
             return TrackedPoints.of(trajectory)
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = [(n, row) for n, row in enumerate(csv.reader(file), 1) if row and not row[0].startswith("#")]
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [(n, row) for n, row in enumerate(csv.reader(file), 1) if row and not row[0].startswith("#")]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"measured is {path}, which is neither a CSV file nor a trajectory: {error}") from error
     head = [word.strip() for word in lines[0][1]] if lines else []
     own = AXES[: scene.system.dim]
     columns = {f"{name}_{c}": name for name, one in scene.probes.items() for c in one.columns(scene.system.dim)}

@@ -97,6 +97,13 @@ def test_points_come_from_a_file(tmp_path):
     np.testing.assert_array_equal(read.particle, points.particle)
 
 
+def test_a_file_that_is_no_table_is_named(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match=r"points.csv, which is neither a CSV file nor a trajectory"):
+        read_measured(path, SCENE)
+
+
 def test_what_probes_told_comes_from_a_file(tmp_path):
     scene = Scene(system=SCENE.system, probes={"foot": Probe([0, 1], "position")})
     path = tmp_path / "probes.csv"
