@@ -85,10 +85,10 @@ def taken_from(
     scene: Any, colliders: Any, loads: Any, contact: Any
 ) -> tuple[System, tuple[Collider, ...], tuple[Load, ...], Gravity]:
     """Return system, colliders, loads and gravity of a scene, or of a system and these arguments."""
+    colliders = checks.sequence("colliders", colliders, Collider, "Plane()")
+    loads = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
     if isinstance(scene, System):
-        obstacles = checks.sequence("colliders", colliders, Collider, "Plane()")
-        given = checks.sequence("loads", loads, Load, "Force((0, 0, 1))")
-        return scene, obstacles, with_contact(given, contact), 9.82
+        return scene, colliders, with_contact(loads, contact), 9.82
     if not isinstance(scene, Scene):
         raise ValueError(f"scene is {checks.repr_short(scene)}; it must be a Scene or a System, such as chain(5)")
     given = {"colliders are": colliders, "loads are": loads, "contact is": () if contact is None else (contact,)}

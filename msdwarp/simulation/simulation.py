@@ -158,9 +158,10 @@ class Simulation(Changing, Differentiable):
         check_supports_contact(self._method, self._given)
         check_supports(self._method, system)
         self._schedule = in_order(schedule, system, self._loads)
+        colliders = checks.sequence("colliders", colliders, Collider, "Plane()")
         self._surroundings: dict[str, Any] = {
             "gravity": gravity,
-            "colliders": checks.sequence("colliders", colliders, Collider, "Plane()"),
+            "colliders": colliders,
             "collider_rule": collider_rule,
             "probes": checked_probes(probes or {}, system, colliders, self._given),
             "device": device,

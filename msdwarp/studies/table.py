@@ -55,7 +55,10 @@ class GrowingTable:
         if not (behind or until) or not self.path.exists():
             return [], 0
         with self.path.open(newline="", encoding="utf-8", errors="replace") as file:
-            head, *lines = list(csv.reader(file)) or [[]]
+            try:
+                head, *lines = list(csv.reader(file)) or [[]]
+            except csv.Error:  # damaged, so a line is longer than can be
+                head, lines = [], []
         if until:  # if no line has this time, keep more than exist
             of_time = [k + 1 for k, line in enumerate(lines) if line and _is_of_time(line, until)]
             behind = max(of_time, default=len(lines) + 1)
