@@ -73,7 +73,7 @@ TYPES = [
     ),
     (
         lambda: BODY.replace(directions=[{"x": slice(None)}]),
-        "directions[0]['x'] is slice(None, None, None); its start and stop must be from 0 to",
+        "directions[0]['x'] is slice(None, None, None); its start and stop must be whole numbers of at least 0",
     ),
     (lambda: BODY.replace(directions=[{3: 3}]), "a name in directions[0] is 3; it must be a str, such as 'x'"),
     (lambda: msd.Simulation.from_scene(BODY), "it must be a Scene, such as Scene(system=chain(5))"),

@@ -45,7 +45,7 @@ def ropes() -> System:
     return sum(bodies[1:], bodies[0])
 
 
-def lying(device: str, frames: int = 25, bodies: System | None = None, **options) -> Simulation:
+def lying(device: str, frames: int = 40, bodies: System | None = None, **options) -> Simulation:
     """Return a heap that has fallen together, with strong dampers, at its automatic substeps."""
     contact = Contact(restitution=0.05, friction=0.5)
     simulation = Simulation(

@@ -180,4 +180,4 @@ def test_more_directions_than_a_mask_has_bits_for_are_no_lattice():
     with pytest.raises(NotALattice, match="17 directions"):
         find_lattice(system)
     with pytest.raises(NotALattice):
-        find_lattice(system.replace(directions=({"x": slice(None), "y": slice(None)},)))
+        find_lattice(system.replace(directions=({"x": slice(0, 400), "y": slice(0, 400)},)))
