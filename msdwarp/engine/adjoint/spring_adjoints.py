@@ -21,10 +21,11 @@ from ...kernels.adjoint import (
     stencil_table,
 )
 from ...kernels.springs import CONSTANTS, stencil_rows
+from ..device.device import upload_fields
 from ..loads.actuators import ActuatedSprings
 from ..model.lattice import Lattice, NotALattice, find_lattice
 from ..model.model import Model
-from ..springs.force_algorithms import neighbour_table, records_of_three
+from ..springs.force_algorithms import fill_uniform, neighbour_table, records_of_three
 
 MOST_LANES, MOST_THREADS = 16, 80_000
 """Most threads that share a particle on a GPU, and most in such a launch: more would wait (on an H100)."""
@@ -37,7 +38,7 @@ class OverParticles:
     """
 
     def __init__(self, model: Model, neighbours: Neighbours) -> None:
-        self._model, self.neighbours, self._actuated = model, neighbours, None
+        self._model, self._neighbours, self._actuated = model, neighbours, None
         self._count = model.worlds * model.stride
         self._lanes = MOST_LANES if model.device.is_cuda else 1
         while self._lanes > 1 and self._lanes * self._count > MOST_THREADS:
@@ -46,7 +47,7 @@ class OverParticles:
     def kernel(self, wanted: Wanted, by_mass: bool, by_gravity: bool) -> Any:
         """Compose the kernel of the adjoint."""
         model, actuated = self._model, self._actuated is not None
-        kinds = model.dim, model.scalar, model.laws, wanted, self.neighbours, self._lanes
+        kinds = model.dim, model.scalar, model.laws, wanted, self._neighbours, self._lanes
         return springs_adjoint(*kinds, by_mass, by_gravity, actuated)
 
     def launch(self, kernel: Any, inputs: list[Any], over: Callable[..., None]) -> None:
@@ -68,7 +69,7 @@ class InTable(OverParticles):
             column[actuated.connection] = actuated.column
         self.column = model.ordered(column)
         """The column of each connection's strain, -1 without an actuator, in the model's order."""
-        table = self._table = self.neighbours.Table()
+        table = self._table = self._neighbours.Table()
         table.first, table.other, table.connection = neighbour_table(model)
         table.connections = model.connections
         for name in CONSTANTS:
@@ -102,12 +103,16 @@ class InLattice(OverParticles):
         super().__init__(model, in_lattice(model.scalar))
         self._lattice = lattice
         self.entries = len(lattice.steps) * model.particle_count
+        self.table = self._table(model, lattice)
+
+    def _table(self, model: Model, lattice: Lattice) -> Any:
+        """Return the struct that the kernel reads."""
         bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
         offset, constants = (one[np.argsort(bits)] for one in lattice.neighbours())
-        self.table = self.neighbours.Table()
-        self.table.mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
-        self.table.offset = wp.array(offset, dtype=int, device=model.device)
-        self.table.constants = records_of_three(model, constants)
+        table = self._neighbours.Table()
+        upload_fields(table, model.device, mask=lattice.mask, offset=offset)
+        table.constants = records_of_three(model, constants)
+        return table
 
     def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives by the constants of connections, in the system's order."""
@@ -119,14 +124,12 @@ class InLattice(OverParticles):
 class InStencil(InLattice):
     """The springs of a large uniform lattice on a GPU, with the loop over neighbours unrolled."""
 
-    def __init__(self, model: Model, lattice: Lattice) -> None:
-        super().__init__(model, lattice)
-        table = self.table = stencil_table(model.scalar, lattice.steps)()
-        table.mask = wp.array(lattice.mask, dtype=wp.uint32, device=model.device)
-        table.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
-        for name in CONSTANTS:
-            values = lattice.constants[name][0]
-            setattr(table, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
+    def _table(self, model: Model, lattice: Lattice) -> Any:
+        """Return the struct that the kernel reads."""
+        table = stencil_table(model.scalar, lattice.steps)()
+        upload_fields(table, model.device, mask=lattice.mask)
+        fill_uniform(table, model, lattice)
+        return table
 
     def kernel(self, wanted: Wanted, by_mass: bool, by_gravity: bool) -> Any:
         """Compose the kernel of the adjoint."""

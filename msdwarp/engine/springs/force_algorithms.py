@@ -201,6 +201,14 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     return first, other, connection
 
 
+def fill_uniform(data: Any, model: Model, lattice: Lattice) -> None:
+    """Fill a struct with the row offsets of a uniform lattice, and the constants of its directions."""
+    data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
+    for name in CONSTANTS:
+        values = lattice.constants[name][0]
+        setattr(data, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
+
+
 class Stencil:
     """The gather algorithm for lattices, without a table; ties are added by an effect, `ExtraSprings`.
 
@@ -231,10 +239,7 @@ class Stencil:
             fracture.carry_out(data.mask, partial(self._clear, model, fracture, numbers))
         if lattice.uniform:
             data.stride = lattice.stride
-            data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
-            for name in CONSTANTS:
-                values = lattice.constants[name][0]
-                setattr(data, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
+            fill_uniform(data, model, lattice)
             return
         shift = lattice.shift
         if shift.ndim == 1:
