@@ -39,7 +39,7 @@ def _mix(weight: NDArray, colour: str, other: str) -> NDArray[np.uint8]:
 
 def _grid(size: int) -> tuple[NDArray, NDArray]:
     """Return u and v of the pixels of a square image: u to the right, v upwards, both 0 … 1."""
-    along = (np.arange(size) + 0.5) / size
+    along = (np.arange(checks.count("size", size, 1)) + 0.5) / size
     return np.meshgrid(along, along[::-1])
 
 
@@ -68,7 +68,7 @@ def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray
     """Return a box texture: faces of `count` × `count` rounded tiles with lines between them."""
     u, v = _grid(size)
     # Distance from the middle of a tile, in the norm of a rounded square: 1 at the middle of its sides.
-    across, along = ((2 * ((count * w) % 1.0) - 1) ** 6 for w in (u, v))
+    across, along = ((2 * ((checks.count("count", count, 1) * w) % 1.0) - 1) ** 6 for w in (u, v))
     distance = (across + along) ** (1 / 6)
     return _on_box(_mix(_step(distance - 0.86, 4 * count / size), colour, line))
 
@@ -77,7 +77,7 @@ def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray
 def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> NDArray[np.uint8]:
     """Return a woven check: bands of `colour` both ways on `ground`, darkest where they cross."""
     u, v = _grid(size)
-    across, along = (((count * w) % 1.0 < 0.5).astype(float) for w in (u, v))
+    across, along = (((checks.count("count", count, 1) * w) % 1.0 < 0.5).astype(float) for w in (u, v))
     return _mix(1 - 0.46 * (across + along), colour, ground)
 
 
@@ -85,7 +85,7 @@ def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> N
 def rings(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
     """Return `count` rings around a round body, such as a ball: v runs along it."""
     _, v = _grid(size)
-    return _mix(0.5 - 0.5 * np.cos(2 * np.pi * count * v), colour, light)
+    return _mix(0.5 - 0.5 * np.cos(2 * np.pi * checks.count("count", count, 1) * v), colour, light)
 
 
 def rings_box(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:

@@ -7,9 +7,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from .. import checks, disk
+from .. import checks
 from ..integrators import METHODS
-from ..studies import FitResult, fit
+from ..studies import FitResult, fit, output_path
 from ..world import Scene
 from .options import FitOptions
 from .process import status_on
@@ -21,7 +21,7 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
     if not Path(measured).is_file():
         raise FileNotFoundError(f"measured is {measured}, which is no file; it must be a CSV file or a trajectory")
     if options.plot is not None:
-        disk.writable_folder("plot", options.plot, options.plot.parent)
+        output_path(options.plot, ".png", options.force, "plot")
     talk = Console(stderr=True, quiet=options.quiet)
     names = ("noise", "loss", "horizon", "starts", "fps", "substeps", "precision", "device")
     how: dict[str, Any] = {name: getattr(options, name) for name in names}

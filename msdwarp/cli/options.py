@@ -308,6 +308,8 @@ class FitOptions:
     device: Device = None
     plot: Path | None = None
     """Plot the residuals to this file, such as residuals.png."""
+    force: Flag = False
+    """Overwrite an existing file of --plot."""
     quiet: Flag = False
     """Print the values only."""
     verbose: Verbose = False

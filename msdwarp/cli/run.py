@@ -46,6 +46,8 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     options.check(last)
     replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
     if options.pictures.colour in ("energy", "stress"):  # raise ValueError for a system that has none
+        if not options.strain:
+            raise ValueError(f"--colour {options.pictures.colour} needs the strains that --no-strain leaves out")
         {"energy": particle_energies, "stress": stress}[options.pictures.colour](scene.system)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)

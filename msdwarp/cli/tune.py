@@ -27,12 +27,15 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
         seconds = "" if math.isnan(one.seconds) else f"{1e3 * one.seconds:.1f} ms"
         table.add_row(one.method, one.precision, str(one.substeps), f"{one.error:.1e}", seconds, style=style)
     Console().print(table)
-    default = next(one for one in found if one.method == DEFAULT)
+    default = next((one for one in found if one.method == DEFAULT), None)
     print(
         f"cheapest under {options.tolerance:g}: --integrator {best.method} --precision {best.precision} "
         f"--substeps {best.substeps}"
     )
     print(
-        f"error {best.error:.1e}, {default.seconds / best.seconds:.2g} times as fast as the default "
-        f"({default.method}, {default.substeps} substeps, error {default.error:.1e})"
+        f"error {best.error:.1e}"
+        + f", {default.seconds / best.seconds:.2g} times as fast as the default ({default.method}, "
+        f"{default.substeps} substeps, error {default.error:.1e})"
+        if default
+        else f"error {best.error:.1e}; the default, {DEFAULT}, diverged"
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
+from ..world import Look
 from .picking import Picking, Pull, hit
 from .recording import Filming, Recording, save_picture
 from .shown import COLOURS
@@ -25,14 +26,20 @@ def _numbers(values: Sequence[float]) -> str:
     return ", ".join(f"{one:g}" for one in values)
 
 
-def camera_flags(eye: NDArray, target: NDArray) -> str:
-    """Return the flags that set a camera at `eye` looking at `target` [m], for `run`, `render` and `view`."""
+def camera_flags(eye: NDArray, target: NDArray, field_of_view: float) -> str:
+    """Return the flags that set a camera at `eye` looking at `target` [m], for `run`, `render` and `view`.
+
+    A field of view [degrees] that is the default is left out. Raises ValueError if `eye` is the target.
+    """
     away, distance = eye - target, float(np.linalg.norm(eye - target))
+    if distance == 0:
+        raise ValueError("the camera is at its target; it must be away from it")
     azimuth, elevation = math.degrees(math.atan2(away[1], away[0])), math.degrees(math.asin(away[2] / distance))
     digits = 3 - math.floor(math.log10(distance))  # a thousandth of the distance or finer
     at = ",".join(f"{round(one, digits) + 0.0:.12g}" for one in target.tolist())
     where = f"--target {at} --distance {round(distance, digits):.12g}"
-    return f"--azimuth {azimuth:.5g} --elevation {elevation:.5g} {where}"
+    lens = "" if field_of_view == Look().field_of_view else f" --field-of-view {field_of_view:.5g}"
+    return f"--azimuth {azimuth:.5g} --elevation {elevation:.5g} {where}{lens}"
 
 
 class Commands(ViewState):
@@ -131,7 +138,8 @@ class Commands(ViewState):
 
     def _flags(self, eye: ArrayLike, target: ArrayLike) -> None:
         """Print the flags of a camera at `eye` that looks at `target` [m]."""
-        text = camera_flags(np.asarray(eye, dtype=np.float64), np.asarray(target, dtype=np.float64))
+        lens = self.source.scene.look.field_of_view
+        text = camera_flags(np.asarray(eye, dtype=np.float64), np.asarray(target, dtype=np.float64), lens)
         print(text, flush=True)
         self._notify(text)
 

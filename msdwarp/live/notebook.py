@@ -13,7 +13,7 @@ from PIL import Image
 
 from .. import checks
 from ..files import Trajectory
-from ..pictures import Renderer, framed, write_film
+from ..pictures import Renderer, framed, picture_size, write_film
 from ..simulation import Simulation
 from ..world import Scene
 from .opening import scene_of
@@ -70,6 +70,7 @@ def show(
         raise RuntimeError(
             "show draws in a notebook, which needs IPython: pip install jupyterlab; outside one, see msdwarp.view"
         ) from None
+    width, height = resolution = picture_size(resolution)
     if seconds is not None:
         checks.positive("seconds", seconds)
     if isinstance(shown, Scene):
@@ -102,7 +103,7 @@ def show(
         broken_at = shown.system.broken_at if scene.system.tears else None
     if broken_at is not None:
         scene = replace(scene, system=scene.system.replace(broken_at=broken_at))
-    seen = framed(scene, positions, range(len(positions)), resolution[0] / resolution[1])
+    seen = framed(scene, positions, range(len(positions)), width / height)
     renderer = Renderer(scene, seen, resolution=resolution, colouring=colouring)
 
     def images() -> Iterator[NDArray[np.uint8]]:

@@ -124,7 +124,8 @@ class Panel:
 
         camera, shift = event.client.camera, self._view.following.shift
         eye, target = camera.position + shift, camera.look_at + shift
-        copy = f"navigator.clipboard?.writeText({camera_flags(eye, target)!r}).catch(() => {{}})"
+        flags = camera_flags(eye, target, self._view.source.scene.look.field_of_view)
+        copy = f"navigator.clipboard?.writeText({flags!r}).catch(() => {{}})"
         event.client._websock_connection.queue_message(RunJavascriptMessage(copy))
         self._view.post("flags", eye=eye, target=target)
 

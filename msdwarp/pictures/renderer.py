@@ -76,7 +76,7 @@ class Renderer:
     ) -> None:
         checks.one_of("backend", backend, BACKENDS)
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-        width, height = _pixels(resolution)
+        width, height = picture_size(resolution)
         checks.positive("zoom", zoom)
         if colouring is None:
             colouring = "strain" if scene.look.strain else "texture"
@@ -236,7 +236,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray
     return given
 
 
-def _pixels(resolution: object) -> tuple[int, int]:
+def picture_size(resolution: object) -> tuple[int, int]:
     """Return the width and height of pictures; raise ValueError if they are invalid."""
     if not isinstance(resolution, Sequence | np.ndarray) or isinstance(resolution, str) or len(resolution) != 2:
         given = checks.repr_short(resolution)

@@ -1,5 +1,6 @@
 """Stepping: advances the worlds on a device frame by frame."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -127,7 +128,8 @@ class Stepping:
         """Return a `Stepping` with other substeps, which replaces this one and continues from its state."""
         own = self.integrator
         if own.staggered or not self.at_start:
-            self._velocities.change_lag(own.lag * choice.step)
+            most = own.lag * choice.limit if choice.limit > 0 else math.inf
+            self._velocities.change_lag(own.lag * choice.step, most)
         options = self._options | {"baseline": self.watch.baseline, "time": self._time}
         return type(self)(self.dynamics, self.state, choices=[choice], **options)
 

@@ -7,6 +7,7 @@ from .fit_result import FitResult as FitResult
 from .grid import as_scalar as as_scalar, check_size as check_size, points as points, values_of as values_of
 from .history import particle_energies as particle_energies, system_in as system_in, write_history as write_history
 from .measured import TrackedPoints as TrackedPoints
+from .plots import output_path as output_path
 from .sweep import complete as complete, sweep as sweep
 from .sweep_ensembles import ENSEMBLE as ENSEMBLE, ensemble_summary as ensemble_summary
 from .sweep_plot import plot_sweep as plot_sweep

@@ -88,8 +88,9 @@ def tune(
 
     Errors are measured until the horizon [s], which is at most the scene's duration, and at most the time in which
     the reference's error is below a tenth of the tolerance. Returns all measurements, the default method with its
-    automatic substeps first, and the horizon used. `report` is called with a line about each run before it starts.
-    Raises ValueError for a scene with a schedule, or if the reference is accurate for less than a frame.
+    automatic substeps first unless it diverged, and the horizon used. Before each run `report` is called with a
+    line about it. Raises ValueError for a scene with a schedule, if the reference is accurate for less than a
+    frame, or if all runs diverge.
     """
     checks.positive("tolerance", tolerance)
     if scene.schedule:
@@ -110,6 +111,8 @@ def tune(
         found += _measure_method(
             scene, name, tolerance, reference, device, lambda line, label=label: report(f"{label}, {line}")
         )
+    if not found:
+        raise ValueError(f"every run of every method diverged before {horizon:g} s; the horizon must be shorter")
     enough = [one for one in found if one.error <= tolerance or one is found[0]]
     least = min(one.evaluations for one in enough)
     chosen = [one for one in enough if one.evaluations <= 16 * least]

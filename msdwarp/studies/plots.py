@@ -13,14 +13,17 @@ RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
 """Colours of curves."""
 
 
-def output_path(path: str | Path, suffix: str, force: bool) -> Path:
-    """Return the path of a file to write; raise ValueError or OSError if the file cannot be written."""
+def output_path(path: str | Path, suffix: str, force: bool, name: str = "path") -> Path:
+    """Return the path of a file to write; raise ValueError or OSError if the file cannot be written.
+
+    `name` is the argument's name in messages.
+    """
     path = Path(path)
     if path.suffix != suffix:
-        raise ValueError(f"path is {path}; its name must end in {suffix}")
+        raise ValueError(f"{name} is {path}; its name must end in {suffix}")
     if path.exists() and not force:
-        raise FileExistsError(f"path is {path}, which exists; name another file or add --force")
-    disk.writable_folder("path", path, path.parent)
+        raise FileExistsError(f"{name} is {path}, which exists; name another file or add --force")
+    disk.writable_folder(name, path, path.parent)
     return path
 
 

@@ -243,6 +243,8 @@ def test_the_log_must_be_a_csv_file(msdwarp, tmp_path):
     code, _, err = msdwarp("run", "cube", "--log", "energy.txt", *SMALL)
     assert code == 1
     assert "log is out/cube/energy.txt" in err
+    code, _, err = msdwarp("run", "cube", "--colour", "energy", "--no-strain", *SMALL)
+    assert (code, "--colour energy needs the strains" in err) == (1, True)
     assert not list(tmp_path.iterdir())
 
 

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from problems import EPS64
 
-from msdwarp import RK4, Simulation, SymplecticEuler, System, Wind, chain, sheet, stability_limit
+from msdwarp import RK4, Simulation, SymplecticEuler, System, UnstableStep, Wind, chain, sheet, stability_limit
 from msdwarp.bodies import facets_of
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
@@ -96,6 +96,46 @@ def test_a_wind_of_place_turns_what_is_in_it(plain_device):
     turn = simulation.measure().angular_momentum
     assert turn[2] > 0
     assert abs(turn[:2]).max() < 0.2 * turn[2]  # up and down it is as itself but for how squares are cut
+
+
+@wp.func
+def gust_of_place(x: Any, t: Any):
+    return type(x)(wp.where(t > type(t)(0.5), type(t)(60.0), type(t)(0.0)), type(t)(0.0), type(t)(0.0))
+
+
+GUSTS = [lambda t: (60.0 if t > 0.5 else 0.0, 0, 0), gust_of_place]
+
+
+def in_wind(velocity, device, **how):
+    """Return the simulation of a light particle: its drag alone limits the step."""
+    body = System(position=np.zeros((1, 3)), mass=1e-4)
+    return Simulation(body, loads=[Wind(velocity, area=0.01)], gravity=0.0, device=device, **how)
+
+
+@pytest.mark.parametrize("gust", GUSTS, ids=["of time", "of place"])
+def test_the_step_is_stable_in_a_gust_to_come(plain_device, gust):
+    steady, gusty = (in_wind(velocity, plain_device) for velocity in ((60.0, 0, 0), gust))
+    assert gusty.substeps == steady.substeps > 20 * in_wind((0.0, 0, 0), plain_device).substeps
+    gusty.step(45)
+    assert gusty.substeps == steady.substeps  # no frame grew, and none was repeated
+    assert 0 < gusty.frame().velocity[0, 0] < 60.0
+
+
+def test_a_gust_that_the_bound_did_not_know_doubles_the_stable_substeps(plain_device):
+    steady = in_wind((60.0, 0, 0), plain_device).substeps
+    gusty = in_wind(lambda t: (60.0 if t > 1.5 else 0.0, 0, 0), plain_device)
+    assert gusty.substeps < 0.1 * steady
+    gusty.step(95)
+    # In the frame of the gust alone: twice what is stable then, once or twice.
+    assert steady <= max(count for _, count in gusty.substep_history) <= 4 * steady
+
+
+def test_a_changed_scene_is_bounded_by_the_wind_of_its_time(plain_device):
+    # Past the second after the start that the first bound looks at.
+    late = in_wind(lambda t: (60.0 if t > 1.5 else 0.0, 0, 0), plain_device, substeps=300)
+    late.step(120)
+    with pytest.raises(UnstableStep, match="substeps is 300"):
+        late.change(mass=0.9e-4)
 
 
 def test_lift_is_across_the_flow(plain_device):

@@ -84,3 +84,5 @@ def test_what_cannot_be_shown_is_named(cell):
         msd.show(3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="seconds is 0"):
         msd.show(SCENE, seconds=0)
+    with pytest.raises(ValueError, match="resolution is 0"):
+        msd.show(SCENE, resolution=0)  # pyright: ignore[reportArgumentType]

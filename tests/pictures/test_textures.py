@@ -31,6 +31,13 @@ def face(image, k):
     return image[top : top + rows, columns * (k % 3) : columns * (k % 3 + 1)]
 
 
+@pytest.mark.parametrize("wrong", [{"size": 0}, {"count": 0}, {"size": 2.5}])
+def test_sizes_and_counts_are_checked(wrong):
+    ((name, value),) = wrong.items()
+    with pytest.raises(ValueError, match=rf"{name} is {value}"):
+        textures.tiles("#e4633f", "#f2b591", **wrong)
+
+
 def test_what_is_painted_once_is_nobodys_to_spoil():
     first = textures.tiles("#e4633f", "#f2b591", size=16)
     kept = first.copy()

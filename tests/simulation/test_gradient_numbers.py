@@ -153,6 +153,15 @@ def test_what_falls_steadily_has_the_derivatives_of_its_terminal_speed(plain_dev
     np.testing.assert_allclose(found["loads[0].velocity"], [0, 0, 1], rtol=0, atol=1e-9)
 
 
+def test_a_wind_on_no_area_has_derivatives_of_zero(plain_device):
+    winds = [msd.Wind((1.0, 0, 0), area=0.01, on=[1]), msd.Wind((2.0, 0, 0), area=0.0, on=[0])]
+    body = System(position=[[0.0, 0, 0], [1.0, 0, 0]], mass=0.01)
+    run = Simulation(body, loads=winds, precision="float64", substeps=2, device=plain_device)
+    found = run.gradient(at_end(0, "velocity"), 1, by=["loads[0].drag", "loads[1].drag"])
+    assert found["loads[0].drag"] != 0.0
+    assert found["loads[1].drag"] == 0.0
+
+
 def test_a_force_moves_by_what_is_left_of_the_time(plain_device):
     # By symplectic Euler, F of substep n adds F h/m to the velocities of the N − n substeps that follow.
     force = msd.Force(lambda t: (0.0, 0.0, 1.0 + t), on=[0, 1], total=True)

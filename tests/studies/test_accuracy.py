@@ -69,6 +69,12 @@ def test_no_method_good_enough_is_said():
         accuracy.cheapest([one], 1e-6)
 
 
+def test_a_scene_that_diverges_by_every_method_is_named(monkeypatch):
+    monkeypatch.setattr(accuracy, "_measure_method", lambda *_: iter(()))
+    with pytest.raises(ValueError, match=r"every run of every method diverged before 0\.1 s"):
+        accuracy.tune(oscillator()[0], 1e-2, device="cpu", horizon=0.1)
+
+
 def test_a_scene_that_changes_on_its_way_is_not_tuned():
     body = msd.chain(3, stiffness=100.0)
     scene = msd.Scene(system=body, schedule=[msd.at(0.5, stiffness=1e4)])

@@ -160,6 +160,8 @@ def test_the_command_fits(msdwarp, tmp_path):
     assert float(out.split()[1]) == pytest.approx(STIFFNESS, rel=1e-6)  # a file of 12 digits
     assert (tmp_path / "left.png").exists()
     for words, said in (
+        (["fit", "own.py", "points.csv", "--plot", "left.png"], "plot is left.png, which exists"),
+        (["fit", "own.py", "points.csv", "--plot", "left.jpg"], "plot is left.jpg; its name must end in .png"),
         (["fit", "own.py"], "Usage"),
         (["fit", "own.py", "--substeps", "32"], "measured is missing"),
         (["fit", "own.py", "none.csv"], "measured is none.csv"),

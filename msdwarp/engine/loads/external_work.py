@@ -26,8 +26,9 @@ MOST_SHARES = 4096
 
 
 def _stored(effect: Effect) -> str:
-    """Return the name of an effect's work in checkpoints: that of version 0.1, so that its files still load."""
-    return _STORED[type(effect).__name__]
+    """Return the name of an effect's work in checkpoints: in version 0.1's words, so that its files still load."""
+    name = type(effect).__name__
+    return _STORED.get(name, name)
 
 
 class Work(Effect):

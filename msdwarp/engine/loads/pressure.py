@@ -86,8 +86,8 @@ class GivenPressures(SurfacePressure, StageTables):
         }
 
     def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness due to the largest pressures of a frame."""
-        self._add(stiffness, self._turning(x.numpy(), np.abs(self.now).max(axis=0)))
+        """Add the stiffness due to the largest pressures."""
+        self._add(stiffness, self._turning(x.numpy(), np.abs(self.now_and_ahead()).max(axis=0)))
 
 
 class Gases(SurfacePressure):

@@ -18,9 +18,11 @@ from ...world import Load, Wind
 from ..device.device import upload_fields
 from ..model.effect import Effect, Elements, Numbers, Parameter
 from ..model.model import Model
-from ..model.stage_tables import StageTables
+from ..model.stage_tables import AHEAD, StageTables
 from .surface_triangles import Faces, area_vectors
 
+AHEAD_BY_PLACE = 15
+"""Wind that is a function of place is bounded at every 15th time of AHEAD: each needs a launch."""
 Named = Sequence[tuple[str, Wind]]
 """Winds, each with its name in messages."""
 
@@ -54,8 +56,6 @@ class WindEffect(StageTables):
             setattr(self.data.winds, name, wp.zeros(len(winds), dtype=model.scalar, device=model.device))
         self._take_coefficients()
         self._given = not places
-        self._time = 0.0
-        """Start of the current frame [s]."""
         self.set_up(model, len(winds), model.vector, varies=any(one.varies for _, one in winds))
 
     def _take_coefficients(self) -> None:
@@ -83,11 +83,6 @@ class WindEffect(StageTables):
         super().exchange(others)
         self._take_coefficients()
 
-    def begin_frame(self, time: float) -> None:
-        """Upload the velocities of the frame that begins at `time` [s]."""
-        self._time = time
-        super().begin_frame(time)
-
     def place_table(self, name: str, table: wp.array) -> None:
         """Store the table of air velocities in the struct that kernels read."""
         setattr(self.data.winds, name, table)
@@ -99,15 +94,18 @@ class WindEffect(StageTables):
     def _resistance(self, x: wp.array, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
         """Return dF/du = ρ (C_d + C_l) A u [N s/m] for areas A [m²], at the largest relative speed u [m/s].
 
-        The speed of air that is a function of place is the largest at any particle when the frame begins.
+        That of the air is the largest now and in the next second; if it is a function of place, at the particles'
+        present places.
         """
         model = self._model
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
-        air = np.linalg.norm(self.now, axis=-1).max(axis=0)[wind]
+        air = np.linalg.norm(self.now_and_ahead(), axis=-1).max(axis=0)[wind]
         if not self._given:
-            speeds = wp.zeros(len(x), dtype=model.scalar, device=model.device)
+            times = self._time + AHEAD[::AHEAD_BY_PLACE]
+            speeds = wp.zeros((len(times), len(x)), dtype=model.scalar, device=model.device)
             kernel = speed_of_air(model.dim, model.scalar, self.function)
-            wp.launch(kernel, len(x), [x, self._time], [speeds], device=model.device)
+            for k, time in enumerate(times):
+                wp.launch(kernel, len(x), [x, time], [speeds[k]], device=model.device)
             air = speeds.numpy().max()
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
         return coefficients * area * speed
@@ -162,6 +160,6 @@ class OnParticles(WindEffect):
         """Return the particles as elements, for gradients."""
         model = self._model
         project, numbers = projection_on_particles(model.dim, model.scalar, self.data._cls, self.function)
-        on = np.flatnonzero(self._area)
+        on = np.flatnonzero(self.members)
         numbers = Numbers(self._number[on], 2 + model.dim, numbers)
         return Elements(self.data, project, on[:, None], numbers=numbers)

@@ -11,6 +11,9 @@ from ..device.frame_tables import InFrames, Tables
 from .effect import Effect
 from .model import Model
 
+AHEAD = np.arange(61) / 60.0
+"""Times after the current one at which stability bounds evaluate values that are functions of time [s]."""
+
 
 class FrameTables(Effect):
     """An effect whose kernels may read tables that are filled for each frame."""
@@ -57,6 +60,8 @@ class StageTables(FrameTables):
     """The effect's loads, each with the name of its values in messages."""
     now: NDArray[np.float64]
     """The rows of the current frame, or the single row set by `hold`."""
+    _time = 0.0
+    """Start of the current frame, or the time set by `hold` [s]."""
 
     def set_up(self, model: Model, width: int, dtype: Any, *, varies: bool) -> None:
         """Set up rows with `width` elements of a Warp type."""
@@ -66,6 +71,15 @@ class StageTables(FrameTables):
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the table's rows at these times, shape [time_count, width] or [time_count, width, d]."""
         return np.stack([one.at(times, self._model.dim, name) for name, one in self.named], axis=1)
+
+    def now_and_ahead(self) -> NDArray[np.float64]:
+        """Return the current frame's rows and those of the next second, for stability bounds."""
+        if not self.varies:
+            return self.now
+        try:
+            return np.concatenate([self.now, self.at(self._time + AHEAD)])
+        except ValueError:  # the values may be defined for a shorter run only
+            return self.now
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace loads by other loads on the same particles."""
@@ -83,9 +97,14 @@ class StageTables(FrameTables):
 
     def hold(self, time: float) -> None:
         """Write the row at `time` [s] for all stages."""
-        self.now = self.at(np.array([time]))
+        self._time, self.now = time, self.at(np.array([time]))
         if self._frames is not None:
             self._frames.upload(self._write)
+
+    def begin_frame(self, time: float) -> None:
+        """Upload the rows of the frame that begins at `time` [s]."""
+        self._time = time
+        super().begin_frame(time)
 
     def fill(self, time: float, tables: Tables) -> None:
         """Write the rows of the frame that begins at `time` [s]."""

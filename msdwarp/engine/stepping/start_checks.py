@@ -29,6 +29,7 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
     state = State.from_system(system, assembly.model, method_state)
     for effect in assembly.all:
         effect.place(state, time, fps)
+        effect.hold(time)
     return state
 
 

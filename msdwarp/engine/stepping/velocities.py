@@ -31,17 +31,21 @@ class Velocities:
         """Return velocities at the time of the positions [m/s]."""
         return kicked(self._dynamics, self._state, self._lag, self._v) if self._staggered else self._state.v
 
-    def change_lag(self, lag: float) -> None:
+    def change_lag(self, lag: float, most: float) -> None:
         """Shift the state's velocities for substeps with another lag [s].
+
+        A present lag above `most` [s] is taken to be `most`: a load that has just set in can make the present step
+        far too long, and then a shift by its lag would be arbitrarily large.
 
         Without it each change of the step would change the energy by (h/2) Σ v·f, up to 0.8 of the energy of the
         fastest mode.
         """
+        now = min(self._lag, most)
         if self._staggered:
-            wp.copy(self._state.v, self.read())
+            wp.copy(self._state.v, kicked(self._dynamics, self._state, now, self._v))
         elif self._lag:
             v = self._state.model.vectors()
-            wp.copy(self._state.v, kicked(self._dynamics, self._state, self._lag - lag, v))
+            wp.copy(self._state.v, kicked(self._dynamics, self._state, now - lag, v))
 
 
 def kicked(dynamics: Dynamics, state: State, seconds: float, v_out: wp.array) -> wp.array:
