@@ -146,7 +146,8 @@ class OnParticles(WindEffect):
         if np.sum(chosen, axis=0).max() > 1:
             second = winds[1][0].removesuffix(".velocity")
             raise ValueError(f"{second}.on shares particles with another wind's; at most one may act on each")
-        self.members = np.logical_or.reduce(chosen)
+        self.members = members = np.logical_or.reduce(chosen)
+        self._on = np.flatnonzero(members)
         self._area, self._number = np.zeros(model.particle_count), np.zeros(model.particle_count, dtype=int)
         for k, ((_, one), mine) in enumerate(zip(winds, chosen, strict=True)):
             self._area[mine], self._number[mine] = one.areas(model.system)[mine], k
@@ -160,6 +161,5 @@ class OnParticles(WindEffect):
         """Return the particles as elements, for gradients."""
         model = self._model
         project, numbers = projection_on_particles(model.dim, model.scalar, self.data._cls, self.function)
-        on = np.flatnonzero(self.members)
-        numbers = Numbers(self._number[on], 2 + model.dim, numbers)
-        return Elements(self.data, project, on[:, None], numbers=numbers)
+        numbers = Numbers(self._number[self._on], 2 + model.dim, numbers)
+        return Elements(self.data, project, self._on[:, None], numbers=numbers)
