@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 import warp as wp
 
+import msdwarp
 from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, Simulation, SimulationDiverged, SymplecticEuler, scenes
 from msdwarp.engine.stepping.cpu_partition import PartitionedGraph
 
@@ -66,8 +67,8 @@ def machine(device: str) -> str:
     parts = [f"CPU {found[0] if found else platform.machine()}, {cores} cores"]
     if device != "cpu":
         parts.insert(0, f"GPU {wp.get_device(device).name}")
-    versions = f"Python {platform.python_version()}, warp {wp.__version__}, NumPy {np.__version__}"
-    return "; ".join([*parts, f"{versions}, SciPy {scipy.__version__}"])
+    versions = f"msdwarp {msdwarp.__version__}, Python {platform.python_version()}, warp {wp.__version__}"
+    return "; ".join([*parts, f"{versions}, NumPy {np.__version__}, SciPy {scipy.__version__}"])
 
 
 def _read(path: str) -> str:
