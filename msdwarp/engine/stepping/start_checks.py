@@ -12,6 +12,7 @@ from ...world import Collider
 from ..collision.colliders import DEPENETRATION_TIME
 from ..collision.penetration_depth import start_depths, touching, ways_out
 from ..model.model import Model
+from ..model.stage_tables import StageTables
 from ..model.state import State
 from .assemble import Assembly
 
@@ -29,7 +30,8 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
     state = State.from_system(system, assembly.model, method_state)
     for effect in assembly.all:
         effect.place(state, time, fps)
-        effect.hold(time)
+        if isinstance(effect, StageTables):  # stability bounds read the values of this time
+            effect.hold(time)
     return state
 
 
