@@ -62,7 +62,7 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
             row = scene.stage
             before = scene.worked.weight[row]
             after = scene.worked.weight_of_last[row]
-            if before + after > wp.float64(0.0):  # false at a frame's end
+            if before + after != wp.float64(0.0):  # false at a frame's end
                 f = Wide(force)
                 half = after * wp.dot(f, velocity(scene, e, row + scene.drives.ahead))
                 now = before * wp.dot(f, velocity(scene, e, row)) + half

@@ -55,6 +55,8 @@ class Integrator(ABC):
     @property
     def weights(self) -> tuple[float, ...]:
         """Weight of each stage's force, evaluated at `stage_times`, in an integral over the substep."""
+        if self.tableau is not None:
+            return tuple(self.tableau[-1].tolist())
         return (1.0,) + (0.0,) * (len(self.stage_times) - 1)
 
     @property

@@ -43,11 +43,6 @@ class RK4(Integrator):
         """Butcher's coefficients; see `Integrator.tableau`."""
         return TABLEAU
 
-    @property
-    def weights(self) -> tuple[float, ...]:
-        """Weights of stages in an integral over the substep: Simpson's rule."""
-        return tuple(TABLEAU[-1].tolist())
-
     def workspace(self, state: State) -> Work:
         """Return arrays for the positions and velocities of two stages, and for the sum of accelerations."""
         return Work(*state.model.vectors_together(5))
