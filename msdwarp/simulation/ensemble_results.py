@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from .. import checks
 from ..engine import GroupMeans, Sensors, measure
 from ..runtime import in_turn
-from ..world import FORCE, FRAME, POSITION, STRAIN, STRESS, VELOCITY, Probe
+from ..world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, FRAME, POSITION, UNITS, VELOCITY, Probe
 
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
 """Observations of all particles: the field of `Frame`, and the unit."""
-UNITS = {POSITION: "m", VELOCITY: "m/s", FORCE: "N", STRAIN: "", STRESS: "Pa"}
-"""Quantities that probes of an ensemble may measure, and their units."""
+OBSERVED = [one for one in UNITS if one not in (CONTACT_FORCE, BODY_CONTACT_FORCE)]
+"""Quantities that probes of an ensemble may measure."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
 AXES = ("x", "y", "z")
 
@@ -89,7 +89,7 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
     """Return one requested observation."""
     model, state = ensemble.model, ensemble.state
     if isinstance(what, Probe):
-        checks.one_of("what", what.what, UNITS)
+        checks.one_of("what", what.what, OBSERVED)
         checks.one_of("every", what.every, (FRAME,))
         what.check(model.system, (), False)
         sensors = Sensors(ensemble.stepping.dynamics, state, {name: what}, 1, 1 / ensemble.fps, None)

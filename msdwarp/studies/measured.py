@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..files import Trajectory
 from ..simulation import ENERGIES
-from ..world import FRAME, Probe, Scene
+from ..world import FRAME, UNITS, Probe, Scene
 
 AXES = ("x", "y", "z")
 ENERGY_WORDS = ("energy", *ENERGIES)
@@ -92,7 +92,7 @@ class Channel:
     def unit(self) -> str:
         """The unit of the values."""
         if isinstance(self.what, Probe):
-            return {"position": "m", "velocity": "m/s", "strain": "", "stress": "Pa"}.get(self.what.what, "N")
+            return UNITS[self.what.what]
         return "J" if isinstance(self.what, str) else "m"
 
     @property

@@ -44,6 +44,7 @@ from .probes import (
     STRAIN as STRAIN,
     STRESS as STRESS,
     SUBSTEP as SUBSTEP,
+    UNITS as UNITS,
     VELOCITY as VELOCITY,
     Probe as Probe,
     checked_probes as checked_probes,

@@ -18,9 +18,10 @@ from .loads import Load, some_particles
 
 POSITION, VELOCITY, FORCE, STRAIN, STRESS = "position", "velocity", "force", "strain", "stress"
 CONTACT_FORCE, BODY_CONTACT_FORCE = "contact force", "touch force"
-QUANTITIES = (POSITION, VELOCITY, FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE, STRAIN, STRESS)
+UNITS = {POSITION: "m", VELOCITY: "m/s", **dict.fromkeys((FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE), "N")}
+UNITS |= {STRAIN: "", STRESS: "Pa"}
+QUANTITIES = tuple(UNITS)
 FRAME, SUBSTEP = "frame", "substep"
-UNITS = {POSITION: "m", VELOCITY: "m_s", FORCE: "N", CONTACT_FORCE: "N", BODY_CONTACT_FORCE: "N"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,8 @@ class Probe:
         if self.what == STRESS:
             components = ("xx", "yy", "zz", "xy", "xz", "yz") if dim == 3 else ("xx", "yy", "xy")
             return [f"stress_{name}" for name in (*components, "von_mises")]
-        return [f"{self.what.replace(' ', '_')}_{axis}_{UNITS[self.what]}" for axis in "xyz"[:dim]]
+        unit = UNITS[self.what].replace("/", "_")
+        return [f"{self.what.replace(' ', '_')}_{axis}_{unit}" for axis in "xyz"[:dim]]
 
     def check(self, system: System, colliders: Sequence[Collider], touches: bool) -> None:
         """Raise ValueError if the probe cannot measure this system."""
