@@ -159,8 +159,7 @@ class Differentiable(Present):
         differentiated = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
         if not differentiated or method.method_state:
             raise ValueError(
-                f"integrator is {method!r}; gradients need SymplecticEuler(), Leapfrog(), RK4(), RKC2() or "
-                "ExplicitEuler()"
+                f"integrator is {method!r}; gradients need an explicit method without extrapolation, such as RK4()"
             )
         if self.model.compensated:
             raise ValueError(f"precision is {self.model.precision!r}; gradients need 'float32' or 'float64'")

@@ -255,7 +255,7 @@ def test_a_chaotic_motion_warns(plain_device):
         (
             block(),
             {"integrator": msd.LinearlyImplicitEuler()},
-            "integrator is LinearlyImplicitEuler.* need Symplectic",
+            "integrator is LinearlyImplicitEuler.* need an explicit",
         ),
         (block(), {"integrator": Leapfrog(0.5)}, r"integrator is Leapfrog\(damper_extrapolation=0.5\)"),
         (block().translate((0, 0, 1)), {"colliders": [Plane()]}, "the scene has obstacles without a stiffness"),
