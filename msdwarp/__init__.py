@@ -141,7 +141,7 @@ if _typing.TYPE_CHECKING:
         at as at,
     )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
