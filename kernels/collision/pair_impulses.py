@@ -16,11 +16,12 @@ from .near_pairs import vertex_of
 KEPT = 0.5
 """Fraction of a pair's gap that impulses try to keep in a substep, unless the gap remains wide."""
 LARGEST_APPROACH = 0.8
-"""Fraction of its gap that a pair may lose between any two vertices of its sides, unless the gap remains wide."""
+"""Fraction of gap − least gap that a pair may lose between any two vertices, unless the gap remains wide."""
 LATE_APPROACH = 0.9
 """Late rounds ignore pairs that lose less than this fraction: rounds converge to LARGEST_APPROACH without end."""
 HOLD_BEYOND = 0.95
-"""Largest approach of a pair in a substep before particles are held back, as a fraction of gap − least gap."""
+"""Particles are held back if a pair loses more than this fraction of its gap, less half of the least gap. That is
+more than late rounds ignore, by more than rounding: no pair is held back that impulses could keep apart."""
 ALL_KEPT = 4.0
 """Below this multiple of the least gap, impulses try to keep all of the gap."""
 
@@ -154,7 +155,7 @@ def pair_impulses(scalar: type):
 
     @wp.func
     def may_approach(gap: scalar, least: scalar, apart: scalar) -> scalar:
-        return wp.max(scalar(HOLD_BEYOND) * gap - least, gap - apart)
+        return wp.max(scalar(HOLD_BEYOND) * gap - scalar(0.5) * least, gap - apart)
 
     @wp.func
     def lacks(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, late: bool, k: int):
@@ -180,8 +181,9 @@ def pair_impulses(scalar: type):
             if vertices[0] >= 0 and rises[1] > rises[second]:
                 second = int(1)
             approach = rises[second] - rises[first]
-            lack = approach - wp.max(scalar(LARGEST_APPROACH) * gap, gap - apart)
-            if late and approach <= wp.max(scalar(LATE_APPROACH) * gap, gap - apart):
+            room = wp.max(zero, gap - pairs.least[k])
+            lack = approach - wp.max(scalar(LARGEST_APPROACH) * room, gap - apart)
+            if late and approach <= wp.max(scalar(LATE_APPROACH) * room, gap - apart):
                 lack = zero
             way = way_of(pairs, x, x_out, vertex_of(vertices, first))
             way -= way_of(pairs, x, x_out, vertex_of(vertices, second))
