@@ -19,6 +19,7 @@ from msdwarp import (
     ball,
     box,
     chain,
+    cloth,
     sheet,
 )
 from msdwarp.engine.collision.body_contact import DAMPING_LIMIT
@@ -155,3 +156,15 @@ def test_each_world_limits_as_if_it_were_alone(plain_device):
         # Their kernels differ, and only on a CPU no products and sums are fused: on a GPU each rounds by 6e-8.
         atol = 0.0 if plain_device == "cpu" else 1e-5
         np.testing.assert_allclose(ensemble.frame().position[world], alone.frame().position, rtol=0.0, atol=atol)
+
+
+def test_a_cloth_with_a_pinned_rim_has_a_bound():
+    # Some vertices of its round border lie outside of their cells: free particles have negative weights there.
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    outline = 0.6 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    mat = cloth(outline, 0.06, mass=0.004, stiffness=400.0, damping=0.15)
+    mat = mat.pin(np.linalg.norm(mat.position[:, :2], axis=1) > 0.54)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulation = Simulation(mat + mat.translate((0, 0, 0.3)), contact=Contact(), device="cpu")
+    assert simulation.substeps > 0

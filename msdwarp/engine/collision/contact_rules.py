@@ -181,7 +181,8 @@ class ContactRules:
         contacts = np.where(surfaces.spacing == 0, CONTACTS_OF_A_SPHERE, np.where(bare, CONTACTS_OF_A_ROPE, 1.0))
         each = contacts[body] * (stiff + reaction)[body] * density[body] * weights
         mass = np.where(np.isfinite(mass), mass, 0.0)
-        heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)
+        # Below 0 where a vertex lies outside of its cell, and particles with positive weights are pinned.
+        heavy = np.abs((surfaces.weight * mass[surfaces.particle]).sum(axis=1))
         factor = np.where(contacts > 1, MASS_FACTOR_OF_A_SPHERE, MASS_FACTOR)
         root = np.sqrt((factor * np.maximum(stiff, reaction))[body] * heavy)
         damped = contacts[body] * ratio[body] * density[body] * root * 2 * weights

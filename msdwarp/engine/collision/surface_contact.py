@@ -233,7 +233,7 @@ def _blocks(
     computed for the centre of a facet, which has three times the mass of a corner.
     """
     mass = np.broadcast_to(np.where(np.isfinite(model.mass), model.mass, 0.0), model.particle_count)
-    heavy = (surfaces.weight * mass[surfaces.particle]).sum(axis=1)[corner].max(axis=1)
+    heavy = np.abs((surfaces.weight * mass[surfaces.particle]).sum(axis=1))[corner].max(axis=1)
     stiff = 0.25 * QUADRATURE_POINTS / 3 * stiffness
     damped = stiff * 2 * damping_ratio * np.sqrt(3 * heavy / np.maximum(whole, 1e-300))
     totals = []
