@@ -118,6 +118,12 @@ def test_a_trajectory_says_what_is_in_it_also_when_it_is_closed(tmp_path):
     assert repr(trajectory).splitlines() == [f"{lines[0]}, closed", *lines[1:]]
 
 
+def test_a_gradient_says_by_what_it_is():
+    simulation = msd.Simulation(BLOCK, device="cpu")
+    gradient = simulation.gradient(lambda frames: (0.5, None, None), 1, by=("stiffness", "velocity"))
+    assert repr(gradient) == f"Gradient of 0.5 by stiffness ({BLOCK.connection_count},), velocity (24, 3)"
+
+
 def test_digests_of_scenes_are_those_of_earlier_versions():
     # By which `resume` knows a scene again: they do not depend on how a thing is printed.
     colliders = [msd.Plane(friction=0.25), msd.Box((0, 0, -1), (2, 2, 0.5), turn=(0, 0, 0.5)), msd.Cone()]

@@ -66,6 +66,10 @@ class Gradient:
     times: dict[str, NDArray[np.float64]]
     """Times at which each requested function of time was evaluated, by name [s]."""
 
+    def __repr__(self) -> str:
+        by = ", ".join(f"{name} {values.shape}" for name, values in self.derivatives.items())
+        return f"Gradient of {self.value} by {by}"
+
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return the derivative by a parameter."""
         if name not in self.derivatives:
