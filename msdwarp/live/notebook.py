@@ -60,16 +60,17 @@ def show(
     Raises
     ------
     RuntimeError
-        If IPython is not installed.
+        If IPython is not installed, or the film is not in a notebook.
     ValueError
         If `shown` is invalid, or an argument is out of range.
     """
+    elsewhere = (
+        "show draws in a notebook, which needs IPython: pip install jupyterlab; outside one, see msdwarp.view"
+    )
     try:
         from IPython import display  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise RuntimeError(
-            "show draws in a notebook, which needs IPython: pip install jupyterlab; outside one, see msdwarp.view"
-        ) from None
+        raise RuntimeError(elsewhere) from None
     width, height = resolution = picture_size(resolution)
     if seconds is not None:
         checks.positive("seconds", seconds)
@@ -83,7 +84,8 @@ def show(
         display.display(display.HTML(_still(scene, position, shown.time, resolution, colouring)))
         return
     bar = display.display(display.HTML(""), display_id=True)
-    assert bar is not None  # not None, since a display with an identifier returns a handle
+    if bar is None:  # a script
+        raise RuntimeError(elsewhere)
 
     def progress(doing: str, done: int, count: int) -> None:
         if done % max(1, count // 50) == 0:

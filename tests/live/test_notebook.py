@@ -86,3 +86,10 @@ def test_what_cannot_be_shown_is_named(cell):
         msd.show(SCENE, seconds=0)
     with pytest.raises(ValueError, match="resolution is 0"):
         msd.show(SCENE, resolution=0)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_script_is_told_that_films_need_a_notebook(cell, monkeypatch):
+    # There IPython prints a text, and returns no handle.
+    monkeypatch.setattr(sys.modules["IPython.display"], "display", lambda html, display_id=False: None)
+    with pytest.raises(RuntimeError, match=r"needs IPython.*msdwarp\.view"):
+        msd.show(SCENE, resolution=(96, 64))
