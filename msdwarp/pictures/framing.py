@@ -11,7 +11,8 @@ from ..world import Scene
 from .stage import outermost
 
 FAR = 4.0
-"""A body is a straggler if it gets further from the middle than this many times the median over all bodies."""
+"""A body is a straggler if it gets further from the middle than this many times the median over all bodies, and
+than this many times as far as it was in the first frame."""
 
 
 def framed(scene: Scene, positions: Any, chosen: Sequence[int], aspect: float) -> NDArray:
@@ -32,7 +33,7 @@ def framed(scene: Scene, positions: Any, chosen: Sequence[int], aspect: float) -
             middle = np.median(np.add.reduceat(x[order], first) / np.bincount(body)[:, None], axis=0)
         reach[k] = np.maximum.reduceat(np.linalg.norm(x - middle, axis=1)[order], first)
     furthest = reach.max(axis=0)
-    strays = furthest > FAR * np.median(furthest)
+    strays = furthest > FAR * np.maximum(np.median(furthest), reach[0])
     if len(first) < 3 or scene.look.follow is not None or not strays.any():
         return np.concatenate(found)
     gone = strays & (reach > furthest[~strays].max())

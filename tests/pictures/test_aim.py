@@ -65,6 +65,9 @@ def test_a_straggler_does_not_widen_the_view():
         every = np.concatenate([outermost(x, scene().look, 1.5) for x in positions])
         assert np.array_equal(seen, every) != straggles
     assert seen[:, 0].max() == pytest.approx(calm[:, :, 0].max(), abs=0.01)
+    start = moved(SYSTEM.position, "c", (4, 0, 0))  # what is far from the start, and moves a little, is in view
+    away = np.array([moved(start, "c", (t, 0, 0)) for t in steps])
+    assert framed(scene(), away, range(11), 1.5)[:, 0].max() == pytest.approx(away[:, :, 0].max(), abs=0.01)
     pair = CUBE + CUBE.translate((0.3, 0, 0))  # of two bodies neither is the rest
     both = np.array([pair.position, pair.position + np.where(np.arange(16) < 8, 0, 30)[:, None]])
     assert framed(msd.Scene(system=pair), both, range(2), 1.5).max() > 30
