@@ -29,7 +29,8 @@ def ball(
 
     Particles are the corners of the lattice cells whose centre is inside. The texture is like a map of the globe:
     u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards; v is the latitude, 0 at the south pole (−z), 1
-    at the north pole.
+    at the north pole. Where balls touch bodies, `from_mesh(icosphere(radius, 2), across=6)` is ten times as fast,
+    since its surface has fewer triangles.
 
     Parameters
     ----------
