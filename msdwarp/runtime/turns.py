@@ -1,10 +1,11 @@
 """Turns: threads use Warp one after the other, since Warp expects only one thread at a time."""
 
+import _signal  # pyright: ignore[reportMissingImports]  # the functions of `signal` make enums, in 30 µs
 import contextlib
 import functools
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -39,6 +40,32 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
                 _turn.release()
 
     return taking_turns
+
+
+@contextlib.contextmanager
+def completing() -> Iterator[None]:
+    """Complete a block before Ctrl-C raises KeyboardInterrupt, so that no frame is left half done.
+
+    A second Ctrl-C raises at once. Handlers that a program has set itself, and other threads, are left alone.
+    """
+    usual, pressed = _signal.default_int_handler, list[int]()
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or _signal.getsignal(_signal.SIGINT) is not usual:
+        yield
+        return
+
+    def note(number: int, frame: Any) -> None:
+        if pressed:
+            usual(number, frame)
+        pressed.append(number)
+
+    _signal.signal(_signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        _signal.signal(_signal.SIGINT, usual)
+        if pressed:
+            raise KeyboardInterrupt
 
 
 def release_in_turn(dropped: Any) -> None:

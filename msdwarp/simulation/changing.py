@@ -12,7 +12,7 @@ from .. import checks
 from ..bodies import LINEAR_SPRING, System
 from ..engine import Assembly, State, assemble, resists, starting_state
 from ..integrators import Integrator, UnstableStep
-from ..runtime import in_turn
+from ..runtime import completing, in_turn
 from ..world import (
     Change,
     Collider,
@@ -220,12 +220,13 @@ class Changing(PresentWorld):
     def _reload(self, system: System, other: dict[str, Any]) -> None:
         """Upload a system again, with changed surroundings."""
         before = self._surroundings
-        self._surroundings = before | other
-        try:
-            self._load(system)
-        except Exception:
-            self._surroundings = before
-            raise
+        with completing():
+            self._surroundings = before | other
+            try:
+                self._load(system)
+            except Exception:
+                self._surroundings = before
+                raise
 
     def _set_gravity(self, gravity: Any) -> None:
         """Change constant gravity in place."""

@@ -12,7 +12,7 @@ from .. import checks
 from ..bodies import System
 from ..engine import Assembly, Dynamics, State, WorldStatus, assemble_worlds, starting_state, world_rates
 from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
-from ..runtime import in_turn
+from ..runtime import completing, in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
 from .arguments import frame_count
 from .changing import check_supports_contact
@@ -181,8 +181,9 @@ class Ensemble(Differentiable):
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one or more frames."""
         for _ in range(checks.count("frames", frames, 1)):
-            self.stepping.advance(self.time)
-            self.frame_index += 1
+            with completing():
+                self.stepping.advance(self.time)
+                self.frame_index += 1
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.

@@ -21,7 +21,7 @@ from ..engine import (
     warn_of_start,
 )
 from ..integrators import SAFETY, Integrator, StepChoice, choose_forced
-from ..runtime import in_turn
+from ..runtime import completing, in_turn
 from ..world import (
     Change,
     Collider,
@@ -270,9 +270,11 @@ class Simulation(Changing, Differentiable):
         count = checks.count("frames", frames, 1)
         try:
             for left in reversed(range(count)):
-                self._step(left > 0)
+                with completing():
+                    self._step(left > 0)
         finally:  # if an exception was raised, the next frame may have been launched
-            self.stepping.discard_ahead()
+            with completing():
+                self.stepping.discard_ahead()
 
     def _step(self, continues: bool) -> None:
         """Advance by a frame; `continues`: another frame follows immediately."""

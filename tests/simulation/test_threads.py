@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -27,6 +28,7 @@ from msdwarp import (
 )
 from msdwarp.runtime import in_turn, turns
 from msdwarp.simulation import Readback
+from msdwarp.simulation.stepping import Stepping
 from msdwarp.studies.history import history
 
 HAMMER = """
@@ -34,6 +36,7 @@ import sys, threading
 import numpy as np
 from msdwarp import Plane, Simulation, box, chain
 from msdwarp.simulation import Readback
+from msdwarp.simulation.stepping import Stepping
 
 cube = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0, damping=0.2).translate((0, 0, 0.2))
 rope = chain(5)
@@ -259,6 +262,29 @@ def test_after_an_error_others_have_their_turn():
     with pytest.raises(KeyboardInterrupt):
         fails()
     assert in_a_thread(in_turn(lambda: 1)) == 1
+
+
+@pytest.mark.parametrize("make", [Simulation, lambda body, **options: Ensemble(body, 2, **options)])
+def test_ctrl_c_waits_for_the_end_of_a_frame(make, device, monkeypatch):
+    """The state is that of the frame that is told, however often Ctrl-C is pressed."""
+    made, usual, advance = make(chain(5), device=device), make(chain(5), device=device), Stepping.advance
+
+    def interrupted(stepping, *times):
+        fine = advance(stepping, *times)  # the frame is made, but not yet counted
+        signal.raise_signal(signal.SIGINT)
+        return fine
+
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    monkeypatch.setattr(Stepping, "advance", interrupted)
+    for k in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            made.step(4)  # in such a row the next frame may have been launched
+        assert made.frame_index == k + 1
+    monkeypatch.undo()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    made.step(2)
+    usual.step(5)
+    np.testing.assert_array_equal(made.frame().position, usual.frame().position)
 
 
 def test_a_process_that_was_forked_meanwhile_has_turns_of_its_own():
