@@ -55,12 +55,14 @@ def describe(
     needed: int,
     inside: str | None = None,
     gained: float | None = None,
+    too_far: float = 0.0,
 ) -> SimulationDiverged:
     """Return the exception for a frame of `substeps` substeps of `dt` [s] that diverged.
 
     `system` and `time` [s] are from the frame's start, and `needed` is the least number of substeps that is stable
     there, or 0. `inside` is a message about an initial overlap, which is then the cause. `gained` is the
-    unexplained rise of energy as a fraction of its scale, if this rise ended the run.
+    unexplained rise of energy as a fraction of its scale, if this rise ended the run. `too_far` is the path of a
+    particle in a substep [m], if contact would miss bodies on it.
     """
     position, substep, particle = divergence
     connection, strain, stretched = None, float("nan"), ""
@@ -76,7 +78,10 @@ def describe(
     advice = f"at least {needed} substeps a frame are stable there" if needed else "no step is stable here"
     if 0 < needed <= substeps:
         advice += f", so strong stretching must have come on within the frame: try {2 * substeps}"
-    if inside and time < INSIDE_MATTERS:
+    if too_far:
+        advice = f"a particle moves by {too_far:.3g} m in a substep, and contact would miss bodies on its way"
+        advice += ": take more substeps, or raise fps"
+    elif inside and time < INSIDE_MATTERS:
         advice = inside
     when = time + substep * dt
     event = "diverged"

@@ -320,11 +320,12 @@ class Simulation(Changing, Differentiable):
 
     def _divergence(self, gained: float | None = None) -> SimulationDiverged:
         """Return the error for the last frame, after going back to its start."""
-        divergence = self.stepping.locate_divergence()
+        too_far, divergence = self.stepping.too_far, self.stepping.locate_divergence()
         rates = rate_bounds(self.system, self.assembly, self.state)
         needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
         system = self.system.replace(**self.stepping.changed_fields())
-        return describe(system, divergence, self.time, self.dt, self.substeps, needed, self._inside, gained)
+        causes = self._inside, gained, too_far
+        return describe(system, divergence, self.time, self.dt, self.substeps, needed, *causes)
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the current frame and every frame of the next `duration` seconds.

@@ -101,6 +101,8 @@ class Stepping:
         self._launch_substeps: Callable[[int], None] = self.stepper.take
         self._balance_graph: Any = None
         self._generation = self.model.generation
+        self.too_far = 0.0
+        """The longest path in a substep of the last frame [m], if contact may have missed bodies there; else 0."""
         self._unrecorded = self._unsummed = 0
         """Numbers of frames, and of balances, to launch directly before later ones are recorded."""
         small = is_told_by_frames(dynamics)
@@ -198,7 +200,7 @@ class Stepping:
             self._velocities.start()
 
     def advance(self, time: float, next_time: float | None = None) -> bool:
-        """Advance by the frame that begins at `time` [s]; return False if it diverged.
+        """Advance by the frame that begins at `time` [s]; return False if it diverged (or was `too_far`).
 
         If another frame follows immediately, at `next_time` [s], the host prepares it while the device works and
         may launch it before testing the current frame. Omit `next_time` if the caller acts between the two
@@ -223,6 +225,9 @@ class Stepping:
             fine = self._is_fine(track)
         if self.frozen is not None:
             self.frozen.tell_contact()
+        elif fine and self.assembly.body_contact is not None:
+            self.too_far = self.assembly.body_contact.neighbors.too_far
+            return not self.too_far
         return fine
 
     def _is_fine(self, track: Track) -> bool:

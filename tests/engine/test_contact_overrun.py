@@ -1,9 +1,9 @@
-"""What contact between bodies needs to know of single particles."""
+"""What contact between bodies needs: the thickness of single particles, and substeps that miss no body."""
 
 import numpy as np
 import pytest
 
-from msdwarp import Contact, Simulation, System, box
+from msdwarp import Contact, Simulation, SimulationDiverged, System, box
 
 
 def test_particles_that_touch_each_other_need_a_thickness():
@@ -17,3 +17,30 @@ def test_particles_that_touch_each_other_need_a_thickness():
     Simulation(
         grains(1) + box((2, 2, 2)).translate((0, 0, 9)), contact=contact, device="cpu"
     )  # a solid has a surface
+
+
+FAST = 1e4
+"""So fast [m/s] that a block passes the other within one of the substeps that its springs need."""
+
+
+def blocks_that_meet(**options) -> Simulation:
+    block = box((3, 3, 3), 0.1, mass=0.01, stiffness=100.0, damping=0.05)
+    above = block.translate((0.01, 0.02, 0.21)).with_velocity((0, 0, -FAST))
+    return Simulation(block + above, gravity=0.0, contact=Contact(), device="cpu", **options)
+
+
+def test_bodies_do_not_pass_each_other_in_a_single_substep():
+    """Automatic substeps become short enough for contact to see the other body."""
+    simulation = blocks_that_meet()
+    assert simulation.dt * FAST > 64 * 0.1  # longer than contact looks
+    simulation.step(2)
+    height = simulation.frame().position[:, 2]
+    assert height[27:].mean() > height[:27].mean()
+
+
+def test_given_substeps_that_miss_contact_end_the_run():
+    simulation = blocks_that_meet(substeps=10)
+    with pytest.raises(SimulationDiverged, match=r"moves by 16\.7 m in a substep, and contact would miss bodies"):
+        simulation.step()
+    assert simulation.time == 0.0
+    np.testing.assert_array_equal(simulation.frame().position, simulation.system.position.astype(np.float32))

@@ -67,7 +67,8 @@ WIDEST_SKIN = 0.5
 SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.2
 """Largest width of the skin, as a fraction of the least spacing; wider means longer rows, fewer searches."""
 FARTHEST_WAY = 64.0
-"""A body that moves this multiple of its spacing, or of the contact distance, in a substep has diverged."""
+"""A body that moves this multiple of its spacing, or of the contact distance, in a substep has diverged, or is too
+fast for contact."""
 MOST_THREADS = 2**14
 """Threads on a GPU that examine the active points."""
 MOST_BETWEEN = 32
@@ -119,6 +120,8 @@ class NeighborList:
         self._least_skin = LEAST_SKIN * farthest
         self._farthest_way = FARTHEST_WAY * max(farthest, float(spacing.max(initial=0.0)))
         self._skin_now = self._least_skin
+        self.too_far = 0.0
+        """The longest path of a vertex in a substep of the last frame [m], if it was too long; else 0."""
         self.active = 0
         """Points that had facets near them in the last frame."""
         self.launcher = Launcher()
@@ -298,10 +301,12 @@ class NeighborList:
     def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
         """Choose the skin from the flags of a frame; return whether the frame must be repeated.
 
-        Worlds with a False in `counts` are ignored, and worlds that diverge, which other code detects.
+        Worlds with a False in `counts` are ignored, and worlds that diverge or are too fast (`too_far`).
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
         self.active, pairs = (int(flags[0, one]) for one in (ACTIVE, PAIRS))
+        fast = counts & (flags[:, WAY] >= self._farthest_way)
+        self.too_far = float(flags[fast, WAY].max(initial=0.0))
         flags = flags[counts & (flags[:, WAY] < self._farthest_way)]
         if not len(flags):
             return False
