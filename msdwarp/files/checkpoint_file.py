@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..disk import failure_named, replacing
 from .names import load, store
+from .validation import begins_as_hdf5
 
 FORMAT = 1
 _MARK = "msdwarp_restart_format"
@@ -57,9 +58,8 @@ def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
     import h5py
 
     path = Path(path)
-    with path.open("rb") as stream:
-        if stream.read(8) != b"\x89HDF\r\n\x1a\n":
-            raise ValueError(f"{path} is no restart file: it is no HDF5 file")
+    if not begins_as_hdf5(path):
+        raise ValueError(f"{path} is no restart file: it is no HDF5 file")
     try:
         with h5py.File(path, "r", locking=False) as opened:
             file: Any = opened

@@ -17,7 +17,7 @@ from ..disk import TRAJECTORY
 from .names import BROKEN_AT, CONTACT, COUNT, FORMAT, KINDS, OWN, POINTS, ROOT, STRAIN, SUBSTEPS, VELOCITY, load
 from .reading_tables import ReadingTables
 from .stored_system import read_system
-from .validation import structure_fault, too_large
+from .validation import begins_as_hdf5, structure_fault, too_large
 
 _ERRORS = (ArithmeticError, AttributeError, IndexError, KeyError, OSError, RuntimeError, TypeError, ValueError)
 """Errors that reading a damaged file may raise."""
@@ -293,9 +293,8 @@ def _opened(path: Path) -> Any:
     """Return a trajectory's open file; raise ValueError if the file is no trajectory."""
     import h5py
 
-    with path.open("rb") as file:
-        if file.read(8) != b"\x89HDF\r\n\x1a\n":
-            raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
+    if not begins_as_hdf5(path):
+        raise ValueError(f"{path} is no trajectory: it is no HDF5 file")
     try:
         with ExitStack() as opened:  # close on errors, since HDF5 caches the metadata of open files
             file = opened.enter_context(h5py.File(path, "r", locking=False))

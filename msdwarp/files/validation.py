@@ -31,9 +31,8 @@ def probe(path: str | Path) -> None:
     Contents are not checked. For a file that HDF5 itself refuses, opening the file raises the error instead.
     """
     path = Path(path)
-    with path.open("rb") as file:
-        if file.read(8) != b"\x89HDF\r\n\x1a\n":
-            return
+    if not begins_as_hdf5(path):
+        return
     words = [sys.executable, "-I", __file__, str(path.absolute())]
     env = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     try:
@@ -44,6 +43,14 @@ def probe(path: str | Path) -> None:
         raise ValueError(f"{path} cannot be read: {found}")
     if done.returncode < 0:
         raise ValueError(f"{path} is damaged: reading its structures does not end, or crashes HDF5")
+
+
+def begins_as_hdf5(path: Path) -> bool:
+    """Return whether a file begins as HDF5 files do; a pipe, which might never answer, is not read."""
+    if path.exists() and not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(8) == b"\x89HDF\r\n\x1a\n"
 
 
 def structure_fault(file: Any) -> str | None:

@@ -1,6 +1,7 @@
 """Files that a disk has damaged, or that someone has made so: they are refused in a way that ends."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -192,6 +193,17 @@ def test_links_that_lead_in_a_circle_or_are_lost_are_told(path, mark, spoiled):
 
 
 @pytest.mark.slow
+def test_a_pipe_is_not_waited_for(tmp_path):
+    """Nobody writes into it: reading would never end."""
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("needs named pipes")
+    os.mkfifo(tmp_path / "pipe")
+    probe(tmp_path / "pipe")
+    for read in (Trajectory, read_restart):
+        with pytest.raises(ValueError, match="it is no HDF5 file"):
+            read(tmp_path / "pipe")
+
+
 def test_what_there_is_once_has_checksums(tmp_path, path):
     scene = ({"look": {}}, {"image": np.arange(5000)})
     write(path, SYSTEMS["box"], 3, attributes={"note": "x"}, scene=scene, force=True)
