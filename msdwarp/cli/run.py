@@ -82,6 +82,8 @@ def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
         return None
     if folder is not None and path.with_suffix(".png") == overlay_path(folder, name):
         raise ValueError(f"log is {path}; its plot would have the name of the overlay")
+    if folder is not None and path in (folder / PROBES, folder / PROBES_BY_SUBSTEP):
+        raise ValueError(f"log is {path}; it would have the name of the probes' readings")
     if not options.logs_in_folder and not path.parent.exists():
         raise FileNotFoundError(
             f"log is {path}, whose folder does not exist; create it, or give a bare name, for the run's folder"

@@ -170,7 +170,11 @@ def test_a_log_goes_on_where_its_folder_is(msdwarp, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("e.txt", "its name must end in .csv"), ("cube_overlay.csv", "its plot would have the name of the overlay")],
+    [
+        ("e.txt", "its name must end in .csv"),
+        ("cube_overlay.csv", "its plot would have the name of the overlay"),
+        ("probes.csv", "it would have the name of the probes' readings"),
+    ],
 )
 def test_a_log_that_cannot_be_is_refused_before_a_folder_is_made(msdwarp, tmp_path, name, message):
     code, out, err = msdwarp(*SHORT, "--log", name)
