@@ -51,9 +51,12 @@ class StrainWarning(UserWarning):
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as a new float64 array; raise ValueError unless its entries are numbers.
 
-    Text is refused, although NumPy would read numbers from it, and so is None, which NumPy reads as NaN.
+    Text is refused, although NumPy would read numbers from it. So are None, which NumPy reads as NaN, and masked
+    entries, whose mask NumPy would drop.
     """
     allowed = "an array of numbers"
+    if np.ma.is_masked(value):
+        raise ValueError(f"{name} has masked entries; it must be {allowed}, none of them masked")
     try:
         given: NDArray = np.asarray(value)
         # Integers too large for NumPy's types become an array of Python objects.
@@ -64,6 +67,14 @@ def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
         allowed += f" up to {sys.float_info.max:.2g}" if isinstance(error, OverflowError) else ""
         raise ValueError(f"{name} must be {allowed}, not {repr_short(value)}") from error
     raise ValueError(f"{name} must be {allowed}, not {repr_short(value)}")
+
+
+def as_now(value: Any) -> Any:
+    """Return a value that its giver cannot change later: a read-only copy of an array, a copy of a list."""
+    if isinstance(value, np.ndarray):
+        value = value.copy()
+        value.flags.writeable = False
+    return list(value) if isinstance(value, list) else value
 
 
 def _is_real(value: object) -> bool:

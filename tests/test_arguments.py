@@ -98,6 +98,20 @@ TYPES = [
     (lambda: scene(gravity=(0, 1)), "gravity has shape (2,); it must be a number or have shape (3,)"),
     (lambda: scene(colliders=[msd.Sphere((0, 0), 1.0)]), "colliders[0].position is (0.0, 0.0); it must have 3"),
 ]
+ARRAYS = [  # whose truth value NumPy does not tell
+    (lambda: simulate(threads=np.ones(2)), "threads is array([1., 1.]); it must be a whole number of at least 1"),
+    (lambda: simulate(threads=10**9), "threads is 1000000000; it must be at most 1024"),
+    (lambda: simulate(blocks=np.ones(2)), "blocks is array([1., 1.]); it must be 'auto', None, or (blocks,"),
+    (
+        lambda: msd.chain(3, material=msd.CORK, area=np.ones(2)),
+        "area is array([1., 1.]); it must be a number above",
+    ),
+    (lambda: msd.von_mises([1.0, 2.0]), "stress has shape (2,); it must be (..., d, d), with d = 1, 2 or 3"),
+    (
+        lambda: BODY.replace(mass=np.ma.array(np.ones(3), mask=[False, True, False])),
+        "mass has masked entries; it must be an array of numbers, none of them masked",
+    ),
+]
 SELECTIONS = [
     (lambda: BODY.pin(None), "selection does not index 3 particles: it is None; it must be indices, a slice or a"),
     (lambda: BODY.pin(True), "selection does not index 3 particles: it is True"),
@@ -140,7 +154,7 @@ PICTURES = [
 
 @pytest.mark.parametrize(
     ("call", "message"),
-    [*TEXT, *HUGE_NUMBERS, *TYPES, *SELECTIONS, *PICTURES],
+    [*TEXT, *HUGE_NUMBERS, *TYPES, *ARRAYS, *SELECTIONS, *PICTURES],
     ids=lambda one: one[:40] if isinstance(one, str) else "",
 )
 def test_what_is_no_argument_is_named_at_the_call(call, message):
@@ -156,6 +170,8 @@ def test_numbers_of_all_kinds_are_numbers():
     for one in (1, 1.0, True, Fraction(1), Decimal(1), np.float32(1), np.int8(1), np.array(1.0)):
         assert msd.chain(3, mass=one).mass[0] == 1.0
         assert msd.at(one, mass=2.0).time == 1.0
+        assert msd.EnclosedGas(2.0, outside=one).outside == 1.0
+        np.testing.assert_allclose(np.linalg.norm(msd.icosphere(one, 0)[0], axis=1), 1.0)
     assert msd.chain(3, mass=10**17).mass[0] == 1e17
 
 
@@ -178,3 +194,16 @@ def test_a_scene_keeps_what_it_was_given_once():
     made = scene(colliders=(one for one in [msd.Plane()]), schedule=[msd.at(1.0, mass=2.0)])
     assert len(made.colliders) == len(made.schedule) == 1
     assert made.ground is made.colliders[0]
+
+
+def test_arrays_may_be_used_again_for_other_numbers():
+    """What was given stays as it was, also for changes that are made later."""
+    gravity, mass, group = np.array([0.0, 0.0, -1.0]), np.full(2, 3.0), [0, 1]
+    made = scene(gravity=gravity, schedule=[msd.at(0.1, mass=mass, group=group, gravity=gravity)])
+    run = simulate(gravity=gravity)
+    gravity[:], mass[:], group[1] = 7.0, -1.0, 2
+    for kept in (made.gravity, made.schedule[0].gravity, run.gravity):
+        np.testing.assert_array_equal(kept, [0.0, 0.0, -1.0])
+    np.testing.assert_array_equal(made.schedule[0].applied_to(BODY).mass, [3.0, 3.0, 1.0])
+    with pytest.raises(ValueError, match="read-only"):
+        run.gravity[2] = 5.0

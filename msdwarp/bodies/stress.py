@@ -93,7 +93,10 @@ def _joined_corners(system: System) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 def von_mises(stress: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the von Mises stress √(3/2 s:s) of stresses, shape [..., d, d], with their deviator s in 3D."""
-    dim = stress.shape[-1]
+    stress = checks.array("stress", stress)
+    dim = stress.shape[-1] if stress.ndim > 1 else 0
+    if not 1 <= dim <= 3 or stress.shape[-2] != dim:
+        raise ValueError(f"stress has shape {stress.shape}; it must be (..., d, d), with d = 1, 2 or 3")
     pressure = np.trace(stress, axis1=-2, axis2=-1) / 3
     squares = (stress**2).sum(axis=(-2, -1)) - 3 * pressure**2  # |s|², also for plane stress
     return np.sqrt(np.maximum(1.5 * squares, 0.0)) if dim > 1 else np.abs(stress[..., 0, 0])

@@ -83,7 +83,7 @@ def icosphere(radius: float = 0.5, subdivisions: int = 3) -> tuple[NDArray[np.fl
     subdivisions
         Number of times each triangle is divided into four, 0 to 7.
     """
-    checks.positive("radius", radius)
+    radius = checks.positive("radius", radius)
     checks.one_of("subdivisions", subdivisions, range(8))
     tall = (1 + 5**0.5) / 2
     corners = [(-1, tall), (1, tall), (-1, -tall), (1, -tall)]

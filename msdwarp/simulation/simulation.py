@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NoReturn, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,13 +154,13 @@ class Simulation(Changing, Differentiable):
             checks.one_of(name, choice, (False, True))
         self._refresh = refresh and self._forced is None
         self._given = with_contact(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), contact)
-        self._loads, self._gravity = bound(self._given, system), gravity
+        self._loads, self._gravity = bound(self._given, system), checks.as_now(gravity)
         check_supports_contact(self._method, self._given)
         check_supports(self._method, system)
         self._schedule = in_order(schedule, system, self._loads)
         colliders = checks.sequence("colliders", colliders, Collider, "Plane()")
         self._surroundings: dict[str, Any] = {
-            "gravity": gravity,
+            "gravity": self._gravity,
             "colliders": colliders,
             "collider_rule": collider_rule,
             "probes": checked_probes(probes or {}, system, colliders, self._given),
@@ -195,10 +195,6 @@ class Simulation(Changing, Differentiable):
             simulation._initial = simulation.system
             simulation.reset()
         return simulation
-
-    def __reduce__(self) -> NoReturn:
-        """Refuse copying and pickling, since memory and graphs on the device cannot be copied."""
-        raise TypeError("a Simulation cannot be copied or pickled; use checkpoint and restore")
 
     def __repr__(self) -> str:
         parts = f"{self.system.particle_count} particles, {self.system.connection_count} connections"

@@ -83,7 +83,7 @@ class EnclosedGas(Pressed):
     volume: float | None = None
 
     def __post_init__(self) -> None:
-        checks.non_negative("outside", self.outside)
+        object.__setattr__(self, "outside", checks.non_negative("outside", self.outside))
         checks.positive("exponent", self.exponent)
         checks.between("pressure", self.pressure, -self.outside, checks.LARGEST)
         if self.volume is not None:

@@ -95,6 +95,7 @@ class Scene:
                 raise ValueError(f"colliders[{k}].{wrong}")
         check_loads(self.loads, self.system)
         bound(self.loads, self.system)
+        object.__setattr__(self, "gravity", checks.as_now(self.gravity))
         gravity_at(self.gravity, np.zeros(1), dim)
         checks.positive("duration", self.duration)
         checks.one_of("settled", self.settled, (False, True))

@@ -37,6 +37,10 @@ class Change:
                     f"simulation.change({name}=...) replaces it between two frames"
                 )
             checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
+        for name in ("group", "unpin", "gravity"):
+            object.__setattr__(self, name, checks.as_now(getattr(self, name)))
+        values = {name: checks.as_now(value) for name, value in self.parameters.items()}
+        object.__setattr__(self, "parameters", values)
         checks.one_of("set_rest_shape", self.set_rest_shape, (False, True))
         if self.set_rest_shape and "rest_length" in self.parameters:
             raise ValueError(

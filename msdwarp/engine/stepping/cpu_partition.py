@@ -28,6 +28,8 @@ from .assemble import Assembly
 
 LEAST_SHARE = 5_000
 """Minimal number of springs per thread: about 50 µs of work, so that barriers cost little."""
+MOST_THREADS = 1024
+"""Maximal number of threads: more take long to start, and the system may have no more."""
 MOST_BY_ITSELF = 16
 """Maximal number of threads for "auto"."""
 THREADS = "MSDWARP_THREADS"
@@ -206,12 +208,14 @@ def threads_for(assembly: Assembly, threads: int | str) -> int:
     Raises ValueError unless `threads` is "auto" or a whole number of at least 1, which is 1 on a GPU.
     """
     on_gpu = assembly.model.device.is_cuda
-    if threads != "auto":
-        if isinstance(threads, str):
-            raise ValueError(f"threads is {threads!r}; it must be a whole number of at least 1, or 'auto'")
+    if not isinstance(threads, str):
         if checks.count("threads", threads, 1) > 1 and on_gpu:
             raise ValueError(f"threads is {threads}; it must be 1 or 'auto' on a GPU, which has its own")
+        if threads > MOST_THREADS:
+            raise ValueError(f"threads is {threads}; it must be at most {MOST_THREADS}")
         return threads
+    if threads != "auto":
+        raise ValueError(f"threads is {threads!r}; it must be a whole number of at least 1, or 'auto'")
     if on_gpu:
         return 1
     most = os.environ.get(THREADS, "")

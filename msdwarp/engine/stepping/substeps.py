@@ -135,7 +135,7 @@ class Stepper:
 
 def check_blocks(blocks: Blocks, *, on_gpu: bool) -> None:
     """Raise ValueError unless `blocks` is "auto", None, or two numbers that the device supports."""
-    if blocks is None or blocks == "auto":
+    if blocks is None or (isinstance(blocks, str) and blocks == "auto"):
         return
     if not isinstance(blocks, tuple) or len(blocks) != 2:
         raise ValueError(f"blocks is {blocks!r}; it must be 'auto', None, or (blocks, threads in each)")
