@@ -61,6 +61,8 @@ def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin
             name, module = scene, importlib.import_module(f"{scenes.__name__}.{scene}")
     elif path.suffix == ".py" and path.is_file():
         source = path.read_bytes()  # read once, so that the checked bytes run, not a compiled file
+        if b"\0" in source:  # Python's own error names no file
+            raise ValueError(f"scene is {scene!r}, whose script has null bytes; it must be text in UTF-8")
         digest = hashlib.sha256(source).hexdigest()
         if check is not None:
             check(digest)

@@ -167,9 +167,11 @@ def check_arrays(stepping: Stepping, arrays: Arrays) -> None:
     for effect in _kept_effects(stepping, arrays):
         own |= effect.checkpoint()
     for name, values in own.items():
-        found = checks.member("checkpoint", arrays, name)
+        found = np.asarray(checks.member("checkpoint", arrays, name))
         if (found.shape, found.dtype) != (values.shape, values.dtype):
             raise ValueError(f"checkpoint holds {name} of shape {found.shape} and type {found.dtype}")
+        if name in ("x", "v"):
+            checks.finite(f"{name} of the checkpoint", found)
 
 
 def restore_arrays(stepping: Stepping, arrays: Arrays) -> None:

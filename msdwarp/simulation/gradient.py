@@ -133,6 +133,7 @@ class Differentiable(Present):
                 f"loss returned a value of shape {value.shape}; it must be of shape {stopped.shape}, a number for "
                 "each world"
             )
+        checks.every("the value of loss", value, np.isfinite(value) | stopped, "finite")
         value[stopped] = np.nan
         for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
             if each is not None:

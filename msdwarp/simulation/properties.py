@@ -1,5 +1,7 @@
 """Properties of simulations and ensembles that can be read between two frames."""
 
+from typing import NoReturn
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -31,6 +33,11 @@ class Present:
     stepping: Stepping
     fps: float
     frame_index: int
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse copying and pickling, since memory and graphs on the device cannot be copied."""
+        kind, instead = type(self).__name__, "use checkpoint and restore, or make another with the same arguments"
+        raise TypeError(f"the {kind} cannot be copied or pickled; {instead}")
 
     def __del__(self) -> None:
         """Free device memory when no thread records a graph."""

@@ -45,9 +45,9 @@ class Settled(NamedTuple):
 
     def __str__(self) -> str:
         """Describe the result in a line."""
-        within = "within" if self.converged else "above"
+        told, within = ("settled", "within") if self.converged else ("not settled", "above")
         return (
-            f"settled in {self.substeps} substeps: the largest force left is {self.residual:.3g} N, {within} the "
+            f"{told} in {self.substeps} substeps: the largest force left is {self.residual:.3g} N, {within} the "
             f"tolerance of {self.tolerance:.3g} N"
         )
 

@@ -56,6 +56,13 @@ def test_what_explains_itself_is_told_as_it_is(msdwarp, tmp_path):
     assert err.startswith("error: spacing is -1")
 
 
+def test_a_script_in_another_encoding_is_told(msdwarp, tmp_path):
+    """PowerShell writes UTF-16 by default."""
+    (tmp_path / "own.py").write_text(SCENE, encoding="utf-16")
+    code, _, err = msdwarp("run", "own.py", *UNDRAWN)
+    assert (code, err) == (1, "error: scene is 'own.py', whose script has null bytes; it must be text in UTF-8\n")
+
+
 @pytest.mark.parametrize(
     ("flags", "said"),
     [

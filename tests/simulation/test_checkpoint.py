@@ -95,6 +95,10 @@ def test_a_checkpoint_of_something_else_is_refused_and_changes_nothing():
         simulation.restore(*other)
     with pytest.raises(ValueError, match=r"checkpoint holds x .*float64"):
         simulation.restore(*scene(device="cpu", precision="float64").checkpoint())
+    with pytest.raises(ValueError, match=r"x of the checkpoint.* is nan; it must be finite"):
+        simulation.restore(arrays | {"x": np.full_like(arrays["x"], np.nan)}, numbers)
+    with pytest.raises(ValueError, match=r"checkpoint holds x of shape \(\) and type object"):
+        simulation.restore(arrays | {"x": None}, numbers)
     with pytest.raises(ValueError, match="checkpoint is of another integrator: SymplecticEuler"):
         scene(device="cpu", integrator=msd.Leapfrog(damper_extrapolation=0.5)).restore(arrays, numbers)
     with pytest.raises(ValueError, match=r"checkpoint is of another fps: 60\.0; here it is 30"):

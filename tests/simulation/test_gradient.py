@@ -296,6 +296,8 @@ def test_unknown_names_and_shapes_are_told():
         run.gradient(lambda frames: (0.0, np.zeros((2, 2)), None), 2)
     with pytest.raises(ValueError, match=r"loss returned 1\.0; it must return its value, and its derivatives"):
         run.gradient(lambda frames: 1.0, 2)
+    with pytest.raises(ValueError, match="the value of loss is nan; it must be finite"):
+        run.gradient(lambda frames: (np.nan, None, None), 2)
     with pytest.raises(ValueError, match="frames is 0"):
         run.gradient(loss, 0)
     with pytest.raises(ValueError, match="there must be an Actuator"):

@@ -56,10 +56,10 @@ def test_the_largest_strain_is_that_of_what_is_whole(plain_device):
 
 
 def test_a_simulation_says_that_it_has_no_copy():
-    simulation = Simulation(box((2, 2, 2)), device="cpu")
-    for refused in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(TypeError, match="use checkpoint and restore"):
-            refused(simulation)
+    for made in (Simulation(box((2, 2, 2)), device="cpu"), Ensemble(box((2, 2, 2)), 2, device="cpu")):
+        for refused in (copy.copy, copy.deepcopy, pickle.dumps):
+            with pytest.raises(TypeError, match="use checkpoint and restore"):
+                refused(made)
 
 
 def sheets(apart: float) -> Scene:
