@@ -42,7 +42,7 @@ def _section(
     for name, value in sections.items():
         if value is None:
             raise ValueError(f"{name} is None; with a material it must be a number above 0")
-    return math.prod(checks.positive(name, value) for name, value in sections.items())
+    return math.prod(checks.positive(name, value) for name, value in sections.items() if value is not None)
 
 
 def _lattice(
