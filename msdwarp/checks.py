@@ -227,9 +227,11 @@ def between(name: str, value: float, low: float, high: float) -> float:
 
 
 def count(name: str, value: int, least: int) -> int:
-    """Return `value` as an int; raise ValueError unless it is a whole number of at least `least`."""
+    """Return `value` as an int; raise ValueError unless it is a whole number from `least` to LARGEST."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} is {repr_short(value)}; it must be a whole number of at least {least}")
+    if value > LARGEST:
+        raise ValueError(f"{name} is {repr_short(value)}; it must be {_MOST}")
     return int(value)
 
 

@@ -56,6 +56,8 @@ HUGE_NUMBERS = [
     (lambda: msd.Plane(friction=HUGE), "friction is 1000"),
     (lambda: simulate(fps=HUGE), "fps is 1000"),
     (lambda: BODY.rotate(HUGE), "angle is 1000"),
+    (lambda: msd.chain(HUGE), "count is 1000"),
+    (lambda: msd.from_mesh(msd.icosphere(1.0, 0), across=HUGE), "across is 1000"),
 ]
 TYPES = [
     (lambda: msd.Scene(system=3), "system is 3; it must be a System, such as chain(5)"),
@@ -110,6 +112,10 @@ ARRAYS = [  # whose truth value NumPy does not tell
     (
         lambda: BODY.replace(mass=np.ma.array(np.ones(3), mask=[False, True, False])),
         "mass has masked entries; it must be an array of numbers, none of them masked",
+    ),
+    (
+        lambda: msd.Ensemble(BODY, 2, mass=[[1.0], [1.0, 2.0]], device="cpu"),
+        "mass must be an array of numbers, not [[1.0], [1.0, 2.0]]",
     ),
 ]
 SELECTIONS = [

@@ -126,10 +126,11 @@ class Ensemble(Differentiable):
         self._observe = scene.observe if isinstance(scene, Scene) else {}
         if isinstance(scene, Scene) and scene.settled:
             raise ValueError("scene has settled=True, which an ensemble cannot do yet; it must be False")
-        given = dict(zip(SYSTEM_FIELDS, (stiffness, damping, rest_length, mass, position, velocity), strict=True))
-        alike = {name: value for name, value in given.items() if value is not None and np.ndim(value) == 0}
+        values = zip(SYSTEM_FIELDS, (stiffness, damping, rest_length, mass, position, velocity), strict=True)
+        given = {name: None if value is None else checks.array(name, value) for name, value in values}
+        alike = {name: value for name, value in given.items() if value is not None and value.ndim == 0}
         self._base = system.replace(**alike)
-        by_world = {name: value for name, value in given.items() if name not in alike}
+        by_world: dict[str, Any] = {name: value for name, value in given.items() if name not in alike}
         by_world |= {"friction": friction}
         if gravity is None or np.ndim(gravity) == 0:  # a function also has ndim 0
             own_gravity = own_gravity if gravity is None else gravity
