@@ -159,10 +159,11 @@ class TrajectoryWriter:
         if the system can tear. `readings` are new rows of the tables "frame" and "substep": times [s], followed by
         the values of all probes read that often, in order. `contact_force` [N] has shape [particle_count, d].
 
-        Raises ValueError if an array has the wrong shape or the writer is closed, and OSError if an earlier frame
-        could not be written.
+        Raises ValueError if the time is not finite, an array has the wrong shape or the writer is closed, and
+        OSError if an earlier frame could not be written.
         """
         frame, system = Frame(*frame), self._system
+        checks.between("time", frame.time, -checks.LARGEST, checks.LARGEST)
         given = {"position": frame.position, "velocity": frame.velocity}
         optional = {"contact_force": contact_force, "strain": strain, "broken_at": broken_at}
         given |= {name: values for name, values in optional.items() if values is not None}

@@ -368,6 +368,8 @@ def test_wrong_arguments_are_named(tmp_path):
         time, position, velocity = next(frames(system, 1))
         with pytest.raises(ValueError, match=r"position has shape \(5, 3\); it must be \(36, 3\)"):
             writer.write((time, position[:5], velocity))
+        with pytest.raises(ValueError, match="time is nan; it must be from"):
+            writer.write((np.nan, system.position, system.position))
         with pytest.raises(ValueError, match=r"velocity has shape \(36,\)"):
             writer.write((time, position, velocity[:, 0]))
         with pytest.raises(ValueError, match="strain has shape"):
