@@ -43,15 +43,16 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
 
 
 @contextlib.contextmanager
-def completing() -> Iterator[None]:
+def completing() -> Iterator[list[int]]:
     """Complete a block before Ctrl-C raises KeyboardInterrupt, so that no frame is left half done.
 
-    A second Ctrl-C raises at once. Handlers that a program has set itself, and other threads, are left alone.
+    Yields a list that is no longer empty once Ctrl-C was pressed: a long block should then end early. A second
+    Ctrl-C raises at once. Handlers that a program has set itself, and other threads, are left alone.
     """
     usual, pressed = _signal.default_int_handler, list[int]()
     in_main = threading.current_thread() is threading.main_thread()
     if not in_main or _signal.getsignal(_signal.SIGINT) is not usual:
-        yield
+        yield pressed
         return
 
     def note(number: int, frame: Any) -> None:
@@ -61,7 +62,7 @@ def completing() -> Iterator[None]:
 
     _signal.signal(_signal.SIGINT, note)
     try:
-        yield
+        yield pressed
     finally:
         _signal.signal(_signal.SIGINT, usual)
         if pressed:

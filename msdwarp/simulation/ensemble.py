@@ -181,10 +181,12 @@ class Ensemble(Differentiable):
     @in_turn
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one or more frames."""
-        for _ in range(checks.count("frames", frames, 1)):
-            with completing():
+        with completing() as interrupted:
+            for _ in range(checks.count("frames", frames, 1)):
                 self.stepping.advance(self.time)
                 self.frame_index += 1
+                if interrupted:
+                    break
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.

@@ -264,12 +264,13 @@ class Simulation(Changing, Differentiable):
             that it may stay distorted (automatic substeps only).
         """
         count = checks.count("frames", frames, 1)
-        try:
-            for left in reversed(range(count)):
-                with completing():
+        with completing() as interrupted:
+            try:
+                for left in reversed(range(count)):
                     self._step(left > 0)
-        finally:  # if an exception was raised, the next frame may have been launched
-            with completing():
+                    if interrupted:
+                        break
+            finally:  # after an exception or an interrupt, the next frame may have been launched
                 self.stepping.discard_ahead()
 
     def _step(self, continues: bool) -> None:
