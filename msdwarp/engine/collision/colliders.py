@@ -65,6 +65,8 @@ class Colliders(FrameTables):
         """Which particles obstacles ignore."""
         free, spares = np.isfinite(model.mass) & ~self.spared, bool(self.spared.any())
         inside, self.leads_out = _deepest(model, colliders, free), rule == "coulomb"
+        self.overlap = inside > 0.0
+        """Whether a free particle starts inside an obstacle."""
         self._deepest = inside if self.leads_out else 0.0
         self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
         some = {"overlapping_at_start": self._deepest > 0.0, "spares": spares}

@@ -41,12 +41,12 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
     The warning names the line two calls up. Raises ValueError if depenetration would tear a body.
     """
     model, obstacles, drives = assembly.model, assembly.colliders, assembly.drives
-    depenetrates, free = obstacles is None or obstacles.leads_out, np.isfinite(model.mass)
-    if obstacles is not None:
-        free &= ~obstacles.spared
-    if depenetrates:
-        check_swallowed(model.system, colliders, free)
-    inside = start_inside(model.system, colliders, free, depenetrates=depenetrates)
+    inside = None
+    if obstacles is not None and obstacles.overlap:
+        free = np.isfinite(model.mass) & ~obstacles.spared
+        if obstacles.leads_out:
+            check_swallowed(model.system, colliders, free)
+        inside = start_inside(model.system, colliders, free, depenetrates=obstacles.leads_out)
     displaced = None if drives is None else drives.displaced()
     contacts = filter(None, (assembly.body_contact, assembly.surface_contact))
     overlapping = [effect.overlapping() for effect in contacts]
