@@ -1,5 +1,7 @@
 """Joining: connections between particles of two bodies, or of one."""
 
+from __future__ import annotations
+
 import itertools
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Lattices: bodies whose particles lie on a regular lattice, centred at the origin."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast

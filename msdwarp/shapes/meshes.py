@@ -1,5 +1,7 @@
 """Bodies of any shape: a closed mesh as surface, filled with a lattice whose particles move it."""
 
+from __future__ import annotations
+
 import itertools
 import math
 from collections.abc import Sequence

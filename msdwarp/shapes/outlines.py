@@ -1,5 +1,7 @@
 """Cloths: sheets of any outline, embedded in a lattice."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

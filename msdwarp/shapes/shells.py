@@ -1,5 +1,7 @@
 """Shells: hollow bodies with connections along the edges of their triangles."""
 
+from __future__ import annotations
+
 from itertools import combinations
 from typing import Any
 

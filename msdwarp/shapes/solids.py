@@ -1,5 +1,7 @@
 """Solids of revolution: a lattice with an embedded smooth surface."""
 
+from __future__ import annotations
+
 import itertools
 import math
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """Bodies from the files of mesh generators and finite-element codes."""
 
+from __future__ import annotations
+
 import importlib
 import math
 from os import PathLike
