@@ -245,10 +245,12 @@ class Run:
         simulation, kept = self.simulation, {"strain": self._strain, "contact_forces": self.options.sums_contact}
         readback = Readback(simulation, **kept)
         saved = time.monotonic()
-        for k in progress.track(range(behind, last + 1), description="simulating"):
+        task = progress.add_task("compiling kernels", total=last + 1 - behind)  # at the first step, if at all
+        for k in progress.track(range(behind, last + 1), task_id=task):
             if k:
                 try:
                     simulation.step()
+                    progress.update(task, description="simulating")
                 except SimulationDiverged:
                     self._save(writer)  # of the previous frame
                     raise
