@@ -284,6 +284,8 @@ def test_a_body_that_does_not_fit_into_memory_is_refused_before_it_is_made():
     with pytest.raises(ValueError, match=r"shape is \(100000, .*1e\+15 particles .* GB of memory"):
         box((100_000, 100_000, 100_000))
     with pytest.raises(ValueError, match=r"shape is .* GB of memory"):
-        sheet((10**200, 10**200))
+        sheet((10**9, 10**9))
     with pytest.raises(ValueError, match=r"count is .* GB of memory"):
         chain(10**15)
+    with pytest.raises(ValueError, match=r"shape\[0\] is 10+ .*; it must be at most 1e\+18"):
+        sheet((10**200, 10**200))
