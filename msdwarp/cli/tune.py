@@ -32,10 +32,10 @@ def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:
         f"cheapest under {options.tolerance:g}: --integrator {best.method} --precision {best.precision} "
         f"--substeps {best.substeps}"
     )
-    print(
-        f"error {best.error:.1e}"
-        + f", {default.seconds / best.seconds:.2g} times as fast as the default ({default.method}, "
-        f"{default.substeps} substeps, error {default.error:.1e})"
-        if default
-        else f"error {best.error:.1e}; the default, {DEFAULT}, diverged"
-    )
+    compared = f"the default, {DEFAULT}, diverged"
+    if default is not None:
+        compared = (
+            f"{default.seconds / best.seconds:.2g} times as fast as the default "
+            f"({default.method}, {default.substeps} substeps, error {default.error:.1e})"
+        )
+    print(f"error {best.error:.1e}, {compared}")

@@ -225,9 +225,9 @@ class Stepping:
             fine = self._is_fine(track)
         if self.frozen is not None:
             self.frozen.tell_contact()
-        elif fine and self.assembly.body_contact is not None:
-            self.too_far = self.assembly.body_contact.neighbors.too_far
-            return not self.too_far
+        elif self.assembly.body_contact is not None:
+            self.too_far = self.assembly.body_contact.neighbors.too_far if fine else 0.0
+            return fine and not self.too_far
         return fine
 
     def _is_fine(self, track: Track) -> bool:

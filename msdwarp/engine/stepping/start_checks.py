@@ -92,7 +92,7 @@ def check_swallowed(system: System, colliders: Sequence[Collider], free: NDArray
     Depenetration moves each particle out by its own shortest way. So in the middle of a box or wall the two halves
     of a body would leave on opposite sides.
     """
-    if not colliders or not system.connection_count or not free.any():
+    if not system.connection_count:
         return
     depths = start_depths(system.position, colliders)
     piece = pieces(system.particle_count, system.connections)
