@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces
 from ...kernels.collision import (
+    LAUNCHED_ROUNDS,
     MOST_THREADS,
     PHASES,
     QUEUES,
+    ROUNDS,
     SHARES,
     NearPairs,
     catch_up,
@@ -263,7 +265,10 @@ class DivisionPlanes(Effect):
             launch(self._keep, self._blocks * MOST_THREADS if device.is_cuda else 1, 0, PHASES - 1)
 
         def launch_each() -> None:
-            for phase in range(PHASES):
+            late, end_of_rounds = 3 * LAUNCHED_ROUNDS, 3 * ROUNDS
+            for phase in (*range(late), *range(end_of_rounds, PHASES)):
+                if phase == end_of_rounds:
+                    launch(self._keep, self._blocks * MOST_THREADS, late, end_of_rounds - 1)
                 launch(keep_apart(model.scalar, 1), PAIR_THREADS, phase, phase)
 
         # A single CPU thread handles all pairs.
