@@ -24,11 +24,11 @@ from .contact_data import (
     body_contact_term as body_contact_term,
 )
 from .division_planes import (
-    LAUNCHED_ROUNDS as LAUNCHED_ROUNDS,
     MOST_THREADS as MOST_THREADS,
     PHASES as PHASES,
     ROUNDS as ROUNDS,
     catch_up as catch_up,
+    end_round as end_round,
     keep_apart as keep_apart,
 )
 from .facet_tree import (

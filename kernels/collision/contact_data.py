@@ -232,7 +232,8 @@ def NearPairs(scalar: type):
         tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
         may_meet: wp.array(dtype=int)  # whether inner surfaces may meet in this substep, shape [1]
         alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
-        many: wp.array(dtype=int)  # whether there are too many pairs for a single launch, shape [1]
+        many: wp.array(dtype=int)  # whether there are too many pairs for a single launch; 0 after the last round
+        round: wp.array(dtype=int)  # round of impulses from 0, if each phase is a launch, shape [1]
         exceeded: wp.array(dtype=int)  # whether a path is longer than foreseen in this substep, shape [1]
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
         cutting: wp.array(dtype=int)  # whether any displacement is shortened in this substep, shape [1]

@@ -36,8 +36,6 @@ ROUNDS, FIRST_ROUNDS = 64, 4
 rounds are only for pairs that would be held back. Without rounds a driven end of a folded cloth lags by 0.3 m,
 with four by some millimetres. Two blocks that meet at 20 m/s need up to 8, a block that crushes four light ones at
 8 m/s up to 28."""
-LAUNCHED_ROUNDS = 16
-"""If each phase is a launch, rounds after these are one launch: they are seldom needed."""
 ALLOWED = 0.8
 """Fraction of its distance from the plane by which a vertex may approach the plane."""
 LEAST_SHARE = 0.05
@@ -293,8 +291,8 @@ def keep_apart(scalar: type, blocks: int):
         per_unit: wp.float64,  # units of impulse times substep [1/(kg m)]
         apart: scalar,  # beyond this distance pairs are left alone [m]
         particles: int,  # number of particles in each world
-        most: int,  # a launch of all phases does nothing with more pairs: then each phase is a launch
-        first_phase: int,
+        most: int,  # a single launch of all phases does nothing with more pairs: then each phase is a launch
+        first_phase: int,  # 0 to 2 if the launch is a phase of round `pairs.round`
         last_phase: int,
         threads: int,
         # In and out: positions and velocities at its end
@@ -302,20 +300,24 @@ def keep_apart(scalar: type, blocks: int):
         v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),
     ):
-        whole = first_phase == 0 and last_phase == wp.static(PHASES - 1)
+        single = first_phase < last_phase
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         watched = pairs.watched_count[0]
-        if whole and grid_thread() == 0:
+        if single and grid_thread() == 0:
             pairs.may_meet[0] = 0
         if pairs.alarm[0] == 0:
-            if whole and grid_thread() == 0:
+            if single and grid_thread() == 0:
                 pairs.watched_count[0] = 0
             return
-        if whole and (count > most or watched > most / 4):
+        if single and (count > most or watched > most / 4):
             pairs.many[0] = 1
             return
         phase = first_phase
-        while phase <= last_phase:
+        last = last_phase
+        if not single and phase < 3:
+            phase += 3 * pairs.round[0]
+            last = phase
+        while phase <= last:
             cut = phase - wp.static(3 * ROUNDS)
             # A round is run only if pairs came too near in the one before. Displacements are shortened further
             # only if any has been shortened.
@@ -342,13 +344,28 @@ def keep_apart(scalar: type, blocks: int):
                     while n < count:
                         act(pairs, x, x_out, per_unit, apart, particles, phase, n)
                         n += threads
-                if phase < last_phase:
+                if phase < last:
                     wait()
-            elif phase < wp.static(3 * ROUNDS) and last_phase > phase:
+            elif phase < wp.static(3 * ROUNDS) and last > phase:
                 phase = wp.static(3 * ROUNDS - 1)
             phase += 1
-        if whole and grid_thread() == 0:
+        if single and grid_thread() == 0:
             pairs.alarm[0] = 0
             pairs.watched_count[0] = 0
 
     return kernel(keep, launch_bounds=MOST_THREADS, cluster_dim=blocks)
+
+
+@functools.cache
+def end_round(scalar: type):
+    """Compose the kernel that ends a round whose phases are launches; it clears `many` after the last."""
+    Pairs = NearPairs(scalar)
+
+    @kernel
+    def end_round_of_impulses(pairs: Pairs):
+        following = pairs.round[0] + 1
+        pairs.round[0] = following
+        if pairs.lacking[0] < following or following == wp.static(ROUNDS):
+            pairs.many[0] = 0
+
+    return end_round_of_impulses

@@ -265,7 +265,7 @@ def test_after_an_error_others_have_their_turn():
 
 
 @pytest.mark.parametrize("make", [Simulation, lambda body, **options: Ensemble(body, 2, **options)])
-def test_ctrl_c_waits_for_the_end_of_a_frame(make, device, monkeypatch):
+def test_ctrl_c_waits_for_the_end_of_a_frame(make, device, heard, monkeypatch):
     """The state is that of the frame that is told, however often Ctrl-C is pressed."""
     made, usual, advance = make(chain(5), device=device), make(chain(5), device=device), Stepping.advance
 

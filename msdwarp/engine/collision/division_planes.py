@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces
 from ...kernels.collision import (
-    LAUNCHED_ROUNDS,
     MOST_THREADS,
     PHASES,
     QUEUES,
@@ -17,6 +16,7 @@ from ...kernels.collision import (
     NearPairs,
     catch_up,
     clear_pairs,
+    end_round,
     find_alarm,
     find_pairs,
     find_pairs_of_pieces,
@@ -106,8 +106,9 @@ class DivisionPlanes(Effect):
         numbers = "count", "particle_count", "pushing_count", "tangles", "lacking", "cutting", "exceeded"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
-        self._signals = wp.zeros(4, dtype=int, device=device)  # cleared together
-        for k, name in enumerate(("may_meet", "alarm", "many", "watched_count")):
+        signals = "may_meet", "alarm", "many", "watched_count", "round"
+        self._signals = wp.zeros(len(signals), dtype=int, device=device)  # cleared together
+        for k, name in enumerate(signals):
             setattr(data, name, self._signals[k : k + 1])
         data.unsettled = wp.zeros(model.worlds, dtype=int, device=device)
         data.in_pair, data.particle, data.pushes, data.held = (
@@ -265,11 +266,14 @@ class DivisionPlanes(Effect):
             launch(self._keep, self._blocks * MOST_THREADS if device.is_cuda else 1, 0, PHASES - 1)
 
         def launch_each() -> None:
-            late, end_of_rounds = 3 * LAUNCHED_ROUNDS, 3 * ROUNDS
-            for phase in (*range(late), *range(end_of_rounds, PHASES)):
-                if phase == end_of_rounds:
-                    launch(self._keep, self._blocks * MOST_THREADS, late, end_of_rounds - 1)
+            wp.capture_while(self.pairs.many, launch_round)
+            for phase in range(3 * ROUNDS, PHASES):
                 launch(keep_apart(model.scalar, 1), PAIR_THREADS, phase, phase)
+
+        def launch_round() -> None:
+            for phase in range(3):
+                launch(keep_apart(model.scalar, 1), PAIR_THREADS, phase, phase)
+            wp.launch(end_round(model.scalar), 1, [self.pairs], device=device)
 
         # A single CPU thread handles all pairs.
         neighbors.launcher.launch_parts(lambda part, _: launch_all() if part == 0 else None)
