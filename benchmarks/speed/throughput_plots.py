@@ -101,8 +101,8 @@ def throughput(rows: list[dict], peers: list[dict], on: str, name: str) -> None:
         f"Symplectic Euler in float32. {FORCE_ALGORITHMS}",
         "Filled markers: the algorithm taken by itself; circles: all substeps of a frame in one launch; squares: "
         "more launches.",
-        "Dotted: what moving an algorithm's data from and to memory allows at the speed of a copy, if neighbours come"
-        " from a cache. Small bodies stay in the caches.",
+        "Dotted: what moving an algorithm's data from and to memory allows at the speed of a copy, if neighbours "
+        "come from a cache. Small bodies stay in the caches.",
     ]
     figure.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8.5, color=GREY)
     save(figure, name)

@@ -155,6 +155,7 @@ class Run:
         self._writes = self._keeps or self.options.pictures.any
         of_springs = self.options.pictures.colour in ("energy", "stress")
         self._strain = self.options.strain and (self._keeps or of_springs)
+        self._held_back, self._held_back_at = 0.0, 0.0
         self._tables: dict[str, GrowingTable] = {}
         for every, name in ((FRAME, PROBES), (SUBSTEP, PROBES_BY_SUBSTEP)):
             if self.folder is not None and (probes := probes_by(every, self.scene.probes)):
@@ -189,6 +190,9 @@ class Run:
             except SimulationDiverged as error:
                 trouble = error  # raised after drawing
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
+            if self._held_back:
+                where = f"at about {self._held_back_at:.4g} s by {self._held_back:.2g} m in a substep"
+                lines.append(f"contact held particles back, {where}: momentum was lost")
             if trouble is None and self.scene.observe:
                 _, *now = self.simulation.frame()
                 for name, values in self.scene.observed(*now).items():
@@ -254,6 +258,8 @@ class Run:
                 except SimulationDiverged:
                     self._save(writer)  # of the previous frame
                     raise
+                if simulation.held_back > self._held_back:
+                    self._held_back, self._held_back_at = simulation.held_back, simulation.time
             readings = {every: simulation.readings.last(every) for every in (FRAME, SUBSTEP) if k}
             readings = {every: rows for every, rows in readings.items() if rows.size}
             if writer is not None:

@@ -1,4 +1,4 @@
-"""Warnings in the command are a line each, without the place in our sources that gave them."""
+"""What the command warns of is a line each, without the place in our sources that gave it."""
 
 import subprocess
 import sys
@@ -35,3 +35,27 @@ def test_a_warning_is_a_line_without_a_path(tmp_path, words, quiet):
     assert "return cls(" not in done.stderr
     if quiet:
         assert done.stderr.splitlines() == warned
+
+
+CRUSH = """
+from msdwarp import Contact, Material, Scene, box
+
+def build() -> Scene:
+    soft = {"youngs_modulus": 2e5, "damping_ratio": 0.1}
+    brick = box((3, 3, 3), 0.05, material=Material(density=400.0, **soft))
+    heavy = box((4, 4, 4), 0.05, material=Material(density=3000.0, **soft)).rotate(0.5, (1, 0.3, 0.2))
+    system = heavy.translate((-0.2, 0, 0)).with_velocity((SPEED, 0, 0)) + brick
+    for k in range(1, 4):
+        system = system + brick.rotate(0.3 * k, (1, 0, 0)).translate((0.101 * k, 0, 0))
+    return Scene(system=system, contact=Contact(), gravity=0.0, duration=0.05)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("speed", "lost"), [(16.0, True), (2.0, False)])  # their speed of sound is 22 m/s
+def test_a_run_says_that_contact_lost_momentum(msdwarp, tmp_path, speed, lost):
+    (tmp_path / "crush.py").write_text(CRUSH.replace("SPEED", str(speed)))
+    flags = ["--frames", "none", "--video", "none", "--trajectory", "none", "--device", "cpu"]
+    code, out, _ = msdwarp("run", "crush.py", *flags)
+    assert code == 0
+    assert ("contact held particles back, at about 0.0" in out) == lost
