@@ -13,9 +13,11 @@ from .. import checks
 from ..bodies import Material, System
 from .skin import Skin, cell_centres, cells_along, embedded, fine_enough
 
-_AROUND = 32
-"""Minimal number of vertices around a solid. A coarse solid also looks round: the chords of its circle are at most
-0.5 % of the radius nearer to the axis. With more vertices contact takes longer."""
+_AROUND, _AROUND_BALL = 64, 32
+"""Minimal number of vertices around a solid, and around a ball, so that coarse solids look round, too. Chords of
+the circle are nearer to the axis by at most 0.12 % and 0.5 % of the radius. Effective friction of a rope around a
+cylinder of 32 sides is too high by 0.06, around one of 64 by 0.02. Contact of a ball takes a fifth of the time of
+one with 64 vertices around."""
 
 
 def ball(
@@ -30,10 +32,14 @@ def ball(
 ) -> System:
     """Return a ball with its centre at the origin.
 
-    Particles are the corners of the lattice cells whose centre is inside. The texture is like a map of the globe:
-    u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards; v is the latitude, 0 at the south pole (−z), 1
-    at the north pole. Where balls touch bodies, `from_mesh(icosphere(radius, 2), across=6)` is faster, since its
+    Particles are the corners of the lattice cells whose centre is inside. So the mass of a coarse ball differs
+    from that of a round one by some percent. Obstacles collide with particles. With
+    `Contact(surface_colliders=True)` they collide with the drawn surface, so that the ball rolls, and the force is
+    nearer to Hertz's. Where balls touch bodies, `from_mesh(icosphere(radius, 2), across=6)` is faster, since its
     surface has a third of the triangles.
+
+    The texture is like a map of the globe: u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards; v is the
+    latitude, 0 at the south pole (−z), 1 at the north pole.
 
     Parameters
     ----------
@@ -46,7 +52,7 @@ def ball(
     """
     radius = checks.positive("radius", radius)
     spacing = fine_enough(spacing, {"radius": radius}, [2 * radius] * 3)
-    columns = _columns(radius, spacing)
+    columns = _columns(radius, spacing, _AROUND_BALL)
     latitude = np.linspace(-math.pi / 2, math.pi / 2, columns // 2 + 1)
     ring = radius * np.cos(latitude)
     ring[[0, -1]] = 0.0  # exactly 0 at the poles, despite rounding
@@ -146,9 +152,9 @@ def cone(
     return embedded(cells, spacing, skin, neighbours=neighbours, material=material, **constants)
 
 
-def _columns(radius: float, spacing: float) -> int:
+def _columns(radius: float, spacing: float, least: int = _AROUND) -> int:
     """Return the number of vertices around a solid: a multiple of 4, at most a spacing apart."""
-    return max(_AROUND, 4 * math.ceil(math.tau * radius / spacing / 4))
+    return max(least, 4 * math.ceil(math.tau * radius / spacing / 4))
 
 
 def _revolved(

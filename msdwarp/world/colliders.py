@@ -24,7 +24,8 @@ class Collider:
     Parameters
     ----------
     restitution
-        Normal speed after a bounce divided by the normal speed before, 0 … 1.
+        Normal speed of a particle after a bounce divided by the speed before, 0 … 1. A body bounces higher, as its
+        springs also push it away, and its dampers decide by how much.
     friction
         Coulomb's coefficient of friction; inf is allowed.
     tangential_factor

@@ -20,7 +20,7 @@ def test_a_body_inside_another_is_named_with_its_depth(turn):
     # faces are 0.4 m away: turned with it, 0.35 m deep.
     both = (SMALL + LARGE).rotate(turn, axis=(1, 2, 3)).translate((3, 0, 1))
     with pytest.warns(
-        StartWarning, match=r"the body of particle 0 starts inside that of particle 64: .* 0\.35 m deep"
+        StartWarning, match=r"the body of particle 0 starts inside the body of particle 64: .* 0\.35 m deep"
     ):
         Simulation(both, contact=Contact(), **OPTIONS)
 
@@ -32,7 +32,7 @@ def test_a_body_inside_another_is_named_with_its_depth(turn):
 )
 def test_all_kinds_of_bodies_are_found_in_closed_ones(body, other):
     body, other = (one.translate(tuple(-one.position.mean(axis=0))) for one in (body, other))
-    with pytest.warns(StartWarning, match="starts inside that of particle"):
+    with pytest.warns(StartWarning, match="starts inside the body of particle"):
         Simulation(body + other.replace(stiffness=1000.0), contact=Contact(), **OPTIONS)
 
 
@@ -61,5 +61,5 @@ def test_a_run_that_diverges_at_its_start_says_so():
     with pytest.warns(StartWarning, match="inside"):
         simulation = Simulation(SMALL + LARGE, contact=Contact(), **OPTIONS)
     simulation.state.v.fill_(np.nan)
-    with pytest.raises(SimulationDiverged, match="the body of particle 0 starts inside that of particle 64"):
+    with pytest.raises(SimulationDiverged, match="the body of particle 0 starts inside the body of particle 64"):
         simulation.step()

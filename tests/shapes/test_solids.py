@@ -31,14 +31,15 @@ def uv_areas(surface: msd.Surface) -> np.ndarray:
 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_area_and_volume_approach_the_closed_forms(name):
-    # A circle of n chords is short by (π/n)²/6 and has an area too small by 2 (π/n)²/3. Around go at least 32.
+    # A circle of n chords is short by (π/n)²/6 and has an area too small by 2 (π/n)²/3.
+    least = 32 if name == "ball" else 64  # chords around
     coarse, fine = (SOLIDS[name](spacing) for spacing in (0.1, 0.02))
     missing = np.array([[1 - area(s) / AREA[name], 1 - volume(s) / VOLUME[name]] for s in (coarse, fine)])
     assert (missing > 0).all()
-    assert (missing[0] < 2 * (math.pi / 32) ** 2).all()
+    assert (missing[0] < 2 * (math.pi / least) ** 2).all()
     around = 4 * math.ceil(math.tau * (0.4 if name == "cylinder" else 0.5) / 0.02 / 4)
     # Second order in the number of chords.
-    np.testing.assert_allclose(missing[1] / missing[0], (32 / around) ** 2, rtol=0.05)
+    np.testing.assert_allclose(missing[1] / missing[0], (least / around) ** 2, rtol=0.05)
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -150,11 +151,11 @@ def test_rims_are_sharp_and_seams_are_not(name):
         np.testing.assert_allclose(normal[top], np.broadcast_to((0, 0, 1), (len(top), 3)), atol=1e-12)
         outwards = np.stack([x, y, np.zeros_like(x)], axis=1)[side] / 0.4
         # The chords on both sides of a vertex have unequal areas where a row begins or ends.
-        np.testing.assert_allclose(normal[side], outwards, rtol=0, atol=math.pi / 32)
+        np.testing.assert_allclose(normal[side], outwards, rtol=0, atol=math.pi / 64)
     else:
         assert not len(top)
         # As steep everywhere, up to the apex: (height, radius) / slant height, short by a chord's share.
-        np.testing.assert_allclose(normal[side][:, 2], 0.5 / math.hypot(0.5, 1.0), rtol=(math.pi / 32) ** 2 / 2)
+        np.testing.assert_allclose(normal[side][:, 2], 0.5 / math.hypot(0.5, 1.0), rtol=2e-3)
 
 
 def test_cylinder_tiles():
