@@ -67,8 +67,8 @@ def pytest_collection() -> Generator[None, object, object]:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what needs a GPU where there is none, and much of what is tried by other algorithms on the CPU.
 
-    Of a product of three or more parameters, tests that have all pairs of values are left. Of what is left of any
-    product, a few tests that have all values are quick.
+    Of a product of three or more parameters, tests that have all pairs of values are left; of one that is marked
+    `each_value`, a few that have all values. Of what is left of any product, a few that have all values are quick.
     """
     start_warp()
     gpu, full = wp.is_cuda_available(), config.getoption("--every-route")
@@ -76,7 +76,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not full:
         left_out = _by_other_routes(kept)
         kept = [item for item in kept if item not in left_out]
-        left_out = set().union(*(set(tests) - _covering(tests, 2) for tests in _products(kept)))
+        size = {test: 1 if test.get_closest_marker("each_value") else 2 for test in kept}
+        left_out = set().union(*(set(tests) - _covering(tests, size[tests[0]]) for tests in _products(kept)))
         kept = [item for item in kept if item not in left_out]
     there = set(kept)
     left = [item for item in items if item not in there]
@@ -95,7 +96,7 @@ def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
     """Return what is not tried by other algorithms on the CPU, which are slow.
 
     How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
-    that are composed of both. The functions of a file take turns: of six, the first is tried by gathering and the
+    that are composed of both. The functions of a file take turns: of ten, the first is tried by gathering and the
     fourth by the stencil, with every value of each of several parameters, or every fourth of the only one.
     """
     left: set[pytest.Item] = set()
@@ -106,7 +107,7 @@ def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
             module = vars(tests[0].module)  # type: ignore[attr-defined]
             given = {name: str(signature(module[name])) for name in module if name.startswith("test_")}
             functions = [name for name in given if re.search(r"\bdevice", given[name])]
-            turn = functions.index(tests[0].originalname) % 6  # type: ignore[attr-defined]
+            turn = functions.index(tests[0].originalname) % 10  # type: ignore[attr-defined]
             left |= set(tests)
             if force_algorithm == {0: "cpu gather", 3: "cpu stencil"}.get(turn):
                 left -= set(_covering(tests) if len(_values(tests[0])) > 1 else tests[::4])

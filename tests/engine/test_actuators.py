@@ -83,6 +83,7 @@ def test_a_muscle_is_a_forced_oscillator(method, order, plain_device):
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.each_value
 def test_it_swings_in_any_number_of_coordinates(device, dim, blocks):
     simulation = Simulation(pair(dim), loads=[Actuator(swing)], integrator=RK4(), blocks=blocks, **options(device))
     simulation.step(10)
@@ -97,6 +98,7 @@ def test_it_swings_in_any_number_of_coordinates(device, dim, blocks):
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("along", [None, ("x", "x+y")], ids=["all", "some"])
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+@pytest.mark.each_value
 def test_a_held_muscle_is_another_rest_length_by_every_route(plain_device, method, along, blocks):
     body = jelly()
     load = Actuator(-0.15, along=along)
@@ -222,6 +224,7 @@ def test_a_worm_moves_as_an_independent_reference_says(plain_device, wave):
 @pytest.mark.slow
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+@pytest.mark.each_value
 def test_work_is_what_energy_comes_from(plain_device, method, blocks):
     # Undamped, a body has the energy that it had, and the work of its muscles; beside a force of another kind.
     body = jelly().replace(damping=0.0)

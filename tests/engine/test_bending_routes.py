@@ -56,6 +56,7 @@ def test_second_neighbours_are_read_one_particle_at_a_time():
 @pytest.mark.slow
 @every_route
 @every_sheet
+@pytest.mark.each_value
 def test_forces_by_route(plain_device, name, force_algorithm):
     assert_forces_are_right(moving(SHEETS[name]), plain_device, "float64", force_algorithm)
 

@@ -233,6 +233,7 @@ def test_the_bound_of_the_step_holds_and_is_near(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["both", "flat"])
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
+@pytest.mark.each_value
 def test_one_launch_of_a_frame_does_what_a_launch_of_each_stage_does(device, name, precision):
     system, found = thrown(bodies(0.45)[name], 0.005), []
     for blocks in ("auto", None):

@@ -44,6 +44,7 @@ LAYERED = (
 
 @pytest.mark.parametrize("damping", [0.0, 2.0])
 @pytest.mark.parametrize("name", LAYERED)
+@pytest.mark.each_value
 def test_forces_in_columns(plain_device, in_columns, name, damping):
     system = moving(lattices(damping)[name])
     stride = find_lattice(system).stride
@@ -55,6 +56,7 @@ def test_forces_in_columns(plain_device, in_columns, name, damping):
 
 @pytest.mark.parametrize("shape", [(3, 4, 2), (3, 4, 3), (4, 3, 6), (2, 2, 9)])
 @pytest.mark.parametrize("precision", [pytest.param("float32", marks=pytest.mark.slow), "float32-compensated"])
+@pytest.mark.each_value
 def test_forces_in_columns_in_single_precision(plain_device, in_columns, precision, shape):
     far = moving(box(shape, stiffness=30.0, damping=2.0)).translate(FAR)
     assert_forces_are_right(far, plain_device, precision, "stencil")
@@ -109,6 +111,7 @@ def test_lattices_without_layers_have_no_columns(in_columns, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["symplectic euler", "rk4"])
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.each_value
 def test_columns_move_a_scene_alike(plain_device, in_columns, name, method):
     found = course(moment(name), method, plain_device, force_algorithm="stencil", blocks=None)
     assert_course_is_plain(name, method, found, 1e-12)

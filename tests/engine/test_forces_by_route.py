@@ -28,6 +28,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
     ids=["one constant each", "all their own", "own lengths, undamped", "own dampers"],
 )
 @pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.each_value
 def test_forces_of_a_tangle(plain_device, dim, own, damped, force_algorithm):
     for count in (2, 3, 31, 32, 33, 63, 64, 65, 200):
         assert_forces_are_right(tangle(dim, count, own, damped=damped), plain_device, "float64", force_algorithm)
@@ -44,6 +45,7 @@ def test_forces_of_a_tangle_in_single_precision(plain_device, precision, force_a
 @every_route
 @pytest.mark.parametrize("damping", [0.0, 2.0])
 @pytest.mark.parametrize("name", lattices(0.0))
+@pytest.mark.each_value
 def test_forces_of_a_lattice(plain_device, name, damping, force_algorithm):
     assert_forces_are_right(moving(lattices(damping)[name]), plain_device, "float64", force_algorithm)
 

@@ -36,6 +36,7 @@ def options(device, **more):
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.each_value
 def test_a_constant_force_accelerates(plain_device, dim, blocks):
     # Leapfrog is exact for a constant acceleration: x = F t² / 2m.
     force = np.arange(1.0, 1.0 + dim)
@@ -123,6 +124,7 @@ def test_it_knows_time_and_number(plain_device):
 @pytest.mark.slow
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+@pytest.mark.each_value
 def test_all_routes_carry_it(plain_device, method, blocks):
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=40.0, damping=0.02).named("jelly")
     loads = [Force(lambda t: (np.sin(9 * t), 0, 0.3), on="jelly", total=True), Force((0.01, 0, 0), on=[3, 5])]

@@ -53,6 +53,7 @@ def sums(system: System, gravity: np.ndarray) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog()], ids=["euler", "leapfrog"])
+@pytest.mark.each_value
 def test_measures_are_the_sums_over_the_frame(device, integrator, dim, precision):
     gravity = np.array(GRAVITY[-dim:])
     simulation = Simulation(

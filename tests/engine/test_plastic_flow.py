@@ -25,6 +25,7 @@ def test_a_held_spring_relaxes_whatever_the_step(device, dim, substeps, length):
 
 @pytest.mark.parametrize("stays", [True, False], ids=["one launch", "launches"])
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=str)
+@pytest.mark.each_value
 def test_every_integrator_flows_once_a_substep(device, integrator, stays):
     options = {} if stays else {"blocks": None}
     law = {"yield_strain": 0.05, "relaxation_time": 0.02}

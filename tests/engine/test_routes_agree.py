@@ -53,6 +53,7 @@ def test_routes_move_cut_and_unlike_lattices_alike(plain_device, name, force_alg
 @every_route
 @pytest.mark.parametrize(("precision", "roundings"), [("float32", 10), ("float32-compensated", 4)])
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.each_value
 def test_routes_move_a_scene_alike_in_single_precision(plain_device, name, precision, roundings, force_algorithm):
     found = course(
         moment(name), SymplecticEuler(), plain_device, precision=precision, force_algorithm=force_algorithm
@@ -86,6 +87,7 @@ def test_what_positions_lose_is_seen_by_every_route(plain_device, force_algorith
 @pytest.mark.slow
 @every_route
 @pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.each_value
 def test_routes_follow_the_reference(plain_device, dim, force_algorithm):
     # Masses of all sizes, pins and a floor; as a lattice, a sheet or a chain.
     if force_algorithm == "stencil":
@@ -125,6 +127,7 @@ def test_routes_follow_the_reference(plain_device, dim, force_algorithm):
 @pytest.mark.slow
 @gathering
 @pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.each_value
 def test_what_is_gathered_is_repeatable(plain_device, precision, force_algorithm):
     for scene in (moment("cube"), moment("cloth"), *IRREGULAR.values()):
         first, second = (
@@ -138,6 +141,7 @@ def test_what_is_gathered_is_repeatable(plain_device, precision, force_algorithm
 @every_route
 @pytest.mark.parametrize("substeps", [1, 2, 5, 8])
 @every_method
+@pytest.mark.each_value
 def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, force_algorithm):
     scene = moment("cube")
     options = {

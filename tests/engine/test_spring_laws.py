@@ -95,6 +95,7 @@ BODIES = {
 @pytest.mark.parametrize(
     ("body", "precision"), [("tangle", "float64"), ("box", "float64"), ("box", "float32"), ("undamped", "float32")]
 )
+@pytest.mark.each_value
 def test_forces_follow_the_law(device, body, precision, name):
     system = BODIES[body].replace(spring=LAWS[name][0])
     if precision == "float32":
@@ -208,6 +209,7 @@ def test_files_hold_the_laws(tmp_path):
 
 @pytest.mark.parametrize("spring", ["tension", "own", None])
 @pytest.mark.parametrize("body", ["tangle", "box"])
+@pytest.mark.each_value
 def test_a_damper_that_knows_the_strain(device, body, spring):
     # By each algorithm, with a constant of its own for each spring of the tangle.
     system = BODIES[body].replace(damper=OwnDamper(taut, 4.0))

@@ -69,6 +69,7 @@ def laid(kind: str, size: int, shift: float = 0.0) -> tuple[msd.Scene, np.ndarra
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("kind", LAID)
 @pytest.mark.parametrize("size", [12, pytest.param(24, marks=pytest.mark.slow)])
+@pytest.mark.each_value
 def test_no_obstacle_shows_through_a_sheet_that_lies_on_it(backend, kind, size):
     scene, position = laid(kind, size, shift=0.3)
     alone = msd.Scene(system=scene.system, colliders=[], look=scene.look)
