@@ -12,6 +12,8 @@ from msdwarp.engine.collision.extended_solids import geometries
 G = 9.82
 F = {"restitution": 0.3, "friction": 0.5}
 BLOCK = Box((0.0, 0.0, 0.25), (0.5, 0.5, 0.5), **F)
+AWAY = [Box((0.0, 0.0, -99.0)), Cone((0.0, 0.0, -98.0), (0.0, 0.0, -99.0), 9.0), Sphere((0.0, 0.0, -99.0))]
+"""Far off: with them all scenes have the same kinds, and the same kernels."""
 
 
 def body(place, **changes) -> System:
@@ -38,7 +40,7 @@ def body(place, **changes) -> System:
 @pytest.mark.parametrize("h", [1 / 600, 1 / 2400])
 def test_what_starts_inside_is_led_out_without_a_jump(device, place, colliders, lifted, h):
     with pytest.warns(StartWarning):
-        simulation = simulate(body(place), colliders, device, h=h, substeps=round(1 / (60 * h)))
+        simulation = simulate(body(place), [*colliders, *AWAY], device, h=h, substeps=round(1 / (60 * h)))
     start = simulation.measure().energy
     most, fastest = start, 0.0
     for _ in range(60):
@@ -94,7 +96,7 @@ def test_what_slides_on_a_plane_meets_the_side_of_what_stands_there(plain_device
     rows = np.arange(-0.1, 0.11, 0.05)
     start = System(position=[[0.4, y, 0.0] for y in rows], velocity=(-4.0, 0.0, 0.0))
     colliders = [Plane(restitution=0.0, friction=friction), block][::order]
-    simulation = simulate(start, colliders, plain_device, h=1 / 240)
+    simulation = simulate(start, [*colliders, *AWAY], plain_device, h=1 / 240)
     for _ in range(120):
         simulation.step()
         x = simulation.frame().position

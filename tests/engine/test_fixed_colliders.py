@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from collisions import EACH_ONCE, G, distances, every_step, level, particle, simulate
+from collisions import EACH_ONCE, G, distances, every_step, level, particle, simulate as simulate_among
 from problems import EPS32, EPS64
 
 from msdwarp import RK4, Box, Capsule, Cone, Plane, Simulation, Sphere, SymplecticEuler, System
@@ -16,6 +16,21 @@ from msdwarp.world.colliders import Collider
 def device(plain_device: str) -> str:
     """Each device once: particles without connections have no forces that algorithms could sum."""
     return plain_device
+
+
+AWAY = [
+    Plane(offset=-99.0),
+    Sphere((0, 0, -99)),
+    Box((0, 0, -99), (1, 1, 1)),
+    Capsule((0, 0, -99), (1, 0, -99), 0.1),
+    Cone((0, 0, -98), (0, 0, -99), 20.0),
+]
+
+
+def simulate(system: System, colliders: Collider | list[Collider], device: str, **options) -> Simulation:
+    """Return a simulation among these and, far away, all kinds: the kernels for all kinds serve all tests."""
+    colliders = [colliders] if isinstance(colliders, Collider) else colliders
+    return simulate_among(system, [*colliders, *AWAY], device, **options)
 
 
 # All tops lie at z = 0.
@@ -91,7 +106,7 @@ def test_slips_off_a_ball_where_it_should(device, h):
     ids=str,
 )
 def test_rests_on_top(device, top, integrator, h):
-    simulation = simulate(
+    simulation = simulate_among(
         particle((0, 0, 0)), TOPS[top](friction=0.0), device, h=h, substeps=round(0.1 / h), integrator=integrator
     )
     simulation.step(20)
@@ -245,6 +260,7 @@ def test_energy_never_rises_among_solids(device, integrator):
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
+@pytest.mark.each_value
 def test_all_kinds_at_once_in_every_precision(device, dim, precision):
     def at(*xz: float) -> tuple[float, ...]:
         return xz if dim == 2 else (xz[0], 0.0, xz[1])
@@ -272,7 +288,7 @@ def test_all_kinds_at_once_in_every_precision(device, dim, precision):
 def test_a_plane_faces_up_by_default(device, dim):
     floor = Plane(offset=0.25)
     np.testing.assert_array_equal(floor.unit_normal(dim), np.eye(dim)[-1])
-    simulation = simulate(System(position=np.ones((1, dim))), floor, device, h=0.01, substeps=100)
+    simulation = simulate_among(System(position=np.ones((1, dim))), floor, device, h=0.01, substeps=100)
     simulation.step(5)
     # Exactly: on an axis a depth is the difference of two near numbers.
     np.testing.assert_array_equal(simulation.frame().position[0], [1.0] * (dim - 1) + [0.25])

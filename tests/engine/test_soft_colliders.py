@@ -33,11 +33,21 @@ SHAPES = {
 }
 
 
+AWAY = [
+    Plane(offset=-99.0, stiffness=K),
+    Sphere((0, 0, -99), stiffness=K),
+    Box((0, 0, -99), stiffness=K),
+    Capsule((0, 0, -99), (1, 0, -99), 0.1, stiffness=K),
+    Cone((0, 0, -98), (0, 0, -99), 0.5, stiffness=K),
+]
+"""Far off: with all kinds in each scene, the same kernels serve all of them."""
+
+
 def thrown(collider: Collider, device: str, velocity=(0.3, 0.0, -2.0), **options) -> Simulation:
     """Return a particle of 1 kg that flies to an obstacle below it, without gravity."""
     body = System(position=[[0.0, 0.02, 0.1]], velocity=[velocity], mass=1.0)
     options = {"integrator": Leapfrog(), "precision": "float64", "gravity": 0.0, "substeps": 64} | options
-    return Simulation(body, colliders=[collider], device=device, **options)
+    return Simulation(body, colliders=[collider, *AWAY], device=device, **options)
 
 
 def largest_change_of_energy(simulation: Simulation) -> float:
