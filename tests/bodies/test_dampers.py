@@ -76,14 +76,6 @@ def test_quadratic_drag_slows_by_its_law(device, integrator, order):
     assert math.log2(abs(coarse / fine)) == pytest.approx(order, abs=0.25)  # with 0.1 and 0.2, not yet nothing
 
 
-@every_integrator
-def test_viscous_drag_slows_exponentially(device, integrator, order):
-    system, exact = sliding(LINEAR, b=0.6, speed=2.0), 2.0 * math.exp(-0.6 / 0.5)
-    coarse, fine = (speed_after(system, device, 1.0, n, integrator=integrator) - exact for n in (60, 120))
-    assert abs(fine) < 0.02 * exact  # h b/m = 0.01
-    assert math.log2(abs(coarse / fine)) == pytest.approx(order, abs=0.1)  # to a few times that
-
-
 def test_quadratic_drag_is_linear_above_its_most_speed(device):
     # Down to s exponentially at the rate b s/m, from then on by the law.
     b, m, s, v = 0.6, 0.5, 0.7, 2.0
@@ -99,8 +91,8 @@ def test_quadratic_drag_is_linear_above_its_most_speed(device):
         assert speed_after(system, device, time, 1000, integrator=RK4()) == pytest.approx(exact, abs=bend + 1e-12)
 
 
-@pytest.mark.parametrize(("integrator", "order"), ORDERS[:-1], ids=[str(one) for one, _ in ORDERS[:-1]])
-def test_dry_friction_slows_evenly(device, integrator, order):
+@pytest.mark.parametrize("integrator", [one for one, _ in ORDERS[:-1:2]], ids=str)
+def test_dry_friction_slows_evenly(device, integrator):
     # v0 − b t/m whatever the step or the method, as long as it slides: 500 roundings of 2 m/s.
     system = sliding(CoulombDamper(0.01), b=0.6, speed=2.0)
     found = speed_after(system, device, 1.0, 500, integrator=integrator)
@@ -148,6 +140,7 @@ def test_dry_friction_takes_its_share_of_every_swing(device, integrator):
 
 @pytest.mark.parametrize("force_algorithm", ["scatter", "gather", "stencil"])
 @every_law
+@pytest.mark.each_value
 def test_every_route_has_every_law(plain_device, force_algorithm, law):
     # One step of symplectic Euler is a force: against NumPy, from rates of ± 2 m/s.
     body = problems.tumbling_box(damping=0.7).replace(stiffness=0.0, damper=law)
@@ -206,6 +199,7 @@ def test_dampers_keep_momentum(device, law):
     [SymplecticEuler(), Leapfrog(damper_extrapolation=0.5), RK4(), LinearlyImplicitEuler(iterations=2)],
     ids=str,
 )
+@pytest.mark.each_value
 def test_a_strong_damper_only_ever_slows(device, integrator, law):
     # The automatic step is for the steepest slope of the law; with a pinned partner it is twice as safe as that,
     # so that no step takes more speed than there is.

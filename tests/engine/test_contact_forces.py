@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from problems import EPS64
 
 from msdwarp import (
     RK4,
@@ -33,8 +32,7 @@ WEIGHT = 27 * 0.02 * G
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_blocks_at_rest_bear_what_lies_on_them(device, precision):
+def test_blocks_at_rest_bear_what_lies_on_them(device):
     probes = {
         "floor": Probe("low", "contact force"),
         "on low": Probe("low", "touch force"),
@@ -44,7 +42,7 @@ def test_blocks_at_rest_bear_what_lies_on_them(device, precision):
         "cancels": Probe(np.arange(54), "touch force"),
     }
     floor = Plane(friction=0.5)
-    options = {"colliders": [floor], "contact": Contact(), "device": device, "precision": precision, "fps": FPS}
+    options = {"colliders": [floor], "contact": Contact(), "device": device, "fps": FPS}
     simulation = Simulation(two_blocks(), probes=probes, contact_forces=True, **options)
     simulation.step(360)
     told = {name: simulation.readings[name].values[-1] for name in probes}
@@ -57,8 +55,8 @@ def test_blocks_at_rest_bear_what_lies_on_them(device, precision):
     np.testing.assert_allclose(told["floor"], up, **settled)  # 2 weights from below, 1 from above
     np.testing.assert_array_equal(told["all on high"], told["on high"])
     # Forces are whole numbers of a unit, and cancel: what is left is that shares of particles are rounded, each
-    # of some hundred times by the precision that they are stored in.
-    eps = EPS64 if precision == "float64" else 1.2e-7
+    # of some hundred times by the float32 that they are stored in.
+    eps = 1.2e-7
     for told_of_both in simulation.readings["cancels"].values:
         np.testing.assert_allclose(told_of_both, 0.0, rtol=0, atol=100 * eps * WEIGHT)
     # The same particle by particle.

@@ -36,9 +36,9 @@ def body() -> System:
     [
         (SymplecticEuler(), "float32"),
         (Leapfrog(), "float64"),
-        *(pytest.param(method, "float32", marks=pytest.mark.slow) for method in METHODS[1:]),
+        pytest.param(Leapfrog(damper_extrapolation=0.5), "float32", marks=pytest.mark.slow),
+        pytest.param(RKC2(4), "float32", marks=pytest.mark.slow),
         pytest.param(LinearlyImplicitEuler(iterations=4), "float32", marks=pytest.mark.slow),
-        pytest.param(Leapfrog(), "float32-compensated", marks=pytest.mark.slow),
         pytest.param(RK4(), "float32-compensated", marks=pytest.mark.slow),
     ],
     ids=str,
@@ -73,7 +73,7 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
     [
         (SymplecticEuler(), "auto"),
         (RK4(), None),
-        *(pytest.param(method, "auto", marks=pytest.mark.slow) for method in METHODS[1:]),
+        *(pytest.param(method, "auto", marks=pytest.mark.slow) for method in METHODS[2::2]),
         pytest.param(Leapfrog(), None, marks=pytest.mark.slow),
         pytest.param(LinearlyImplicitEuler(40), None, marks=pytest.mark.slow),
     ],
@@ -142,7 +142,7 @@ def test_what_is_attached_follows_in_the_order_of_its_method(device, method, dam
         assert math.log2(coarse / fine) == pytest.approx(order, abs=0.4)
 
 
-@pytest.mark.parametrize("method", METHODS[1:], ids=str)
+@pytest.mark.parametrize("method", METHODS[1::2], ids=str)
 def test_a_turn_is_about_the_centre_and_its_speed_is_told(plain_device, method):
     # A rod driven as a whole: ω × r, exact but for the differences (the second order of leapfrog's kick: (ωh)²/6).
     omega, h = 3.0, 1 / 600
@@ -164,7 +164,7 @@ def test_a_turn_is_about_the_centre_and_its_speed_is_told(plain_device, method):
         np.testing.assert_allclose(simulation.frame().velocity, velocity, rtol=0, atol=error + 1e-11)
 
 
-@pytest.mark.parametrize("method", METHODS[1:], ids=str)
+@pytest.mark.parametrize("method", METHODS[1::2], ids=str)
 def test_released_particles_go_on_as_they_went(plain_device, method):
     # With the speed of the motion then, and the mass they have: a free throw.
     system = System(position=[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], mass=2.0).named("hand")
@@ -205,6 +205,7 @@ def lifted(device: str, method=None, **options) -> Simulation:
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 @pytest.mark.parametrize("first", [7, 20])
+@pytest.mark.each_value
 def test_a_run_resumes_to_the_last_bit(device, first, precision):
     # Before the release and after it, and with substeps chosen on the way.
     whole, parts = lifted(device, precision=precision), lifted(device, precision=precision)
@@ -293,7 +294,7 @@ def test_a_motion_that_fails_on_the_way_is_named(device):
     assert simulation.frame_index == 2
 
 
-@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("dim", [1, 3])
 def test_a_drive_without_motion_holds_until_it_is_released(dim):
     rope = chain(3, 0.5, dim=dim).named("rope")
     drive = PrescribedMotion([0])

@@ -41,7 +41,6 @@ def one_lane(monkeypatch) -> None:
     ("name", "precision"),
     [
         ("cloth", "float64"),
-        pytest.param("solid", "float64", marks=pytest.mark.slow),
         pytest.param("solid", "float32-compensated", marks=pytest.mark.slow),
         pytest.param("bent", "float64", marks=pytest.mark.slow),
     ],

@@ -47,7 +47,7 @@ def test_a_stretched_block_has_the_stress_of_hookes_law(device):
 
 @pytest.mark.parametrize(
     ("name", "precision"),
-    [*((name, "float64") for name in BODIES), ("block", "float32"), ("block", "float32-compensated")],
+    [*((name, "float64") for name in BODIES if name != "block"), ("block", "float32-compensated")],
 )
 def test_the_mean_over_a_body_is_that_of_its_particles(name, precision, device):
     body, rng = BODIES[name](), np.random.default_rng(1)

@@ -34,7 +34,7 @@ def test_it_breaks_beyond_its_strain_and_not_at_it(device):
         assert simulation.snapshot().broken[0] == broken
 
 
-@pytest.mark.parametrize("integrator", two_quick(INTEGRATORS), ids=str)
+@pytest.mark.parametrize("integrator", two_quick(INTEGRATORS[::2]), ids=str)
 def test_a_force_is_a_stretch(device, integrator):
     # k (l − l0) = 12.5 N where l/l0 − 1 = ¼: numbers without rounding, so that all is the same to the last bit.
     swinging = {"mass": 1.0, "damping": 0.5, "velocity": [[-2.0], [2.0]]}
@@ -67,12 +67,13 @@ def test_an_oscillator_breaks_when_it_is_so_long(device):
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", [RK4(), Leapfrog()], ids=str)
 def test_the_same_break_at_the_same_time_by_every_route(plain_device, integrator):
+    # How forces are summed depends neither on the method nor on how a stage is launched.
+    routes = [("scatter", "auto"), ("gather", "auto"), ("stencil", "auto"), ("gather", None)]
     times = []
-    for force_algorithm in ("scatter", "gather", "stencil"):
-        for blocks in ("auto", None):
-            simulation = burst(plain_device, force_algorithm=force_algorithm, blocks=blocks, integrator=integrator)
-            simulation.step(6)
-            times.append(simulation.snapshot().broken_at)
+    for force_algorithm, blocks in routes if integrator == RK4() else routes[::3]:
+        simulation = burst(plain_device, force_algorithm=force_algorithm, blocks=blocks, integrator=integrator)
+        simulation.step(6)
+        times.append(simulation.snapshot().broken_at)
     assert 0.3 < np.isfinite(times[0]).mean() < 1.0
     assert len(np.unique(times[0])) > 10
     for one in times[1:]:
@@ -98,6 +99,7 @@ def without(system: System, gone: np.ndarray) -> System:
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
+@pytest.mark.each_value
 def test_a_torn_lattice_moves_as_one_built_so(plain_device, force_algorithm, precision, blocks, monkeypatch):
     # What cannot tear has several threads to a particle on a GPU, which sum in another order.
     monkeypatch.setattr(forces, "lanes", lambda model, tears: 1)

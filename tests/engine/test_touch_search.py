@@ -35,10 +35,9 @@ def grains(count: int, size: float) -> System:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::msdwarp.checks.StartWarning")  # some start in each other
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_spheres_list_what_a_tree_finds(plain_device, precision):
+def test_spheres_list_what_a_tree_finds(plain_device):
     contact = Contact(thickness=0.1, stiffness=100.0)
-    simulation = Simulation(grains(800, 1.0), contact=contact, device=plain_device, precision=precision)
+    simulation = Simulation(grains(800, 1.0), contact=contact, device=plain_device)
     found = rows_of(simulation)
     tree = cKDTree(simulation.frame().position)
     around = 0.1 * (1 + nearby.LEAST_SKIN)
@@ -186,7 +185,7 @@ def test_what_comes_from_afar_is_listed_in_time(monkeypatch, names):
         assert frame.velocity[: len(one.position), 2].mean() < 1.0  # it has been stopped, or thrown back
         return np.concatenate(frame[1:])
 
-    gaps = 0.7 + 0.0063 * np.arange(5)
+    gaps = 0.7 + 0.0063 * np.arange(3)
     rare = [thrown(gap) for gap in gaps]
     search_always(monkeypatch)
     for gap, found in zip(gaps, rare, strict=True):
@@ -297,11 +296,10 @@ def test_routes_agree(plain_device, precision):
     [
         (None, "float32"),
         (None, "float32-compensated"),
-        (Leapfrog(), "float32"),
         (Leapfrog(damper_extrapolation=0.5), "float64"),
         (RK4(), "float32"),
     ],
-    ids=["euler", "compensated", "leapfrog", "extrapolated", "rk4"],
+    ids=["euler", "compensated", "extrapolated", "rk4"],
 )
 def test_it_goes_on_from_the_middle_of_a_contact(device_that_repeats, method, precision):
     options = {"integrator": method, "precision": precision}

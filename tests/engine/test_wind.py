@@ -30,6 +30,7 @@ def terminal(mass: float, area: float) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("rising", [0.0, 0.7])
+@pytest.mark.each_value
 def test_a_sheet_falls_at_its_terminal_speed(device, rising, blocks):
     # v = v_t tanh(g t / v_t) from rest in air at rest; after 3 s, 24 times v_t / g, that is v_t to e^-48.
     how = {"gravity": G, "device": device, "precision": "float64", "blocks": blocks, "substeps": 30}
@@ -158,17 +159,16 @@ def test_routes_and_precisions_agree(plain_device):
     cloth = sheet((9, 9), 0.1, mass=0.002, stiffness=100.0, damping=0.05).pin([0, 8])
     load = Wind(lambda t: (3.0 + np.sin(5 * t), 0.3, 0.0))
     frames = {}
-    for force_algorithm in ("scatter", "gather", "stencil"):
-        for precision in ("float64", "float32-compensated"):
-            how = {
-                "force_algorithm": force_algorithm,
-                "precision": precision,
-                "device": plain_device,
-                "substeps": 20,
-            }
-            simulation = Simulation(cloth, loads=[load], **how)
-            simulation.step(20)
-            frames[force_algorithm, precision] = simulation.frame().position
+    for force_algorithm, precision in (
+        ("scatter", "float64"),
+        ("gather", "float64"),
+        ("stencil", "float64"),
+        ("scatter", "float32-compensated"),
+    ):
+        how = {"force_algorithm": force_algorithm, "precision": precision, "device": plain_device, "substeps": 20}
+        simulation = Simulation(cloth, loads=[load], **how)
+        simulation.step(20)
+        frames[force_algorithm, precision] = simulation.frame().position
     for (_, precision), position in frames.items():
         atol = (
             1e-10 if precision == "float64" else 1e-5

@@ -67,6 +67,7 @@ METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (Leapfrog(damper_extrapolati
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize(("method", "order"), METHODS, ids=str)
+@pytest.mark.each_value
 def test_what_a_drive_does_an_undamped_body_has(device, method, order, blocks):
     # Energy less work is constant, to the order of the method; the first terms beyond it are a few per cent at
     # hω = 0.03. Of RK4 the loss of energy, of order 5, is as large as its error.
@@ -177,6 +178,7 @@ def test_what_else_pulls_at_the_driven_is_counted_once(plain_device):
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize(("method", "order"), METHODS, ids=str)
+@pytest.mark.each_value
 def test_what_carries_attachments_along_does_the_same(plain_device, method, order, blocks):
     # Beside a point that stands still, along an axis and in all directions, and turning too. How fast a carrier is
     # at the very start is that of h/100 later: of RK4's work a share that falls with less than its order.
@@ -245,6 +247,7 @@ def carried(device, motion, method=None, **more) -> tuple[Simulation, float]:
 
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("method", [one for one, _ in METHODS], ids=str)
+@pytest.mark.each_value
 def test_a_floor_that_lifts_does_m_g_z(plain_device, method, blocks):
     # At u from the start: m u² in the jerk, of which half is heat, and m g u t. Leapfrog's first half kick pushes
     # the block down before it is caught, and its last one knows of no floor: m u g h/2 each.
@@ -303,10 +306,16 @@ def test_no_obstacle_is_a_source_of_energy(plain_device, method, rule):
     def shaken(t):
         return 0.05 * np.sin(20 * t), 0 * t, 0.1 * np.sin(25 * t)
 
-    for colliders in (
-        [Plane(motion=shaken, restitution=0.7, friction=0.3)],
-        [Plane(), Sphere((-1.5, 0, 0.25), 0.3, motion=lambda t: (8 * t, 0 * t, 0 * t), restitution=0.5)],
-        [Plane(), Capsule((-0.6, -1, 0.35), (-0.6, 1, 0.35), 0.02, motion=lambda t: (3 * t, 0 * t, 0 * t))],
+    def ball(y):
+        return Sphere((-1.5, y, 0.25), 0.3, motion=lambda t: (8 * t, 0 * t, 0 * t), restitution=0.5)
+
+    def rod(y):
+        return Capsule((-0.6, y - 1, 0.35), (-0.6, y + 1, 0.35), 0.02, motion=lambda t: (3 * t, 0 * t, 0 * t))
+
+    for colliders in (  # of the same kinds, by the same kernels: two of them pass far away
+        [Plane(motion=shaken, restitution=0.7, friction=0.3), ball(99), rod(99)],
+        [Plane(), ball(0), rod(99)],
+        [Plane(), ball(99), rod(0)],
     ):
         body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
         how = {"integrator": method, "collider_rule": rule, "substeps": 20, "device": plain_device}
@@ -359,6 +368,7 @@ def test_neither_is_a_floor_that_lifts(device):
 
 @pytest.mark.parametrize("what", ["drive", "tray", "arm"])
 @pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
+@pytest.mark.each_value
 def test_what_heats_is_found_though_something_shakes_it(plain_device, method, what):
     # A step beyond the limit: its energy is far from infinite in the frame in which it is found.
     body = box((3, 3, 3), 0.1, mass=0.1, stiffness=200.0)
@@ -367,7 +377,8 @@ def test_what_heats_is_found_though_something_shakes_it(plain_device, method, wh
         "tray": {"colliders": [Plane(offset=-0.2, motion=shake)]},
         "arm": {"loads": [Attachment([0, 1], Sphere(motion=shake), stiffness=50.0)]},
     }
-    how = {"integrator": method, "device": plain_device, "gravity": 1.0, "fps": 1.0} | around[what]
+    how = {"precision": "float64", "gravity": 1.0, "fps": 1.0, "integrator": method, "device": plain_device}
+    how |= around[what]
     limit = Simulation(body, safety=1.0, **how)
     steps = math.floor(limit.substeps / 1.6)  # the bound may be twice the largest rate
     how |= {"fps": steps / 10, "substeps": 10, "allow_unstable": True}
