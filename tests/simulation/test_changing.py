@@ -199,18 +199,18 @@ def meeting() -> System:
 CONTACT = Contact(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
 
 
-@pytest.mark.parametrize(
-    "after", [Force((0.0, 2.0, 0.0)), Wind((0.0, 0.0, 0.0), area=1e-3)], ids=["value", "other"]
-)
-def test_bodies_still_touch_when_loads_change(device, after):
+def test_bodies_still_touch_when_loads_change(device):
     # In place, and by building anew: they bounce by 0.45 s, and do not pass through each other.
     simulation = Simulation(
         meeting(), gravity=0.0, loads=[Force((0.0, 1.0, 0.0))], contact=CONTACT, **options(device, fps=100.0)
     )
     effects = simulation.assembly.all
-    simulation.step(20)
-    simulation.change(loads=[after])
-    assert (simulation.assembly.all is effects) == isinstance(after, Force)
+    simulation.step(15)
+    simulation.change(loads=[Force((0.0, 2.0, 0.0))])
+    assert simulation.assembly.all is effects
+    simulation.step(5)
+    simulation.change(loads=[Wind((0.0, 0.0, 0.0), area=1e-3)])
+    assert simulation.assembly.all is not effects
     simulation.step(60)
     assert simulation.frame().velocity[0, 0] < -0.9
     simulation.change(loads=[Contact(exclude=True)])  # what stands among the loads counts as before

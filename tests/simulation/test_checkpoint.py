@@ -20,13 +20,11 @@ from msdwarp import (
 
 INTEGRATORS = {
     "symplectic euler": SymplecticEuler(),
-    "leapfrog": Leapfrog(),
     "extrapolated leapfrog": Leapfrog(damper_extrapolation=0.5),
     "rk4": RK4(),
     "rkc2": RKC2(),
     "linearly implicit euler": LinearlyImplicitEuler(iterations=5),
 }
-PRECISIONS = ["float32", "float64", "float32-compensated"]
 
 
 def scene(**options) -> Simulation:
@@ -50,8 +48,13 @@ def assert_same(a: Simulation, b: Simulation) -> None:
         np.testing.assert_array_equal(getattr(a.snapshot(), name), getattr(b.snapshot(), name))
 
 
-# Each method once, each precision twice.
-PAIRS = [*zip(INTEGRATORS, 2 * PRECISIONS, strict=True)]
+PAIRS = [  # of one stage; with what a substep leaves to the next; of several, and of as many as needed; implicit
+    ("symplectic euler", "float32"),
+    ("extrapolated leapfrog", "float64"),
+    ("rk4", "float32-compensated"),
+    ("rkc2", "float32"),
+    ("linearly implicit euler", "float32"),
+]
 PAIRS = [one if k < 2 else pytest.param(*one, marks=pytest.mark.slow) for k, one in enumerate(PAIRS)]
 
 

@@ -32,17 +32,17 @@ def around(device: str, **more) -> dict:
     } | more
 
 
-def parameters() -> dict[str, np.ndarray]:
+def parameters(worlds: int = WORLDS) -> dict[str, np.ndarray]:
     """Return parameters of all kinds, of which some serve several worlds; lengths of contacts differ too."""
     draw = np.random.default_rng(1).uniform
     system = two_dice()
     return {
-        "stiffness": draw(1e4, 3e4, WORLDS),
-        "damping": draw(2.0, 8.0, WORLDS // 2),
+        "stiffness": draw(1e4, 3e4, worlds),
+        "damping": draw(2.0, 8.0, worlds // 2),
         "rest_length": np.array([[1.0], [1.01]]) * system.rest_length,
-        "mass": draw(0.01, 0.03, WORLDS),
+        "mass": draw(0.01, 0.03, worlds),
         "friction": draw(0.0, 1.0, 1),
-        "velocity": draw(-0.5, 0.5, (WORLDS, system.particle_count, 3)) * 0.1 + system.velocity,
+        "velocity": draw(-0.5, 0.5, (worlds, system.particle_count, 3)) * 0.1 + system.velocity,
     }
 
 
@@ -66,14 +66,15 @@ def test_worlds_touch_as_alone(plain_device, force_algorithm):
     [
         ("scatter", "leapfrog", "float32"),
         ("gather", "extrapolated", "float64"),
-        ("scatter", "rk4", "float64"),
+        ("scatter", "rk4", "float32"),
     ],
 )
 def test_worlds_touch_as_alone_by_every_method(plain_device, force_algorithm, method, precision):
     if force_algorithm == "scatter" and plain_device != "cpu":
         pytest.skip("on a GPU atomics settle who adds first: nothing repeats to the last bit")
     how = around(plain_device, integrator=METHODS[method], precision=precision, force_algorithm=force_algorithm)
-    assert_each_is_as_alone(Ensemble(two_dice(), WORLDS, **how, **parameters()), 120)
+    # They meet in the fifteenth frame.
+    assert_each_is_as_alone(Ensemble(two_dice(), 2, **how, **parameters(2)), 40)
 
 
 def hammock() -> System:

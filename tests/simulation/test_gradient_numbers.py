@@ -10,24 +10,31 @@ import numpy as np
 import pytest
 from differences import FRAMES, METHODS, SOFT, STEP, block, loss, simulation
 from problems import EPS64
-from test_gradient_effects import EFFECTS
+from test_gradient_effects import EFFECTS, method_for
 
 import msdwarp as msd
 from msdwarp import RK4, Leapfrog, Plane, Simulation, System
 
 OBSTACLE = ["stiffness", "ramp", "dissipation", "friction", "rest_speed"]
 NUMBERS = {
-    "a soft plane": [f"colliders[0].{name}" for name in (*OBSTACLE, "offset")],
-    "a soft ball": ["colliders[0].position", "colliders[0].friction"],
+    "soft obstacles": [
+        *(f"colliders[0].{name}" for name in (*OBSTACLE, "offset")),
+        "colliders[1].position",
+        "colliders[1].friction",
+    ],
     "wind on a sheet": [f"loads[0].{name}" for name in ("velocity", "drag", "lift", "density")],
-    "wind on a closed surface": [f"loads[0].{name}" for name in ("drag", "lift", "density")],
-    "wind on particles": ["loads[0].velocity", "loads[0].drag"],
+    "a closed surface": [
+        *(f"loads[0].{name}" for name in ("drag", "lift", "density")),
+        *(f"loads[1].{name}" for name in ("pressure", "outside", "volume", "exponent")),
+    ],
     "pressure": ["loads[0].pressure"],
-    "gas": [f"loads[0].{name}" for name in ("pressure", "outside", "volume", "exponent")],
-    "forces": ["loads[0].force", "loads[1].force"],
-    "attachments": [
-        *(f"loads[0].{name}" for name in ("to", "stiffness", "damping", "rest_length")),
-        *(f"loads[1].{name}" for name in ("to", "stiffness", "damping")),
+    "loads on particles": [
+        "loads[1].force",
+        "loads[2].force",
+        "loads[3].velocity",
+        "loads[3].drag",
+        *(f"loads[4].{name}" for name in ("to", "stiffness", "damping", "rest_length")),
+        *(f"loads[5].{name}" for name in ("to", "stiffness", "damping")),
     ],
     "an embedded surface": ["loads[0].velocity", "loads[0].lift", "loads[1].pressure", "loads[2].pressure"],
 }
@@ -70,7 +77,7 @@ def check(body: System, name: str, gradient: msd.Gradient, **options: Any) -> No
 @pytest.mark.parametrize("effect", NUMBERS)
 def test_derivatives_by_numbers_are_those_of_central_differences(effect, plain_device):
     change, options = EFFECTS[effect]
-    body, options = change(block()), options | {"integrator": Leapfrog(), "device": plain_device}
+    body, options = change(block()), options | {"integrator": method_for(effect), "device": plain_device}
     gradient = simulation(body, **options).gradient(loss, FRAMES, by=NUMBERS[effect])
     for name in NUMBERS[effect]:
         check(body, name, gradient, **options)
@@ -98,6 +105,7 @@ def tumble(t: Any, share: float = 0.0) -> Any:
 
 @pytest.mark.parametrize("motion", [slide, tumble])
 @pytest.mark.parametrize("method", [*METHODS.values(), RK4()])
+@pytest.mark.each_value
 def test_derivatives_by_motions_are_those_of_central_differences(motion, method, plain_device):
     def run(share: float) -> Simulation:
         drives = [msd.PrescribedMotion([31], slide), msd.PrescribedMotion([30, 12], lambda t: motion(t, share))]

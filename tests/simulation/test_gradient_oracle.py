@@ -139,8 +139,6 @@ def test_gradients_by_rk4_are_those_of_complex_numbers(plain_device):
     ("method", "algorithm"),
     [
         (msd.Leapfrog(), "gather"),
-        (msd.Leapfrog(), "stencil"),
-        (msd.RK4(), "gather"),
         pytest.param(msd.RK4(), "stencil", marks=pytest.mark.slow),
     ],
 )
