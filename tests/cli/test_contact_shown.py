@@ -5,7 +5,7 @@ import pytest
 
 from msdwarp import Trajectory
 
-RUN = ("run", "dice", "--duration", "0.1", "--video", "none", "--resolution", "64x64", "--quiet")
+RUN = ("run", "cube", "--size", "3", "--duration", "0.1", "--video", "none", "--resolution", "64x64", "--quiet")
 
 
 @pytest.mark.slow

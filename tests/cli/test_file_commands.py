@@ -38,8 +38,8 @@ def test_what_is_rendered_later_is_what_would_have_been_drawn(msdwarp, cube, tmp
 @pytest.mark.slow
 def test_colours_and_the_camera_can_be_chosen(msdwarp, cube):
     pictures = {}
-    choices = [(), ("--colour", "strain"), ("--colour", "velocity"), ("--colour", "energy"), ("--azimuth", "40")]
-    choices += [("--elevation", "50"), ("--zoom", "2")]
+    choices = [(), ("--colour", "strain"), ("--colour", "velocity"), ("--colour", "energy")]
+    choices += [("--azimuth", "40", "--elevation", "50", "--zoom", "2")]
     for k, choice in enumerate(choices):
         assert msdwarp("render", str(cube), *PICTURES, *choice, "--out", f"{k}")[0] == 0
         pictures[choice] = first_picture(f"{k}/cube.webp")

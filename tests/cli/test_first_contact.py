@@ -75,13 +75,9 @@ def test_python_runs_the_package(tmp_path):
 
 @pytest.mark.slow
 def test_verbose_lets_warp_speak(tmp_path):
-    command = [sys.executable, "-m", "msdwarp", *SHORT]
-    quiet, loud = (
-        subprocess.run([*command, *more], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
-        for more in ((), ("--verbose",))
-    )
-    assert quiet.stderr == ""
-    assert "Warp" not in quiet.stdout
+    # That it is silent else, test_a_script_runs_by_itself_and_keeps_libraries_silent in test_cli.py says.
+    command = [sys.executable, "-m", "msdwarp", *SHORT, "--verbose"]
+    loud = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
     assert "Warp 1." in loud.stdout
 
 

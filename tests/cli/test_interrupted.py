@@ -176,7 +176,7 @@ print(resumed, len(seen))
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize(("kind", "kills"), [("plain", 20), ("compressed", 8)])
+@pytest.mark.parametrize(("kind", "kills"), [("plain", 12), ("compressed", 6)])
 def test_a_run_killed_again_and_again_ends_as_if_nothing_had_happened(own, kind, kills):
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", KILLED, kind, str(kills)],

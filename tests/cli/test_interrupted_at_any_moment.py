@@ -89,7 +89,7 @@ def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path
     began = time.monotonic()
     assert ended(begun(tmp_path, *RUN, "--out", "again"))[0] == 0
     whole, chance = time.monotonic() - began, random.Random(2026)
-    for k in range(int(os.environ.get("MSDWARP_INTERRUPTIONS", "3"))):
+    for k in range(int(os.environ.get("MSDWARP_INTERRUPTIONS", "2"))):
         after = chance.uniform(0.0, 1.1 * whole)
         wrong = interrupted(tmp_path / f"run{k}", after)
         assert not wrong, f"after {after:.3f} s: {wrong}"

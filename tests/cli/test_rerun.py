@@ -50,8 +50,9 @@ def test_what_does_not_say_what_made_it_cannot_be_made_again(msdwarp, tmp_path):
 
 @pytest.mark.slow
 def test_a_file_says_all_that_made_it(msdwarp, own):
+    METHOD = ("--integrator", "rk4", "--precision", "float32-compensated")
     where = ("--where", "some/place", "--origin", "1", "2.5", "3", "--shade", "dark")
-    assert msdwarp("run", str(own), *where, *UNDRAWN, "--duration", "0.1", "--precision", "float64")[0] == 0
+    assert msdwarp("run", str(own), *where, *UNDRAWN, "--duration", "0.1", *METHOD)[0] == 0
     with Trajectory(own.parent / "out" / "own" / "trajectory.vtkhdf") as found:
         about = found.attributes
     assert about["scene"] == str(own)
@@ -59,7 +60,7 @@ def test_a_file_says_all_that_made_it(msdwarp, own):
     assert about["parameters"] == wanted
     assert about["command"][:2] == ["msdwarp", "run"]
     assert {"msdwarp", "warp-lang", "numpy", "h5py"} <= about["versions"].keys()
-    assert (about["integrator"], about["precision"]) == ("symplectic-euler", "float64")
+    assert (about["integrator"], about["precision"]) == ("rk4", "float32-compensated")
     assert (about["device"], about["force_algorithm"], about["gravity"], about["schedule"]) == (
         "cpu",
         "scatter",
@@ -71,7 +72,11 @@ def test_a_file_says_all_that_made_it(msdwarp, own):
     assert json.dumps(about)
     code, out, _ = msdwarp("info", "out/own")
     assert code == 0
-    for line in ("7 frames from 0 to 0.1 s", "precision: float64", "parameters: size 3, stiffness 300.0"):
+    for line in (
+        "7 frames from 0 to 0.1 s",
+        "precision: float32-compensated",
+        "parameters: size 3, stiffness 300.0",
+    ):
         assert line in out
     assert "`msdwarp resume out/own` goes on from it" in out
     assert msdwarp("rerun", "out/own")[0] == 0  # the path, the tuple and the shade are what they were

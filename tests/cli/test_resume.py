@@ -13,7 +13,7 @@ from msdwarp.cli import run
 
 QUICK = [("leapfrog", "float32")]
 # tests/simulation/test_checkpoint.py has every method, without files.
-EACH = [*QUICK, ("rk4", "float32-compensated"), ("linearly-implicit-euler", "float64")]
+EACH = [*QUICK, ("rk4", "float32-compensated")]
 
 
 @pytest.mark.parametrize(
@@ -22,10 +22,6 @@ EACH = [*QUICK, ("rk4", "float32-compensated"), ("linearly-implicit-euler", "flo
 )
 def test_a_run_in_two_goes_ends_as_one_in_one(msdwarp, own, integrator, precision):
     options = [*UNDRAWN, "--integrator", integrator, "--precision", precision]
-    if integrator == "rkc2":  # needs a damper beside each spring, and has one
-        options += ["--substeps", "40"]
-    elif "implicit" in integrator:  # stable with few, of which each takes many launches
-        options += ["--substeps", "6"]
     assert msdwarp("run", "own.py", *options, "--out", "whole")[0] == 0
     assert msdwarp("run", "own.py", *options, "--out", "parts", "--duration", "0.2")[0] == 0
     for duration in ("0.3", "0.4"):
@@ -58,13 +54,12 @@ def test_a_run_on_a_gpu_goes_on_and_is_made_again(msdwarp, tmp_path, force_algor
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
-def test_other_routes_go_on_too(msdwarp, tmp_path, force_algorithm):
+def test_another_route_goes_on_too(msdwarp, tmp_path):
     options = (
         "--size",
         "4",
         "--force-algorithm",
-        force_algorithm,
+        "stencil",
         "--every",
         "3",
         "--trajectory",
@@ -216,7 +211,7 @@ def test_where_no_restart_file_can_be_written_no_frame_and_no_line_is_lost(msdwa
 @pytest.mark.slow
 def test_memory_stays_flat_over_thousands_of_frames(tmp_path):
     peaks = []
-    for frames in (400, 1_600):
+    for frames in (200, 1_000):
         flags = f"run cube --size 10 --duration {frames / 60} --substeps 1 --stiffness 1 --damping 0 --device cpu "
         flags += f"--out {frames} --frames none --video none"
         code = f"""
@@ -231,6 +226,6 @@ finally:
         command = [sys.executable, "-c", code]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
         peaks.append(int(done.stdout.splitlines()[-1]))
-    with Trajectory(tmp_path / "1600" / "trajectory.vtkhdf") as found:
-        assert len(found) == 1_601
-    assert peaks[1] - peaks[0] < 10_000  # KiB on Linux; the longer file has 29 MB more
+    with Trajectory(tmp_path / "1000" / "trajectory.vtkhdf") as found:
+        assert len(found) == 1_001
+    assert peaks[1] - peaks[0] < 10_000  # KiB on Linux; the longer file has 19 MB more

@@ -74,7 +74,7 @@ def test_they_go_on_behind_the_frame_that_a_run_goes_on_from(tmp_path, every, be
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", [53, 13])
+@pytest.mark.parametrize("step", [53, 31])
 def test_each_single_write_to_disk_leaves_those_of_the_frames_there_are(tmp_path, monkeypatch, step):
     monkeypatch.setattr(vtkhdf, "FORESEEN", 5)
     path = tmp_path / "a.vtkhdf"
