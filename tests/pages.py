@@ -45,7 +45,7 @@ def send(socket, message):
 def camera(**other):
     """Return what a client says of its camera."""
     zero, one = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-    said = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 560, 900, zero, (0.0, 0.0, 1.0))
+    said = ViewerCameraMessage(one, (3.0, 0.0, 1.0), 0.8, 0.01, 1000.0, 160, 240, zero, (0.0, 0.0, 1.0))
     return {**said.as_serializable_dict(), **other}
 
 

@@ -63,13 +63,13 @@ def opened(chromium, view, **options):
 def test_a_newcomer_finds_the_body_beside_the_panel_at_any_size(chromium, view, capsys):
     time.sleep(0.3)
     assert view.source.time == 0.0  # it waits for somebody who looks
-    options = {"viewport": {"width": 1100, "height": 560}, "has_touch": True}
+    options = {"viewport": {"width": 780, "height": 480}, "has_touch": True}
     with opened(chromium, view, permissions=["clipboard-read", "clipboard-write"], **options) as (page, camera):
         until(lambda: view.source.time > 0.3)
         view.post("pause", value=True)
         until(lambda: view.paused)
         corners = np.stack(np.meshgrid(*zip(*extent(view), strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
-        for width, height in ((1100, 560), (700, 480), (390, 640)):
+        for width, height in ((780, 480), (390, 640)):  # below 768 the panel is under the picture
             page.set_viewport_size({"width": width, "height": height})
 
             def is_seen():
@@ -127,7 +127,7 @@ def extent(view):
 
 @pytest.mark.slow
 def test_a_browser_shows_the_body_and_handles_it(chromium, view):
-    with opened(chromium, view, viewport={"width": 900, "height": 560}) as (page, camera):
+    with opened(chromium, view, viewport={"width": 780, "height": 420}) as (page, camera):
         first = page.screenshot()
         runs(view)
         until(lambda: page.screenshot() != first)
@@ -153,7 +153,7 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
         until(enters)
 
         # Where the camera sees the middle of the body: the client tells where it stands.
-        until(lambda: size(page)[0] < 900)  # the panel is beside the picture
+        until(lambda: size(page)[0] < 780)  # the panel is beside the picture
         across, down = seen_at(camera, np.mean(extent(view), axis=0), *size(page))
         page.mouse.move(across, down)
         page.mouse.down()
