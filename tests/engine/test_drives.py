@@ -36,8 +36,6 @@ def body() -> System:
     [
         (SymplecticEuler(), "float32"),
         (Leapfrog(), "float64"),
-        pytest.param(Leapfrog(damper_extrapolation=0.5), "float32", marks=pytest.mark.slow),
-        pytest.param(RKC2(4), "float32", marks=pytest.mark.slow),
         pytest.param(LinearlyImplicitEuler(iterations=4), "float32", marks=pytest.mark.slow),
         pytest.param(RK4(), "float32-compensated", marks=pytest.mark.slow),
     ],

@@ -30,6 +30,7 @@ PRECISIONS = {"float32": problems.EPS32, "float64": problems.EPS64}
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.each_value
 def test_force_follows_the_table_in_every_direction(device, dim, precision):
     pairs = [(case, np.array(d)) for case in CASES for d in DIRECTIONS[dim] if dim > 1 or case[2] == 0]
     position, velocity, expected = [], [], []

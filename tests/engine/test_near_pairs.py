@@ -79,11 +79,10 @@ def listed_pairs(planes: DivisionPlanes) -> list[tuple]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_all_near_pairs_are_listed_once(plain_device, monkeypatch, precision):
+def test_all_near_pairs_are_listed_once(plain_device, monkeypatch):
     contact = Contact(self_contact=True, thickness=0.02, stiffness=100.0)
     with pytest.warns(StartWarning):
-        simulation = Simulation(crumpled(), contact=contact, device=plain_device, precision=precision)
+        simulation = Simulation(crumpled(), contact=contact, device=plain_device)
     effect = simulation.assembly.body_contact
     planes, neighbors = effect.planes, effect.neighbors
     planes.tangles = False  # else those that cross are left out

@@ -306,16 +306,13 @@ def test_no_obstacle_is_a_source_of_energy(plain_device, method, rule):
     def shaken(t):
         return 0.05 * np.sin(20 * t), 0 * t, 0.1 * np.sin(25 * t)
 
-    def ball(y):
-        return Sphere((-1.5, y, 0.25), 0.3, motion=lambda t: (8 * t, 0 * t, 0 * t), restitution=0.5)
-
-    def rod(y):
-        return Capsule((-0.6, y - 1, 0.35), (-0.6, y + 1, 0.35), 0.02, motion=lambda t: (3 * t, 0 * t, 0 * t))
-
-    for colliders in (  # of the same kinds, by the same kernels: two of them pass far away
-        [Plane(motion=shaken, restitution=0.7, friction=0.3), ball(99), rod(99)],
-        [Plane(), ball(0), rod(99)],
-        [Plane(), ball(99), rod(0)],
+    fast, slow = (lambda t: (8 * t, 0 * t, 0 * t)), (lambda t: (3 * t, 0 * t, 0 * t))
+    ball, past = (Sphere((-1.5, y, 0.25), 0.3, motion=fast, restitution=0.5) for y in (0, 99))
+    rod, off = (Capsule((-0.6, y - 1, 0.35), (-0.6, y + 1, 0.35), 0.02, motion=slow) for y in (0, 99))
+    for colliders in (  # of the same kinds, by the same kernels: what is not meant passes far away
+        [Plane(motion=shaken, restitution=0.7, friction=0.3), past, off],
+        [Plane(), ball, off],
+        [Plane(), past, rod],
     ):
         body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
         how = {"integrator": method, "collider_rule": rule, "substeps": 20, "device": plain_device}
@@ -392,12 +389,7 @@ def test_what_heats_is_found_though_something_shakes_it(plain_device, method, wh
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seconds", "smaller"),
-    [
-        ("jelly", 6.0, {"across": 9}),
-        ("walker", 2.0, {}),
-        ("crawl", 2.0, {}),
-        ("bridge", 2.0, {}),
-    ],
+    [("jelly", 6.0, {"across": 9}), ("walker", 2.0, {}), ("crawl", 2.0, {}), ("bridge", 2.0, {})],
 )
 def test_scenes_that_are_driven_hard_raise_no_alarm(plain_device, name, seconds, smaller):
     # With fixed substeps, a third more than small motions need. tests/test_scenes.py does so with the mattress.

@@ -40,14 +40,9 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain
     assert restored.substeps == run.substeps
     np.testing.assert_array_equal(restored.frame().position, run.frame().position)
     np.testing.assert_array_equal(restored.frame().velocity, run.frame().velocity)
-
-
-@pytest.mark.slow
-def test_the_largest_strain_is_that_of_what_is_whole(plain_device):
-    run = Simulation(thrown(0.1), contact=Contact(), device=plain_device)
-    run.step(12)
+    # The largest strain is that of what is whole.
     now = run.snapshot()
-    assert now.broken.any()
+    assert now.broken.any() == np.isfinite(break_strain)
     along = np.diff(now.position[now.connections], axis=1)[:, 0]
     strain = np.abs(np.linalg.norm(along, axis=1) / now.rest_length - 1)
     counts = ~now.broken & now.between_neighbours
