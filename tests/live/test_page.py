@@ -154,13 +154,7 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
 
         # Where the camera sees the middle of the body: the client tells where it stands.
         until(lambda: size(page)[0] < 780)  # the panel is beside the picture
-        across, down = seen_at(camera, np.mean(extent(view), axis=0), *size(page))
-        page.mouse.move(across, down)
-        page.mouse.down()
-        for k in range(1, 11):
-            page.mouse.move(across - 4 * k, down - 8 * k)
-            time.sleep(0.05)
-        until(lambda: view.hand.grip is not None)
+        until(lambda: drags(page, camera, view, (-4, -8), 10))
         lowest = view.source.frame().position[:, 2].min()
         page.keyboard.press("Space")
         until(lambda: not view.paused)
@@ -174,13 +168,8 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
         view.post("reset")
         view.post("pause", value=True)
         time.sleep(1.0)
+        until(lambda: drags(page, camera, view, (0, -8), 5))
         across, down = seen_at(camera, np.mean(extent(view), axis=0), *size(page))
-        page.mouse.move(across, down)
-        page.mouse.down()
-        for k in range(1, 6):
-            page.mouse.move(across, down - 8 * k)
-            time.sleep(0.05)
-        until(lambda: view.hand.grip is not None)
         page.mouse.up()
         until(lambda: view.hand.grip is None)
 
@@ -189,6 +178,19 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
             return shown.getpixel((round(across), round(down)))
 
         until(lambda: at_the_body()[0] > at_the_body()[2] + 40)  # red jelly on a grey ground
+
+
+def drags(page, camera, view, way, steps):
+    """Drag from the middle of the body, which the camera may have left meanwhile; return whether it is held."""
+    page.mouse.up()
+    across, down = seen_at(camera, np.mean(extent(view), axis=0), *size(page))
+    page.mouse.move(across, down)
+    page.mouse.down()
+    for k in range(1, steps + 1):
+        page.mouse.move(across + way[0] * k, down + way[1] * k)
+        time.sleep(0.05)
+    page.wait_for_timeout(500)
+    return view.hand.grip is not None
 
 
 def seen_at(camera, point, width, height):
