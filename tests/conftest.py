@@ -76,8 +76,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not full:
         left_out = _by_other_routes(kept)
         kept = [item for item in kept if item not in left_out]
-        size = {test: 1 if test.get_closest_marker("each_value") else 2 for test in kept}
-        left_out = set().union(*(set(tests) - _covering(tests, size[tests[0]]) for tests in _products(kept)))
+        left_out = set()
+        for tests in _products(kept):
+            left_out |= set(tests) - _covering(tests, 1 if tests[0].get_closest_marker("each_value") else 2)
         kept = [item for item in kept if item not in left_out]
     there = set(kept)
     left = [item for item in items if item not in there]

@@ -21,11 +21,11 @@ def test_friction_and_restitution_are_set_and_done_again_to_the_last_bit():
     assert handling.contact("bodies", "friction") == 0.1
     for k in range(40):
         if k == 5:
-            handling.do("contact", side="obstacles", name="friction", value=0.1)
+            handling.do("contact", side="obstacles", name="friction", value=0.0)
         if k == 8:
             handling.do("contact", side="bodies", name="restitution", value=0.9)
         first.advance()
-    assert handling.contact("obstacles", "friction") == 0.1
+    assert handling.contact("obstacles", "friction") == 0.0
     assert handling.contact("bodies", "restitution") == 0.9
     again = running(**changes)
     due = list(handling.deeds)
