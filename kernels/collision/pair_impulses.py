@@ -1,4 +1,4 @@
-"""Impulses between the two sides of pairs that come too near within a substep.
+"""Impulses between the two sides of pairs that come too near within a substep, or are held back in it.
 
 The first side is the vertex or the first edge, the second side the triangle or the second edge.
 """
@@ -122,9 +122,13 @@ def pair_impulses(scalar: type):
         v_out: wp.array(dtype=V),
         h: scalar,
         unit: wp.float64,
+        moves: bool,
         i: int,
     ):
-        """Change the position and velocity of particle i by the impulses of its pairs, then clear the impulses."""
+        """Change the velocity of particle i, and if it `moves` its position, by the impulses of its pairs.
+
+        Then clear the impulses.
+        """
         if pairs.pushes[i] != 0:
             moved = V()
             impulse = wp.vec3d()
@@ -139,6 +143,9 @@ def pair_impulses(scalar: type):
             if pairs.done.shape[0] > 0 and pairs.inverse_mass[i] == zero:
                 speed = wp.vec3d(load(x_out, i) - load(x, i)) / wp.float64(h)
                 pairs.done[i] -= wp.dot(impulse, speed)
+            store(v_out, i, load(v_out, i) + moved / h)
+            if not moves:
+                return
             shift = pairs.shift[i] + float(wp.length(moved))
             pairs.shift[i] = shift
             if shift > pairs.most_shift[pairs.body[i]]:
@@ -146,7 +153,6 @@ def pair_impulses(scalar: type):
             if shift > pairs.foreseen[pairs.body[i]]:
                 pairs.exceeded[0] = 1
             store(x_out, i, load(x_out, i) + moved)
-            store(v_out, i, load(v_out, i) + moved / h)
 
     @wp.func
     def may_lose(gap: scalar, least: scalar, apart: scalar) -> scalar:
@@ -193,3 +199,86 @@ def pair_impulses(scalar: type):
         return weights, nearest, way, lack
 
     return may_lose, may_approach, lacks, count_pushes, push, apply
+
+
+@functools.cache
+def shared_velocities(scalar: type):
+    """Compose (count_shared, share_velocity), by which holding back keeps momentum.
+
+    Where a particle of a pair is held back, the pair collides plastically by the same fraction: f = 1 − the least
+    fraction of displacement that any of its particles makes. Particle i in n_i such pairs has the velocity
+    v_i + Σ f_k (c_k − v_i) / n_i afterwards, where c_k is the mean velocity of pair k, weighted by m_i / n_i. The
+    impulses of each pair sum to 0. New velocities are means of old ones, so kinetic energy cannot rise. If a
+    particle of the pair is pinned or driven, c_k is its velocity: it takes the momentum.
+    `count_shared` counts n_i in `pushes`, then `share_velocity` adds the impulses.
+    """
+    V, Units = vector(3, scalar), wp.types.vector(3, wp.int64)
+    Pairs, load = NearPairs(scalar), records(3, scalar).load
+    zero, one = scalar(0.0), scalar(1.0)
+
+    @wp.func
+    def held_fraction(pairs: Pairs, k: int) -> scalar:
+        """Return the largest fraction of its displacement that a particle of pair k loses, else 0."""
+        least = one
+        if pairs.gap[k] > zero:
+            for m in range(4):
+                v = vertex_of(pairs.vertices[k], m)
+                for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+                    least = wp.min(least, scalar(pairs.share[pairs.particle_of[s]]))
+        return one - least
+
+    @wp.func
+    def count_shared(pairs: Pairs, k: int):
+        if held_fraction(pairs, k) > zero:
+            for m in range(4):
+                v = vertex_of(pairs.vertices[k], m)
+                for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+                    wp.atomic_add(pairs.pushes, pairs.particle_of[s], 1)
+
+    @wp.func
+    def share_velocity(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), per_unit: wp.float64, k: int):
+        fraction = held_fraction(pairs, k)
+        if fraction == zero:
+            return
+        mass = zero
+        moved = V()  # sum of mass times displacement [kg m]
+        given = int(0)  # number of pinned and driven particles
+        moved_given = V()  # sum of their displacements [m]
+        last = int(0)
+        for m in range(4):
+            v = vertex_of(pairs.vertices[k], m)
+            for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+                i = pairs.particle_of[s]
+                way = load(x_out, i) - load(x, i)
+                if pairs.inverse_mass[i] == zero:
+                    given += 1
+                    moved_given += scalar(pairs.share[i]) * way
+                    last = i
+                else:
+                    part = one / (pairs.inverse_mass[i] * scalar(pairs.pushes[i]))
+                    mass += part
+                    moved += part * way
+        if mass == zero:
+            return
+        mean = moved / mass
+        if given > 0:
+            mean = moved_given / scalar(given)
+        rest = Units()
+        for m in range(4):
+            v = vertex_of(pairs.vertices[k], m)
+            for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
+                i = pairs.particle_of[s]
+                if pairs.inverse_mass[i] > zero:
+                    part = fraction / (pairs.inverse_mass[i] * scalar(pairs.pushes[i]))
+                    change = part * (mean - (load(x_out, i) - load(x, i)))
+                    if given == 0:
+                        last = i
+                    for c in range(3):
+                        units = wp.int64(wp.float64(change[c]) * per_unit)
+                        rest[c] = rest[c] - units
+                        wp.atomic_add(pairs.impulse, i, c, units)
+        # The impulses of the pair sum to exactly 0: one particle gets what rounding leaves, or what is given away.
+        for c in range(3):
+            wp.atomic_add(pairs.impulse, last, c, rest[c])
+
+    return count_shared, share_velocity

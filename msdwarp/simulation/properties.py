@@ -167,7 +167,7 @@ class PresentWorld(Present):
     def held_back(self) -> float:
         """Largest distance by which contact held a particle back in a substep of the last frame, or 0 [m].
 
-        If impulses between bodies do not suffice, displacements are shortened, which does not conserve momentum.
+        If impulses between bodies do not suffice, displacements are shortened. The collision is plastic there.
         """
         return float(self._held_back()[0])
 

@@ -122,27 +122,31 @@ def crush(device: str, speed: float, bricks: int) -> Simulation:
     return Simulation(system, contact=Contact(), gravity=0.0, device=device)
 
 
-def check_momentum(simulation: Simulation) -> None:
-    """Check that nothing is held back in six frames, and that momentum is kept."""
+def check_momentum(simulation: Simulation, frames: int = 6) -> float:
+    """Check that momentum is kept and no energy added; return how far particles were held back."""
     mass, velocity = simulation.system.mass, simulation.system.velocity
-    for _ in range(6):
+    momentum, energy, furthest = mass @ velocity, simulation.measure().energy, 0.0
+    for _ in range(frames):
         simulation.step()
-        assert simulation.held_back == 0.0
-    # 40.5 or 81 kg m/s; rounding in float32 over some hundred substeps. Held back, it was at least 6 kg m/s less.
-    momentum = mass @ velocity
+        furthest = max(furthest, simulation.held_back)
+        # The total is what dampers and plastic collisions leave.
+        assert simulation.measure().energy < energy
+    # 40 to 510 kg m/s; rounding in float32 over some hundred substeps. Holding back alone takes 6 kg m/s.
     np.testing.assert_allclose(mass @ simulation.frame().velocity, momentum, atol=2.4e-5 * momentum.max())
+    return furthest
 
 
-# Gaps shrink to the least gap; impulses take up to 28 rounds.
-@pytest.mark.parametrize(("speed", "bricks"), [(4.0, 2), (8.0, 4)])
-def test_a_heavy_block_that_crushes_light_ones_keeps_its_momentum(plain_device, speed, bricks):
-    check_momentum(crush(plain_device, speed, bricks))
+# At 4 m/s impulses suffice. The last is twice as fast as sound in what it crushes.
+@pytest.mark.parametrize(("speed", "bricks", "held"), [(4.0, 2, False), (8.0, 4, True), (50.0, 4, True)])
+def test_a_heavy_block_that_crushes_light_ones_keeps_its_momentum(plain_device, speed, bricks, held):
+    furthest = check_momentum(crush(plain_device, speed, bricks), 3 if speed > 40 else 6)
+    assert (furthest > 0.0) == held
 
 
 @pytest.mark.gpu
-def test_rounds_that_are_separate_launches_keep_momentum_too(monkeypatch):
+def test_phases_that_are_separate_launches_keep_momentum_too(monkeypatch):
     monkeypatch.setattr(division_planes, "MOST_IN_CLUSTER", 16)
-    check_momentum(crush("cuda:0", 8.0, 4))
+    assert check_momentum(crush("cuda:0", 8.0, 4)) > 0.0
 
 
 @pytest.mark.parametrize("thickness", [1e-3, 1e-2])
