@@ -60,8 +60,14 @@ def bars(_app: Sphinx, _what: str, _name: str, _of: object, _options: object, li
         lines[k] = "`".join(parts)
 
 
+def skip(_app: Sphinx, _what: str, _name: str, member: object, skipped: bool, _options: object) -> bool:
+    """Skip fields of named tuples, which Python calls an "Alias for field number": the class describes them."""
+    return skipped or str(member.__doc__).startswith("Alias for field")
+
+
 def setup(app: Sphinx) -> None:
     """Let the pages of commands and of scenes end with what these say of themselves."""
     app.connect("source-read", commands.append)
     app.connect("source-read", films.append)
     app.connect("autodoc-process-docstring", bars)
+    app.connect("autodoc-skip-member", skip)

@@ -7,20 +7,33 @@ from numpy.typing import NDArray
 
 
 class Frame(NamedTuple):
-    """The state at one time, on the host."""
+    """The state at one time, on the host.
+
+    Attributes
+    ----------
+    time
+        Simulated time [s].
+    position
+        Particle positions [m], shape [particle_count, d].
+    velocity
+        Particle velocities [m/s], shape [particle_count, d].
+    """
 
     time: float
-    """Simulated time [s]."""
     position: NDArray
-    """Particle positions [m], shape [particle_count, d]."""
     velocity: NDArray
-    """Particle velocities [m/s], shape [particle_count, d]."""
 
 
 class Series(NamedTuple):
-    """The readings of one probe, by frame or by substep."""
+    """The readings of one probe, by frame or by substep.
+
+    Attributes
+    ----------
+    times
+        Ends of frames, or of substeps [s], shape [reading_count].
+    values
+        The readings in SI units, shape [reading_count, d]; strain has two columns, mean and largest.
+    """
 
     times: NDArray[np.float64]
-    """Ends of frames, or of substeps [s], shape [reading_count]."""
     values: NDArray[np.float64]
-    """The readings in SI units, shape [reading_count, d]; strain has two columns, mean and largest."""

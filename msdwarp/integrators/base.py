@@ -14,24 +14,31 @@ class Integrator(ABC):
     """A time-stepping method: the stages of a substep as data, which `msdwarp.engine` runs.
 
     All launches of a stage must be capturable in a CUDA graph, since a frame is recorded once and replayed.
+
+    Attributes
+    ----------
+    order
+        Order of convergence; damping and contact may lower it (see each method).
+    solves
+        Whether a substep has solves between stages; then each stage is a separate launch.
+    lag
+        Lag of velocities behind positions, in substeps, for the energy (see
+        `msdwarp.engine.diagnostics.energy_balance`).
+    staggered
+        Whether given velocities are shifted back by `lag` substeps at the start, and forward again when read. A
+        method that lags without being staggered uses and reports velocities without shifts.
+    supports_contact
+        Whether the method supports contact between bodies.
+    long_steps
+        Whether stable steps may be too long to resolve the motion; then every frame's energy is checked.
     """
 
     order: ClassVar[int]
-    """Order of convergence; damping and contact may lower it (see each method)."""
     solves: ClassVar[bool] = False
-    """Whether a substep has solves between stages; then each stage is a separate launch."""
-
     lag: ClassVar[float] = 0.0
-    """Lag of velocities behind positions, in substeps, for the energy (see
-    `msdwarp.engine.diagnostics.energy_balance`)."""
     staggered: ClassVar[bool] = False
-    """Whether given velocities are shifted back by `lag` substeps at the start, and forward again when read. A
-    method that lags without being staggered uses and reports velocities without shifts."""
-
     supports_contact: ClassVar[bool] = True
-    """Whether the method supports contact between bodies."""
     long_steps: ClassVar[bool] = False
-    """Whether stable steps may be too long to resolve the motion; then every frame's energy is checked."""
 
     @property
     def tableau(self) -> NDArray | None:

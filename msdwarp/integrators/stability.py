@@ -31,20 +31,30 @@ class UnstableStep(ValueError):
 
 @dataclass(frozen=True)
 class StepChoice:
-    """The number of substeps per frame, and the reason."""
+    """The number of substeps per frame, and the reason.
+
+    Attributes
+    ----------
+    rates
+        Bounds of the system's rates.
+    limit
+        Largest stable substep [s].
+    least
+        Smallest stable number of substeps per frame.
+    substeps
+        The chosen or requested number of substeps per frame.
+    fps
+        Frames per second.
+    refinement
+        Factor on the number that stability requires, increased because energy grew or a frame diverged.
+    """
 
     rates: Rates
-    """Bounds of the system's rates."""
     limit: float
-    """Largest stable substep [s]."""
     least: int
-    """Smallest stable number of substeps per frame."""
     substeps: int
-    """The chosen or requested number of substeps per frame."""
     fps: float
-    """Frames per second."""
     refinement: float = 1.0
-    """Factor on the number that stability requires, increased because energy grew or a frame diverged."""
 
     def refined(self, refinement: float) -> "StepChoice":
         """Return the choice of `refinement` times the number of substeps that stability requires."""

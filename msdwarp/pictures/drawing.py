@@ -45,14 +45,21 @@ ROUND, MOST_JOINTS = 8, 2000
 
 
 class ColourScale(NamedTuple):
-    """A colour scale for any quantity of the particles, such as their speed."""
+    """A colour scale for any quantity of the particles, such as their speed.
+
+    Attributes
+    ----------
+    label
+        The quantity with its unit: "speed [m/s]".
+    full
+        The value at the end of the scale, above 0; larger values have the same colour.
+    signed
+        Whether the scale starts at minus `full` instead of 0.
+    """
 
     label: str
-    """The quantity with its unit: "speed [m/s]"."""
     full: float
-    """The value at the end of the scale, above 0; larger values have the same colour."""
     signed: bool = False
-    """Whether the scale starts at minus `full` instead of 0."""
 
 
 class Drawing:

@@ -26,20 +26,30 @@ class Divergence(NamedTuple):
 
 
 class SimulationDiverged(RuntimeError):
-    """The run cannot continue: a number is no longer finite, or the energy has grown without a cause."""
+    """The run cannot continue: a number is no longer finite, or the energy has grown without a cause.
+
+    Attributes
+    ----------
+    time
+        Time of the divergence [s].
+    substep
+        Number of the substep in its frame, counted from 1.
+    particle
+        The first particle concerned.
+    connection
+        The particle's most strained connection just before; None if it has none.
+    strain
+        The strain of this connection.
+    substeps_needed
+        Substeps per frame that are stable for the last good frame; 0 if no number of substeps is.
+    """
 
     time: float
-    """Time of the divergence [s]."""
     substep: int
-    """Number of the substep in its frame, counted from 1."""
     particle: int
-    """The first particle concerned."""
     connection: int | None
-    """The particle's most strained connection just before; None if it has none."""
     strain: float
-    """The strain of this connection."""
     substeps_needed: int
-    """Substeps per frame that are stable for the last good frame; 0 if no number of substeps is."""
 
     def __init__(self, message: str, **details: float | None) -> None:
         super().__init__(message)

@@ -43,28 +43,34 @@ class Gradient:
     """A loss, and its derivatives by name: `gradient["stiffness"]`.
 
     For an ensemble all arrays have the axis of worlds first. They are NaN for worlds that diverged.
+
+    Attributes
+    ----------
+    value
+        The loss; in an ensemble that of each world, shape [worlds].
+    derivatives
+        Derivatives by name, each of the shape of its parameter in `System`; for gravity of shape [d].
+
+        "force" is a constant force on each particle, shape [particle_count, d], in addition to all others.
+
+        For a function of time there is a derivative by each value that the run has used: at each stage of each
+        substep, and at the end, shape [frames · substeps · stages + 1, ...]; `times` has the times. For "strain"
+        these derivatives have a column for each delay of each actuator.
+    growth
+        Norm of the derivative by the state at each frame, over the largest that the loss adds there or later.
+
+        Shape [frames + 1]. Norms include derivatives by velocities, multiplied by the frames per second.
+    frames
+        The run: its times, positions and velocities.
+    times
+        Times at which each requested function of time was evaluated, by name [s], shape [evaluations].
     """
 
     value: Any
-    """The loss; in an ensemble that of each world, shape [worlds]."""
     derivatives: dict[str, NDArray[np.float64]]
-    """Derivatives by name, each of the shape of its parameter in `System`; for gravity of shape [d].
-
-    "force" is a constant force on each particle, shape [particle_count, d], in addition to all others.
-
-    For a function of time there is a derivative by each value that the run has used: at each stage of each
-    substep, and at the end, shape [frames · substeps · stages + 1, ...]; `times` has the times. For "strain" these
-    derivatives have a column for each delay of each actuator.
-    """
     growth: NDArray[np.float64]
-    """Norm of the derivative by the state at each frame, over the largest that the loss adds there or later.
-
-    Shape [frames + 1]. Norms include derivatives by velocities, multiplied by the frames per second.
-    """
     frames: Frames
-    """The run."""
     times: dict[str, NDArray[np.float64]]
-    """Times at which each requested function of time was evaluated, by name [s]."""
 
     def __repr__(self) -> str:
         by = ", ".join(f"{name} {values.shape}" for name, values in self.derivatives.items())

@@ -36,14 +36,20 @@ class Frames(NamedTuple):
 
     Arrays of an ensemble have the axis of worlds first, like `Ensemble.frame`: shape [worlds, frames + 1,
     particle_count, d]. They are NaN from the frame on in which a world diverges.
+
+    Attributes
+    ----------
+    time
+        Simulated times [s], shape [frames + 1].
+    position
+        Particle positions [m], shape [frames + 1, particle_count, d].
+    velocity
+        Particle velocities [m/s], shape [frames + 1, particle_count, d].
     """
 
     time: NDArray[np.float64]
-    """[s], shape [frames + 1]."""
     position: NDArray
-    """[m], shape [frames + 1, particle_count, d]."""
     velocity: NDArray
-    """At the same times [m/s], shape [frames + 1, particle_count, d]."""
 
 
 class Differentiated:

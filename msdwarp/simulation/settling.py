@@ -29,14 +29,21 @@ NEAR = 0.9
 
 
 class Settled(NamedTuple):
-    """Result of settling a system."""
+    """Result of settling a system.
+
+    Attributes
+    ----------
+    residual
+        Largest remaining force on a free particle [N].
+    tolerance
+        Largest allowed residual force [N].
+    substeps
+        Number of substeps of FIRE.
+    """
 
     residual: float
-    """Largest remaining force on a free particle [N]."""
     tolerance: float
-    """Largest allowed residual force [N]."""
     substeps: int
-    """Number of substeps of FIRE."""
 
     @property
     def converged(self) -> bool:

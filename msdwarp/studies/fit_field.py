@@ -24,22 +24,33 @@ one standard deviation of a value."""
 
 @dataclass(frozen=True, eq=False)
 class FieldFit:
-    """A field that was fitted to a measured motion; returned by `fit_field`."""
+    """A field that was fitted to a measured motion; returned by `fit_field`.
+
+    Attributes
+    ----------
+    name
+        Name of the fitted field.
+    values
+        The fitted value of each connection or particle, shape as in `System`.
+    scene
+        The scene with these values.
+    residual
+        Root mean square of simulated − measured coordinates [m].
+    gradients
+        Number of gradients computed.
+    substeps
+        Substeps of a frame.
+    converged
+        Whether the last search ended because steps no longer improved the fit.
+    """
 
     name: str
-    """Name of the fitted field."""
     values: NDArray[np.float64]
-    """The fitted value of each connection or particle, shape as in `System`."""
     scene: Scene
-    """The scene with these values."""
     residual: float
-    """Root mean square of simulated − measured coordinates [m]."""
     gradients: int
-    """Number of gradients computed."""
     substeps: int
-    """Substeps of a frame."""
     converged: bool
-    """Whether the last search ended because steps no longer improved the fit."""
 
     def __repr__(self) -> str:
         low, middle, high = np.quantile(self.values[np.isfinite(self.values)], (0.0, 0.5, 1.0))

@@ -12,37 +12,53 @@ from .plots import BLUE, DARK, RED, add_grid, new_figure
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """Parameters of a scene, fitted to a measured motion; returned by `fit`."""
+    """Parameters of a scene, fitted to a measured motion; returned by `fit`.
+
+    Attributes
+    ----------
+    values
+        The parameters by name, in the units of `units`.
+    units
+        Units of the values; if the scene's values vary between springs or particles, a fitted value is a factor.
+    covariance
+        Covariance of the values, s² (JᵀJ)⁻¹, shape [p, p]; inf for parameters that are not determined.
+    residuals
+        Simulated − measured, by kind of measurement: times [s] and differences, shape [rows, width].
+
+        NaN if nothing was measured. The kind "points" has tracked points.
+    residual_units
+        The units of the differences by kind.
+    scene
+        The scene with the fitted values.
+    fps
+        Frames per second of the simulations.
+    substeps
+        Substeps of a frame in the last runs.
+    runs
+        Number of simulated worlds.
+    batches
+        Number of runs; the worlds of one `Ensemble` run in parallel.
+    alone
+        Why worlds were simulated one by one: a feature that an `Ensemble` does not support. Otherwise empty.
+    unseen
+        Parameters that the measurement does not determine.
+    converged
+        Whether the last steps were below the tolerance.
+    """
 
     values: dict[str, float]
-    """The parameters by name, in the units of `units`."""
     units: dict[str, str]
-    """Units of the values; if the scene's values vary between springs or particles, a fitted value is a factor."""
     covariance: NDArray[np.float64]
-    """Covariance of the values, s² (JᵀJ)⁻¹, shape [p, p]; inf for parameters that are not determined."""
     residuals: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-    """Simulated − measured, by kind of measurement: times [s] and differences, shape [rows, width].
-
-    NaN if nothing was measured. The kind "points" has tracked points.
-    """
     residual_units: dict[str, str]
-    """The units of the differences by kind."""
     scene: Scene
-    """The scene with the fitted values."""
     fps: float
-    """Frames per second of the simulations."""
     substeps: int
-    """Substeps of a frame in the last runs."""
     runs: int
-    """Number of simulated worlds."""
     batches: int
-    """Number of runs; the worlds of one `Ensemble` run in parallel."""
     alone: str
-    """Why worlds were simulated one by one: a feature that an `Ensemble` does not support. Otherwise empty."""
     unseen: tuple[str, ...]
-    """Parameters that the measurement does not determine."""
     converged: bool
-    """Whether the last steps were below the tolerance."""
 
     @property
     def standard_deviations(self) -> dict[str, float]:

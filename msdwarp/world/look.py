@@ -38,7 +38,15 @@ FINISHES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Viewpoint:
-    """Camera settings at a `time` [s]: a point of `Look.path`. Fields that are None are as in the look."""
+    """Camera settings at one time: a point of `Look.path`. Those that are None are as in the look.
+
+    Parameters
+    ----------
+    time
+        Simulated time [s].
+    azimuth, elevation, target, distance
+        See `Look`: angles [degrees], a point [m], shape [3], and a distance [m].
+    """
 
     time: float
     azimuth: float | None = None

@@ -17,27 +17,39 @@ from .readout import Sweep
 
 
 class Measures(NamedTuple):
-    """Sums over a state, in an ensemble arrays of shape [worlds, ...]. Pinned particles are excluded."""
+    """Sums over a state, in an ensemble arrays of shape [worlds, ...]. Pinned particles are excluded.
+
+    Attributes
+    ----------
+    kinetic_energy
+        Σ m v²/2 [J].
+    elastic_energy
+        Σ k (l − l0)²/2 [J].
+    gravitational_energy
+        −Σ m g·x [J].
+    dissipated_power
+        Power that dampers dissipate [W]: Σ b l'² for linear dampers.
+    momentum
+        Σ m v [kg m/s], shape [d].
+    angular_momentum
+        Σ m x × v about the origin [kg m²/s], shape [3] in three dimensions, [1] in two, [0] in one.
+    largest_strain
+        Largest |l / l0 − 1| of a connection.
+    effect_energy
+        Energy stored by other effects, such as attachments [J].
+    external_work
+        Work of loads, drives and moving obstacles on the system so far [J].
+    """
 
     kinetic_energy: float
-    """Σ m v²/2 [J]."""
     elastic_energy: float
-    """Σ k (l − l0)²/2 [J]."""
     gravitational_energy: float
-    """−Σ m g·x [J]."""
     dissipated_power: float
-    """Power that dampers dissipate [W]: Σ b l'² for linear dampers."""
     momentum: NDArray[np.float64]
-    """Σ m v [kg m/s], shape [d]."""
     angular_momentum: NDArray[np.float64]
-    """Σ m x × v about the origin [kg m²/s], shape [3] in three dimensions, [1] in two, [0] in one."""
     largest_strain: float
-    """Largest |l / l0 − 1|."""
-
     effect_energy: float = 0.0
-    """Energy stored by other effects, such as attachments [J]."""
     external_work: float = 0.0
-    """Work of loads, drives and moving obstacles on the system so far [J]."""
 
     @property
     def energy(self) -> float:
