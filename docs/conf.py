@@ -20,10 +20,10 @@ version = release = msdwarp.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
 source_suffix = {
+    ".rst": "restructuredtext",  # first, as autosummary writes files of the first kind
     ".md": "myst-nb",
     ".ipynb": "myst-nb",
-    ".rst": "restructuredtext",
-}  # autosummary writes the latter
+}
 nb_execution_mode = "off"  # notebooks are kept with what they showed; tests/test_notebooks.py executes them
 exclude_patterns = ["images", "templates"]
 templates_path = ["templates"]

@@ -125,10 +125,12 @@ if _typing.TYPE_CHECKING:
         Attachment as Attachment,
         Box as Box,
         Capsule as Capsule,
+        Collider as Collider,
         Cone as Cone,
         Contact as Contact,
         EnclosedGas as EnclosedGas,
         Force as Force,
+        Load as Load,
         Look as Look,
         Plane as Plane,
         PrescribedMotion as PrescribedMotion,
@@ -166,8 +168,8 @@ _ROOMS = {
     "simulation": "Ensemble Frames Gradient GroupMean Simulation SimulationDiverged",
     "studies": "FieldFit FitResult TrackedPoints fit fit_field simulate_jax simulate_torch sweep",
     "world": (
-        "Actuator Attachment Box Capsule Cone Contact EnclosedGas Force Look Plane PrescribedMotion Pressure "
-        "Probe Scene Sphere Viewpoint Wind at"
+        "Actuator Attachment Box Capsule Collider Cone Contact EnclosedGas Force Load Look Plane PrescribedMotion "
+        "Pressure Probe Scene Sphere Viewpoint Wind at"
     ),
 }
 __all__ = ["verbose"]

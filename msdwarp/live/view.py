@@ -110,7 +110,7 @@ class View(Commands):
             self._thread.join()
 
     def post(self, command: str, **values: Any) -> None:
-        """Request a command, one of `COMMANDS`, with its values; any thread may call this."""
+        """Request a command (see `msdwarp.live.commands.COMMANDS`) with its values; any thread may call this."""
         self._requests.put((command, values))
 
     @property

@@ -73,7 +73,7 @@ class Simulation(Changing, Differentiable):
     substeps
         Integrator steps per frame. "auto" uses as few as `safety` allows (see `msdwarp.integrators.stability`),
         and more if the energy would grow without a cause (see `msdwarp.simulation.substep_controller`). `choice`
-        has the current number and the reason, `substep_history` its changes.
+        has the current number and the reason, `substep_history` pairs of a time [s] and the number from then on.
     safety
         Fraction of the stability limit that automatic substeps may use, 0 … 1.
     refresh
@@ -83,7 +83,7 @@ class Simulation(Changing, Differentiable):
         Accept a step beyond the stability limit.
     energy_limit
         The run counts as diverged if its energy has grown by this multiple of a scale, times
-        `StepChoice.energy_swing`. The scale is the initial energy plus the energy of a fall by the system's size.
+        `choice.energy_swing`. The scale is the initial energy plus the energy of a fall by the system's size.
         With inf a run ends only if a number is not finite, and automatic substeps are not adapted.
     device
         Name of a Warp device. By default the first CUDA device, or the CPU if there is none.
@@ -178,7 +178,7 @@ class Simulation(Changing, Differentiable):
 
     @classmethod
     def from_scene(cls, scene: Scene, **options: Any) -> Self:
-        """Return the simulation of a scene.
+        """Return the simulation of a scene; if this is `settled`, the attribute `start` says how well.
 
         Parameters
         ----------

@@ -34,9 +34,10 @@ class Collider:
     rest_speed
         Impacts below this speed do not bounce [m/s].
     motion
-        A function of time that displaces and rotates the obstacle (see `Motion`). It must be smooth, and if a body
-        touches the obstacle at the start, the displacement must be 0 at time 0. A function that accepts arrays of
-        times, as NumPy's do, is called a few times a frame, others for each substep. By default it is fixed.
+        A function of time [s] that returns the displacement [m], shape [d], or a pair (displacement, turn) with a
+        rotation vector about the centre [rad], shape [3]; in two dimensions an angle. It must be smooth, and if a
+        body touches the obstacle at the start, the displacement must be 0 at time 0. A function of arrays of
+        times, as NumPy's are, is called a few times a frame, others for each substep. By default it is fixed.
     stiffness
         If given, the obstacle is soft: a particle that enters it is pushed out by a force whose derivative with
         respect to depth grows from 0 to this stiffness [N/m]. Soft obstacles can be differentiated
@@ -116,7 +117,7 @@ class Collider:
         return _wrong_length(name, getattr(self, name), dim)
 
     def geometry(self, dim: int) -> dict[str, Any]:
-        """Return arguments of `kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
+        """Return arguments of `msdwarp.kernels.colliders.signed_distance`: a, b [dim], radius, axes [dim, dim]."""
         points = {letter: getattr(self, name) for letter, name in zip("ab", self.places, strict=False)}
         return points | {name: getattr(self, name) for name in self.lengths}
 

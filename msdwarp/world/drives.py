@@ -25,7 +25,7 @@ class PrescribedMotion(Load):
         The driven particles; see `Load`. No particle may be in two drives.
     motion
         A function of time that returns a displacement from the start, or a displacement and a rotation, as for a
-        collider (see `Motion`). Velocities are differences of positions. None: the particles stay at the start.
+        collider (see `Collider`). Velocities are differences of positions. None: the particles stay at the start.
     about
         Centre of the rotation [m], shape [d]; by default the centre of mass of the particles at the start.
     """

@@ -11,9 +11,8 @@ from ..bodies import rotated, rotation, rotations
 from .time_functions import sampled
 
 Motion = Callable[[float], Any]
-"""A function of time [s] that returns the displacement from the given position [m], shape [d], or a pair
-(displacement, turn) with a rotation vector about the centre [rad], shape [3] (in 2-D a number). For an array of
-times it may return arrays over time in place of numbers."""
+"""A function of time [s] that returns a displacement or a pair, as `Collider` describes it. For an array of times
+it may return arrays over time in place of numbers."""
 
 
 def displacement_and_turn(given: Any) -> tuple[Any, Any]:
