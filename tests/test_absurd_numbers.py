@@ -79,7 +79,7 @@ MAKERS = {
     "Attachment": (load(msd.Attachment, on=[0], stiffness=1.0), "", "stiffness damping", "to"),
     "Actuator": (load(msd.Actuator, strain=0.1), "", "", "strain delay"),
     "Drive": (load(msd.PrescribedMotion, on=[0], motion=still), "", "", "about"),
-    "Contact": (of(msd.Contact), "stiffness", "friction thickness", ""),
+    "Contact": (of(msd.Contact), "stiffness thickness", "friction", ""),
     "scene": (of(scene), "", "", "gravity"),
     "duration": (of(scene), "duration", "", ""),
     "simulation": (of(msd.Simulation, BODY, device="cpu"), "fps", "", "gravity"),

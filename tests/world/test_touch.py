@@ -53,6 +53,7 @@ def test_restitution_falls_with_damping():
         ({"restitution": -1.0}, "restitution is -1"),
         ({"self_contact": "some"}, "self_contact is 'some'; it must be one of False, True"),
         ({"thickness": -1e-3}, "thickness is -0.001"),
+        ({"thickness": 0}, "thickness is 0; it must be a number above 0"),
         ({"thickness": np.inf}, "thickness is inf"),
         ({"stiffness": 0.0}, "stiffness is 0"),
         ({"stiffness": np.nan}, "stiffness is nan"),
