@@ -252,7 +252,8 @@ def member(name: str, of: Mapping[str, Any], key: str) -> Any:
 def one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise ValueError unless `value` is among `allowed`."""
     allowed = list(allowed)
-    if isinstance(value, np.ndarray) or value not in allowed:  # arrays compare entry by entry
+    inexact = isinstance(value, bool | float) and any(type(one) is int for one in allowed)  # True == 1 == 1.0
+    if inexact or isinstance(value, np.ndarray) or value not in allowed:  # arrays compare entry by entry
         words = ", ".join(map(repr, allowed)) or "those that exist: there are none"
         raise ValueError(f"{name} is {repr_short(value)}; it must be one of {words}")
 

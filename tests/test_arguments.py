@@ -98,11 +98,19 @@ TYPES = [
     (lambda: scene(colliders=3), "colliders is 3; it must be a sequence of Collider objects, such as [Plane()]"),
     (lambda: scene(look="red"), "look is 'red'; it must be a Look"),
     (lambda: scene(gravity=(0, 1)), "gravity has shape (2,); it must be a number or have shape (3,)"),
+    (lambda: msd.chain(3, dim=True), "dim is True; it must be one of 1, 2, 3"),
+    (lambda: msd.sheet((3, 3), dim=2.0), "dim is 2.0; it must be one of 2, 3"),
+    (lambda: simulate().gradient(3, 1), "loss is 3; it must be a function of the frames"),
+    (
+        lambda: msd.Ensemble(BODY, 2, threads=(1, 1), device="cpu"),
+        "threads is (1, 1); it must be a whole number of at least 1",
+    ),
     (lambda: scene(colliders=[msd.Sphere((0, 0), 1.0)]), "colliders[0].position is (0.0, 0.0); it must have 3"),
 ]
 ARRAYS = [  # whose truth value NumPy does not tell
     (lambda: simulate(threads=np.ones(2)), "threads is array([1., 1.]); it must be a whole number of at least 1"),
     (lambda: simulate(threads=10**9), "threads is 1000000000; it must be at most 1024"),
+    (lambda: simulate(probes=np.ones(2)), "probes is array([1., 1.]); it must be"),
     (lambda: simulate(blocks=np.ones(2)), "blocks is array([1., 1.]); it must be 'auto', None, or (blocks,"),
     (
         lambda: msd.chain(3, material=msd.CORK, area=np.ones(2)),

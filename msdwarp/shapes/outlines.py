@@ -70,7 +70,7 @@ def cloth(
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     constants |= {"material": material, "thickness": thickness, "bending": bending}
     body = embedded(cells, spacing, skin, neighbours=neighbours, dim=dim, **constants)
-    return body.translate(np.resize([*centre, 0.0], dim))
+    return body.translate(np.resize([*centre, 0.0], body.dim))
 
 
 def _polygon(outline: ArrayLike) -> NDArray[np.float64]:

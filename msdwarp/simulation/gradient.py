@@ -126,6 +126,8 @@ class Differentiable(Present):
         GradientWarning
             If the gradient grows so much backwards that it says little about finite changes.
         """
+        if not callable(loss):
+            raise ValueError(f"loss is {checks.repr_short(loss)}; it must be a function of the frames")
         run, found = self.differentiated(frames, by)
         told, both, stopped = loss(found), [], run.stopped
         if not isinstance(told, tuple) or len(told) != 3:

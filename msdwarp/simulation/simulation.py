@@ -163,7 +163,7 @@ class Simulation(Changing, Differentiable):
             "gravity": self._gravity,
             "colliders": colliders,
             "collider_rule": collider_rule,
-            "probes": checked_probes(probes or {}, system, colliders, self._given),
+            "probes": checked_probes({} if probes is None else probes, system, colliders, self._given),
             "device": device,
             "precision": precision,
             "force_algorithm": force_algorithm,

@@ -35,8 +35,8 @@ class Contact(Load):
         Names of two groups of whole bodies to which this rule applies (see `System.named`); by default all bodies.
         If several rules apply to a pair, the last one is used.
     thickness
-        Distance at which surfaces touch [m], above 0. By default closed surfaces touch where they are drawn, sheets
-        are 1/4 of their spacing thick, and ropes 1/2. Single particles that touch each other need a value.
+        Distance at which surfaces touch [m], above 0. By default closed surfaces touch where they are drawn,
+        sheets are 1/4 of their spacing thick, and ropes 1/2. Single particles that touch each other need a value.
     stiffness
         Stiffness of a contact [N/m]. By default about that of one more layer of connections: the harmonic mean of
         both bodies' mean stiffness. Single particles have no springs, so they need a value.

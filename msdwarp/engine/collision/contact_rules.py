@@ -50,8 +50,8 @@ class ContactRules:
 
     def __init__(self, model: Model, surfaces: TouchingSurfaces, rules: Sequence[Contact]) -> None:
         self._rules = rules
-        given = [one.thickness for one in rules], [one.stiffness for one in rules]
-        self.thickness, self.stiffness = (np.array([-1.0 if n is None else n for n in one]) for one in given)
+        given = np.array([(one.thickness, one.stiffness) for one in rules], dtype=float)  # None becomes NaN
+        self.thickness, self.stiffness = np.nan_to_num(given, nan=-1.0).T
         bodies, body = len(surfaces.closed), surfaces.body_of_particle
         names = sorted({name for one in rules for name in one.groups or ()})
         within = np.zeros((bodies, len(names)), dtype=bool)

@@ -49,7 +49,6 @@ class Stepper:
         """The layout of worlds that stay in shared memory; None if they do not."""
         model, chosen = dynamics.model, blocks == "auto"
         if model.in_worlds:
-            assert not isinstance(blocks, tuple)
             threads = threads_of_world(dynamics.assembly, blocks)
             blocks = None if threads is None else (model.worlds, threads)
         elif blocks == "auto":

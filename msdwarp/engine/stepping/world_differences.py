@@ -57,7 +57,7 @@ def threads_at_a_time(assembly: Assembly) -> int:
     return MOST_IN_BLOCK[assembly.model.precision] // (2 if solids else 1)
 
 
-def threads_of_world(assembly: Assembly, threads: int | str | None) -> int | None:
+def threads_of_world(assembly: Assembly, threads: Any) -> int | None:
     """Return the number of threads for one launch of all substeps of a world; None for a launch per stage.
 
     `threads` is the requested number, None or "auto". Raises ValueError for a number that is not possible.
