@@ -1,5 +1,7 @@
 """Angles: triples of particles that resist bending, as in a rod."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -65,7 +67,7 @@ class Angles:
         values = {name: getattr(self, name)[order] for name in _NUMBERS}
         return replace(self, particles=particles[order], **values)
 
-    def behind(self, first: "Angles | None", particles: int) -> "Angles":
+    def behind(self, first: Angles | None, particles: int) -> Angles:
         """Return the angles of `first`, if any, then these, with particle indices increased by `particles`."""
         own = replace(self, particles=self.particles + np.int32(particles))
         if first is None:

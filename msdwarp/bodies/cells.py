@@ -1,5 +1,7 @@
 """Cells: parts of a body that resist a change of volume, in addition to springs."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -126,7 +128,7 @@ class Cells:
         values = {name: getattr(self, name) for name in _NUMBERS}
         return replace(self, corners=corners[order], **{name: one[order] for name, one in values.items()})
 
-    def behind(self, first: "Cells | None", particles: int) -> "Cells":
+    def behind(self, first: Cells | None, particles: int) -> Cells:
         """Return the cells of `first`, if any, then these, with particle indices increased by `particles`."""
         own = replace(self, corners=np.where(self.corners == NONE, NONE, self.corners + np.int32(particles)))
         if first is None:

@@ -1,5 +1,7 @@
 """Surface: the triangles to draw, and the particles that move their vertices."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,7 +83,7 @@ class Surface:
             return x[self.particle]
         return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
 
-    def behind(self, first: "Surface | None", particles: int) -> "Surface":
+    def behind(self, first: Surface | None, particles: int) -> Surface:
         """Return `first`, if any, and this surface, with particle indices increased by `particles`, as one."""
         own = replace(self, particle=self.particle + np.int32(particles))
         if first is None:

@@ -1,5 +1,7 @@
 """System: the simulated particles and connections, as NumPy arrays on the host."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -358,7 +360,7 @@ class System:
         """
         return self.trusted(**renumbered(vars(self), order))
 
-    def __add__(self, other: "System") -> Self:
+    def __add__(self, other: System) -> Self:
         """Return one system of both; the particles and connections of `other` come second."""
         if not isinstance(other, System):
             return NotImplemented

@@ -1,5 +1,7 @@
 """Pictures of a scene, by OpenGL (PyVista) or by Warp alone: a ray caster on a GPU, a rasteriser on the CPU."""
 
+from __future__ import annotations
+
 import importlib.util
 import os
 from collections.abc import Sequence

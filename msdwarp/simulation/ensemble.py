@@ -1,5 +1,7 @@
 """Ensemble: many worlds of one scene at once, each with parameters and a start of its own."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

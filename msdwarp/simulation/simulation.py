@@ -1,5 +1,7 @@
 """Simulation: a system in its surroundings, advanced frame by frame on a device."""
 
+from __future__ import annotations
+
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,5 +1,7 @@
 """Measured motion for a fit: tracked points, a trajectory, values of probes."""
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,5 +1,7 @@
 """Scene: a system with its surroundings and look; files in scenes/ build scenes."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self

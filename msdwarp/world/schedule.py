@@ -1,5 +1,7 @@
 """Changes of a system's parameters while it runs, at once or at set times."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
