@@ -15,7 +15,18 @@ from rich.progress import Progress
 from .. import checks
 from ..bodies import lengths, stress, von_mises
 from ..files import FrameArray, Trajectory, UsdFrame, UsdMesh, finite_values, write_usd
-from ..pictures import ColourScale, Drawing, Renderer, Stage, framed, still, timelapse, write_film
+from ..pictures import (
+    Camera,
+    ColourScale,
+    Drawing,
+    Renderer,
+    Stage,
+    framed,
+    still,
+    timelapse,
+    visible,
+    write_film,
+)
 from ..studies import particle_energies, system_in
 from ..world import FINISHES, Scene
 from .options import Pictures, parse_resolution
@@ -26,6 +37,9 @@ from .signals import Interrupted, word
 Values = Callable[[int], NDArray[np.float64]]
 USD_VIEW = "1280x720"
 """Picture size for which the camera in a USD file is placed; only the aspect ratio matters."""
+SCATTERED = 4.0
+"""The start is small if the camera that sees all is so many times as far away as one that sees the start: it fills
+a quarter of the picture's width then. Of the built-in scenes with several bodies none reaches 2.5."""
 
 
 def draw(
@@ -107,7 +121,26 @@ def draw(
             drawn.append(f"an overlay of {len(chosen)} poses")
             results.append(str(path))
         seconds = time.perf_counter() - began
-        return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results)
+        closer = closer_view(scene, positions[shown[0]], positions[shown[-1]], seen, size[0] / size[1])
+        return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results) + closer
+
+
+def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspect: float) -> str:
+    """Return a line with the camera's flags for the start, if bodies scatter so that it is small; else nothing.
+
+    `start` and `end` are the positions then, `seen` those that the camera keeps in view [m], shape [any, d].
+    `aspect` is the picture's width over its height.
+    """
+    look = scene.look
+    if look.distance is not None or look.follow is not None or look.path:
+        return ""
+    near, *far = (Camera.that_sees(visible(scene, x), look, aspect) for x in (start, end, seen))
+    distance, *wide = (float(np.linalg.norm(one.eye - one.target)) for one in (near, *far))
+    if min(wide) < SCATTERED * distance:  # the view may also be of where one body goes
+        return ""
+    target = np.round(near.target, 1 - math.floor(math.log10(distance))) + 0.0  # + 0.0: no -0
+    flags = f"--target {','.join(f'{x:g}' for x in target)} --distance {distance:.2g}"
+    return f"\nbodies scatter over {np.ptp(seen, axis=0).max():.2g} m; to look at where they start: {flags}"
 
 
 def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequence[int], path: Path) -> None:

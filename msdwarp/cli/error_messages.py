@@ -6,9 +6,18 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
+from cyclopts import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
 
 _KINDS: dict[Any, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
+_MEANT = dict.fromkeys(("--seconds", "--time", "--length"), "--duration")
+"""Names that other programs have for a flag."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _folders: set[Path] = set()
 """Folders of scripts that have been run as scenes."""
@@ -56,6 +65,10 @@ def _wrong(error: CycloptsError) -> str:
     if isinstance(error, CoercionError) and error.msg is None and error.token is not None and error.target_type:
         name = error.token.keyword or (error.argument.name if error.argument is not None else "")
         return f"{name.lstrip('-')} is {error.token.value!r}; it must be {_allowed(error.target_type)}"
+    if isinstance(error, UnknownOptionError):
+        word, known = error.token.keyword, [name for one in error.argument_collection for name in one.names]
+        if (meant := _MEANT.get(word or "")) in known:
+            return f"unknown option: {word}. Did you mean {meant}?"
     text = str(error).removesuffix(".")
     return text[:1].lower() + text[1:]
 

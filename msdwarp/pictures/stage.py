@@ -35,6 +35,15 @@ def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
     return position[np.unique((in_space(position, np.float64) @ directions.T).argmax(axis=0))]
 
 
+def visible(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
+    """Return points in space [m], shape [any, 3], that a camera sees if it sees positions and obstacles."""
+    solids = extent(scene)
+    if (plane := scene.ground) is not None:  # points below the ground need not be visible
+        normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
+        solids = solids - np.minimum(solids @ normal - plane.offset, 0.0)[:, None] * normal
+    return np.concatenate([in_space(positions, np.float64).reshape(-1, 3), solids])
+
+
 def axes_of(look: Look) -> tuple[NDArray, NDArray, NDArray]:
     """Return the unit vectors right, up and back of the camera of a look."""
     return view_axes(math.radians(look.azimuth), math.radians(look.elevation))
@@ -208,11 +217,7 @@ class Stage:
     def __init__(
         self, scene: Scene, positions: NDArray, size: tuple[int, int], zoom: float = 1.0, above: float = 0.0
     ) -> None:
-        solids = extent(scene)
-        if (plane := scene.ground) is not None:  # points below the ground need not be visible
-            normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
-            solids = solids - np.minimum(solids @ normal - plane.offset, 0.0)[:, None] * normal
-        points = np.concatenate([in_space(positions, np.float64).reshape(-1, 3), solids])
+        points = visible(scene, positions)
         self.look = scene.look
         self.width, self.height = size
         self.followed = None if self.look.follow is None else scene.system.groups[self.look.follow]

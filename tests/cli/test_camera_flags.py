@@ -72,6 +72,39 @@ def test_a_camera_that_cannot_be_is_refused_before_a_file_is_touched(msdwarp, tm
     assert not list(tmp_path.iterdir())
 
 
+SHARDS = """
+from itertools import product
+from msdwarp import Scene, box
+
+def build(*, together: bool = False) -> Scene:
+    shards = []
+    for way in product((-1, 1), repeat=3):
+        velocity = (30.0, 0, 0) if together else [15 * k for k in way]
+        shards.append(box((2, 2, 2), 0.01).translate([0.1 * k for k in way]).with_velocity(velocity))
+    return Scene(system=sum(shards[1:], shards[0]).translate((0, 0, 1)), gravity=0.0, duration=0.5)
+"""
+
+
+@pytest.mark.slow
+def test_a_run_whose_bodies_scatter_tells_the_flags_to_look_at_their_start(msdwarp, tmp_path):
+    (tmp_path / "shards.py").write_text(SHARDS)
+    run = ("run", "shards.py", "--frames", "none", "--video", "none", "--overlay", "2", *SMALL)
+    code, out, _ = msdwarp(*run)
+    assert code == 0
+    # Eight cubes fly from the corners of a cube of 0.2 m, each coordinate at 15 m/s for 0.5 s.
+    told, _, flags = out.splitlines()[-1].partition("; to look at where they start: ")
+    assert told == "bodies scatter over 15 m"
+    _, target, _, distance = flags.split()
+    # The middle of the picture, which is not quite that of the cube: what is nearer is larger.
+    assert np.array(target.split(","), float) == pytest.approx([0, 0, 1], abs=0.05)
+    # At 30 degrees a height of 0.35 m, the diagonal of the cube of 0.2 m, fills the picture from 0.65 m away.
+    assert 0.4 < float(distance) < 1
+    code, out, _ = msdwarp("render", "out/shards", "--video", "none", *SMALL[:2], *flags.split())
+    assert (code, out.count("bodies scatter")) == (0, 0)
+    code, out, _ = msdwarp(*run, "--together")  # the view is as wide, but nothing scatters
+    assert (code, out.count("bodies scatter")) == (0, 0)
+
+
 @pytest.mark.slow
 def test_every_frame_a_range_and_slow_motion_are_drawn(msdwarp, cube):
     frames = ("render", "out/cube", *SMALL[:2])

@@ -36,6 +36,10 @@ SHORT = (*CUBE, "--duration", "0.1")
             ["run", "cube", "--siz", "3"],
             "unknown option: --siz. Did you mean --size? (see `msdwarp run cube --help`)",
         ),
+        (
+            ("run", "cube", "--seconds", "2"),
+            "unknown option: --seconds. Did you mean --duration? (see `msdwarp run cube --help`)",
+        ),
         (["run", "cube", "--size"], "--size needs a value (see `msdwarp run cube --help`)"),
         (
             ["run", "cube", "--size", "3x"],
