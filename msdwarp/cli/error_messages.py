@@ -16,7 +16,7 @@ from cyclopts import (
 )
 
 _KINDS: dict[Any, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
-_MEANT = dict.fromkeys(("--seconds", "--time", "--length"), "--duration")
+_MEANT: dict[str | None, str] = {"--seconds": "--duration", "--time": "--duration", "--length": "--duration"}
 """Names that other programs have for a flag."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _folders: set[Path] = set()
@@ -67,7 +67,7 @@ def _wrong(error: CycloptsError) -> str:
         return f"{name.lstrip('-')} is {error.token.value!r}; it must be {_allowed(error.target_type)}"
     if isinstance(error, UnknownOptionError):
         word, known = error.token.keyword, [name for one in error.argument_collection for name in one.names]
-        if (meant := _MEANT.get(word or "")) in known:
+        if (meant := _MEANT.get(word)) in known:
             return f"unknown option: {word}. Did you mean {meant}?"
     text = str(error).removesuffix(".")
     return text[:1].lower() + text[1:]
