@@ -129,3 +129,10 @@ def test_digests_of_scenes_are_those_of_earlier_versions():
     colliders = [msd.Plane(friction=0.25), msd.Box((0, 0, -1), (2, 2, 0.5), turn=(0, 0, 0.5)), msd.Cone()]
     system = msd.box((2, 2, 2), 0.25, mass=0.5, stiffness=64.0, damping=0.5).replace(damper=msd.QuadraticDamper())
     assert digest(msd.Scene(system=system, colliders=colliders)) == "9198e3b068716237"
+
+
+def test_readings_say_which_probes_they_are_of():
+    simulation = msd.Simulation(msd.chain(2), probes={"end": msd.Probe([1], "position")}, device="cpu")
+    assert repr(simulation.readings) == "Readings({'end': times and values of 0 readings})"
+    simulation.step(3)
+    assert repr(simulation.readings) == "Readings({'end': times and values of 3 readings})"

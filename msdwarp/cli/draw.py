@@ -140,7 +140,8 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
         return ""
     target = np.round(near.target, 1 - math.floor(math.log10(distance))) + 0.0  # + 0.0: no -0
     flags = f"--target {','.join(f'{x:g}' for x in target)} --distance {distance:.2g}"
-    return f"\nbodies scatter over {np.ptp(seen, axis=0).max():.2g} m; to look at where they start: {flags}"
+    width = np.ptp(seen, axis=0).max()
+    return f"\nbodies scatter over {width:.2g} m; `msdwarp render` shows where they start with {flags}"
 
 
 def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequence[int], path: Path) -> None:

@@ -47,6 +47,10 @@ class Readings(Mapping[str, Series]):
         times, values = zip(*self._frames[name], strict=True)
         return Series(np.concatenate(times), np.concatenate(values))
 
+    def __repr__(self) -> str:
+        series = (f"{name!r}: times and values of {len(self[name].times)} readings" for name in self)
+        return f"Readings({{{', '.join(series)}}})"
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._frames)
 

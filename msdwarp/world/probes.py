@@ -28,6 +28,8 @@ FRAME, SUBSTEP = "frame", "substep"
 class Probe:
     """A sensor on a group of particles, read at the end of each frame or substep.
 
+    `times, values = simulation.readings[name]` are its readings so far, values of shape [readings, components].
+
     Parameters
     ----------
     on

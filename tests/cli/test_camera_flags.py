@@ -92,7 +92,7 @@ def test_a_run_whose_bodies_scatter_tells_the_flags_to_look_at_their_start(msdwa
     code, out, _ = msdwarp(*run)
     assert code == 0
     # Eight cubes fly from the corners of a cube of 0.2 m, each coordinate at 15 m/s for 0.5 s.
-    told, _, flags = out.splitlines()[-1].partition("; to look at where they start: ")
+    told, _, flags = out.splitlines()[-1].partition("; `msdwarp render` shows where they start with ")
     assert told == "bodies scatter over 15 m"
     _, target, _, distance = flags.split()
     # The middle of the picture, which is not quite that of the cube: what is nearer is larger.

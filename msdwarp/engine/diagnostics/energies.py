@@ -36,7 +36,7 @@ class Measures(NamedTuple):
     largest_strain
         Largest |l / l0 − 1| of a connection.
     effect_energy
-        Energy stored by other effects, such as attachments [J].
+        Energy stored by other effects, such as contact and attachments [J].
     external_work
         Work of loads, drives and moving obstacles on the system so far [J].
     """
