@@ -209,7 +209,7 @@ def shared_velocities(scalar: type):
     fraction of displacement that any of its particles makes. Particle i in n_i such pairs has the velocity
     v_i + Σ f_k (c_k − v_i) / n_i afterwards, where c_k is the mean velocity of pair k, weighted by m_i / n_i. The
     impulses of each pair sum to 0. New velocities are means of old ones, so kinetic energy cannot rise. If a
-    particle of the pair is pinned or driven, c_k is its velocity: it takes the momentum.
+    particle of the pair is pinned, c_k is 0: it takes the momentum. Not for systems with driven particles.
     `count_shared` counts n_i in `pushes`, then `share_velocity` adds the impulses.
     """
     V, Units = vector(3, scalar), wp.types.vector(3, wp.int64)
@@ -242,27 +242,24 @@ def shared_velocities(scalar: type):
             return
         mass = zero
         moved = V()  # sum of mass times displacement [kg m]
-        given = int(0)  # number of pinned and driven particles
-        moved_given = V()  # sum of their displacements [m]
+        pinned = bool(False)
         last = int(0)
         for m in range(4):
             v = vertex_of(pairs.vertices[k], m)
             for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
                 i = pairs.particle_of[s]
-                way = load(x_out, i) - load(x, i)
                 if pairs.inverse_mass[i] == zero:
-                    given += 1
-                    moved_given += scalar(pairs.share[i]) * way
+                    pinned = True
                     last = i
                 else:
                     part = one / (pairs.inverse_mass[i] * scalar(pairs.pushes[i]))
                     mass += part
-                    moved += part * way
+                    moved += part * (load(x_out, i) - load(x, i))
         if mass == zero:
             return
         mean = moved / mass
-        if given > 0:
-            mean = moved_given / scalar(given)
+        if pinned:
+            mean = V()
         rest = Units()
         for m in range(4):
             v = vertex_of(pairs.vertices[k], m)
@@ -271,13 +268,13 @@ def shared_velocities(scalar: type):
                 if pairs.inverse_mass[i] > zero:
                     part = fraction / (pairs.inverse_mass[i] * scalar(pairs.pushes[i]))
                     change = part * (mean - (load(x_out, i) - load(x, i)))
-                    if given == 0:
+                    if not pinned:
                         last = i
                     for c in range(3):
                         units = wp.int64(wp.float64(change[c]) * per_unit)
                         rest[c] = rest[c] - units
                         wp.atomic_add(pairs.impulse, i, c, units)
-        # The impulses of the pair sum to exactly 0: one particle gets what rounding leaves, or what is given away.
+        # The impulses of the pair sum to exactly 0: one particle gets the rest, a pinned one if there is any.
         for c in range(3):
             wp.atomic_add(pairs.impulse, last, c, rest[c])
 
