@@ -29,6 +29,9 @@ from .properties import PresentWorld
 from .settling import Settled, settled
 from .substep_controller import StepController
 
+AT_ONCE = 1e-9
+"""Time within which overlaps are released that are no error but an equilibrium [s]: less than a substep."""
+
 
 class Changing(PresentWorld):
     """The properties of a simulation that can change between two frames."""
@@ -162,8 +165,9 @@ class Changing(PresentWorld):
 
         Fast inertial relaxation (FIRE; see `msdwarp.kernels.integrators.fire`) finds a minimum of the energy under
         the current loads, contact and obstacles, many times faster than damping stops motion. Functions of time
-        keep their current values. Velocities are 0 afterwards. If friction or several minima allow several
-        equilibria, the result is the first that is reached. Automatic substeps are chosen again.
+        keep their current values. What overlaps is moved apart first. Velocities are 0 afterwards. If friction or
+        several minima allow several equilibria, the result is the first that is reached. Automatic substeps are
+        chosen again.
 
         Parameters
         ----------
@@ -171,7 +175,7 @@ class Changing(PresentWorld):
             Largest force that may remain on a free particle [N]. By default a thousandth of the mean weight of a
             particle, or without gravity 1e-4 of the largest force at the start.
         substeps
-            Maximal number of substeps.
+            Maximal number of substeps. What overlaps is moved apart in any case.
 
         Returns
         -------
@@ -201,6 +205,7 @@ class Changing(PresentWorld):
         if not found.converged:
             warnings.warn(str(found), checks.SettleWarning, stacklevel=4)
         self._reload(system, {})
+        self.stepping.assembly.release_overlaps_within(AT_ONCE)  # what presses on springs of contact is at rest
         return found
 
     def _apply(self, change: Change) -> None:

@@ -176,8 +176,8 @@ class PresentWorld(Present):
         """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].
 
         The mean over the last frame: the sum of contact impulses, divided by the frame's duration. It is 0 before
-        the first frame, and after a change that uploads the system again. Obstacles do not push pinned or driven
-        particles.
+        the first frame, and after `settle` or another change that uploads the system again. Obstacles do not push
+        pinned or driven particles.
 
         Raises
         ------

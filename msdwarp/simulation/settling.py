@@ -24,6 +24,8 @@ SAFETY = 0.6
 """Fraction of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`."""
 REFRESH = 8
 """Frames after which the stable substep is computed again."""
+FRAMES_TO_SEPARATE = 40
+"""Frames within which what overlaps at the start is moved apart; nothing is settled before."""
 NEAR = 0.9
 """If the needed substeps exceed this fraction of the current number, the number is kept."""
 
@@ -89,6 +91,7 @@ def settled(
     if not math.isfinite(limit):
         raise ValueError("the system has no springs that hold a free particle; it must have some to settle")
     fps = 1.0 / (SUBSTEPS * SAFETY * limit)
+    first = FRAMES_TO_SEPARATE if assembly.release_overlaps_within(FRAMES_TO_SEPARATE / fps) else 0
     stepping = Stepping(
         Dynamics(assembly, threads=threads_for(assembly, threads)),
         state,
@@ -100,7 +103,7 @@ def settled(
     )
     taken = frame = 0
     residual = math.inf
-    while taken < most and (tolerance is None or residual > tolerance):
+    while frame <= first or (taken < most and (tolerance is None or residual > tolerance)):
         if not stepping.advance(time):
             found = stepping.locate_divergence()
             raise SimulationDiverged(
@@ -111,7 +114,7 @@ def settled(
                 particle=found.particle,
             )
         taken, frame, residual = taken + stepping.choice.substeps, frame + 1, fire.largest_force
-        if tolerance is None:
+        if tolerance is None and frame > first:
             free = int(np.isfinite(assembly.model.mass).sum())
             fall = SHARE_OF_WEIGHT * weight(assembly.model) / max(free, 1)
             tolerance = fall if fall > 0.0 else SHARE_OF_START * fire.strongest_force

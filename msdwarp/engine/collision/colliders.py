@@ -68,8 +68,9 @@ class Colliders(FrameTables):
         self.overlap = inside > 0.0
         """Whether a free particle starts inside an obstacle."""
         self._deepest = inside if self.leads_out else 0.0
+        self.overlapping_at_start, self._release_time = self._deepest > 0.0, DEPENETRATION_TIME
         self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
-        some = {"overlapping_at_start": self._deepest > 0.0, "spares": spares}
+        some = {"overlapping_at_start": self.overlapping_at_start, "spares": spares}
         needed = Needed(self._bounces, several=len(colliders) > 1, **some)
         contact = collider_contact(model.dim, model.scalar, rule, kinds, contact_forces, needed, self.moves)
         self.piece = ColliderTerm(*contact, moving=self.moves, contact_forces=contact_forces, **some)
@@ -77,7 +78,7 @@ class Colliders(FrameTables):
         data = self.data = self.piece.Colliders()
         if spares:
             data.spared = wp.array(self.spared.astype(np.int32), device=self._device)
-        if self._deepest > 0.0:
+        if self.overlapping_at_start:
             data.inverse_mass = self._inverse_mass
         if self.moves:
             count = model.worlds * model.particle_count
@@ -95,7 +96,7 @@ class Colliders(FrameTables):
         for name in COEFFICIENTS:
             values = [float(getattr(collider, name)) for collider in colliders]
             setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))
-        if self._deepest > 0.0:
+        if self.overlapping_at_start:
             data.surface.slack = touching(model.system)
         # Errors in a motion are raised before anything runs.
         self._moving: list[tuple[int, Motion, NDArray]] = []
@@ -114,12 +115,16 @@ class Colliders(FrameTables):
         stretch = np.linalg.norm(self._put_out[j] - self._put_out[i], axis=1) - model.system.rest_length
         return 0.5 * model.row_of("stiffness") @ stretch**2
 
+    def release_overlap_within(self, seconds: float) -> None:
+        """Move out particles that start inside obstacles within a time [s], instead of DEPENETRATION_TIME."""
+        self._release_time = seconds
+
     def begin(self, substeps: int, dt: float) -> None:
         """Allocate the poses of a frame."""
         if self._bounces:  # a velocity half a substep behind is a displacement / dt
             self.data.surface.onward = 2.0 * self.steps.lag
-        if self._deepest > 0.0:
-            self.data.surface.overlap_release_speed = self._deepest * dt / DEPENETRATION_TIME
+        if self.overlapping_at_start:
+            self.data.surface.overlap_release_speed = self._deepest * dt / self._release_time
         if not self.moves:
             return
         shape = (substeps + 1, len(self._colliders))

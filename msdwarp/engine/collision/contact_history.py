@@ -55,6 +55,10 @@ class WithHistory(Effect):
         self._history.initial_overlap.assign(overlap.astype(self._model.dtype))
         self._history.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
 
+    def release_overlap_within(self, seconds: float) -> None:
+        """Move apart what overlaps at the start within a time [s], instead of SEPARATION_TIME."""
+        self._history.overlap_release_speed = float(self._history.initial_overlap.numpy().max()) / seconds
+
     def go_on_from(self, other: Effect) -> None:
         """Copy the contact history of `other`, the effect of another model with the same bodies."""
         assert isinstance(other, WithHistory)

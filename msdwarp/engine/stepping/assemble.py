@@ -1,6 +1,7 @@
 """Assembly: a model and the effects of a scene; `assemble` makes it."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,8 +157,11 @@ class Assembly:
         self.body_contact: Any = self._one_of(BodyContact)
         self.surface_contact: SurfaceContact | None = None
         if self.colliders is not None and self.body_contact is not None:
+            obstacles = around.hard_colliders
+            if around.settles:
+                obstacles = [replace(one, restitution=1.0) for one in obstacles]  # no dampers, as in `assemble`
             self.surface_contact = surface_contact_of(
-                model, self.colliders, self.body_contact, around.hard_colliders, around.loads
+                model, self.colliders, self.body_contact, obstacles, around.loads
             )
         self.all += [self.surface_contact] if self.surface_contact is not None else []
         planes = self.body_contact.planes if self.body_contact is not None else None
@@ -166,6 +170,14 @@ class Assembly:
         self.all += [self.external_work] if self.external_work is not None else []
         self.fire = Fire(model) if around.settles else None
         self.all += [self.fire] if self.fire is not None else []  # after everything else that changes velocities
+
+    def release_overlaps_within(self, seconds: float) -> bool:
+        """Move apart what overlaps at the start within a time [s]; return whether anything does."""
+        effects = (self.colliders, self.surface_contact, self.body_contact)
+        overlapping = [one for one in effects if one is not None and one.overlapping_at_start]
+        for effect in overlapping:
+            effect.release_overlap_within(seconds)
+        return bool(overlapping)
 
     def _one_of(self, kind: type) -> Any:
         """Return the effect of a kind, or None."""
@@ -232,6 +244,8 @@ def assemble(
     checks.one_of("collider_rule", collider_rule, COLLIDER_RULES)
     check_loads(loads, system)
     loads = bound(loads, system)
+    if settles:  # the dampers of contact would make FIRE stop again and again
+        loads = [replace(one, restitution=1.0) if isinstance(one, Contact) else one for one in loads]
     model = Model(system, gravity=gravity, driven=driven_particles(loads, system), **options)
     measured = checked_probes(probes or {}, system, colliders, loads)
     around = Surroundings(tuple(colliders), collider_rule, loads, measured, contact_forces, settles)
