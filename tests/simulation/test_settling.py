@@ -47,25 +47,27 @@ def held_cloth() -> System:
     return system.pin((np.abs(system.position[:, :2]) > 0.19).any(axis=1))
 
 
-@pytest.mark.parametrize("contact", [None, Contact(surface_colliders=True)], ids=["particles", "surface"])
-def test_a_ball_between_plates_that_came_nearer_bears_what_it_bears_later(plain_device, contact):
+@pytest.mark.slow
+def test_a_ball_between_plates_that_came_nearer_bears_what_it_bears_later(plain_device):
     def plates(gap: float) -> list[Plane]:
         return [Plane((0, 0, s), -gap / 2, friction=0.0, restitution=0.0) for s in (1.0, -1.0)]
 
-    body = ball(0.05, 0.0125, material=Material(1000.0, 1e6, 0.3, 0.45))
+    def force() -> float:
+        return np.maximum(simulation.contact_force()[:, 2], 0.0).sum()
+
+    body = ball(0.05, 0.0125, material=Material(1000.0, 1e4, 0.1, 0.45))
+    surface = Contact(surface_colliders=True)
     simulation = Simulation(
-        body, colliders=plates(0.1), contact=contact, gravity=0.0, contact_forces=True, device=plain_device
+        body, colliders=plates(0.1), contact=surface, gravity=0.0, contact_forces=True, device=plain_device
     )
-    forces = []
-    for gap in (0.096, 0.092):
-        simulation.change(colliders=plates(gap))
-        assert simulation.settle().converged
-        simulation.step()
-        forces.append(np.maximum(simulation.contact_force()[:, 2], 0.0).sum())
-    simulation.step(60)  # longer than what overlaps takes to be moved apart when it moves
-    assert forces[0] > 1.0
-    # In float32, at strains of 0.1, and to the tolerance of settling.
-    np.testing.assert_allclose(np.maximum(simulation.contact_force()[:, 2], 0.0).sum(), forces[1], rtol=2e-3)
+    simulation.change(colliders=plates(0.096))
+    assert simulation.settle().converged
+    simulation.step()
+    settled = force()
+    simulation.step(33)  # 0.55 s, longer than what overlaps takes to be moved apart where it is not settled
+    assert settled > 0.1
+    # Settled to 1e-4 of the largest force on a particle; in float32, where some dozen particles bear the force.
+    assert force() == pytest.approx(settled, rel=1e-3)
 
 
 @pytest.mark.parametrize("system", [held_cloth(), cantilever()], ids=["cloth", "cantilever"])
