@@ -203,7 +203,7 @@ class Changing(PresentWorld):
             time=self.time,
         )
         if not found.converged:
-            warnings.warn(str(found), checks.SettleWarning, stacklevel=4)
+            warnings.warn(str(found), checks.SettleWarning, stacklevel=3)
         self._reload(system, {})
         self.stepping.assembly.release_overlaps_within(AT_ONCE)  # what presses on springs of contact is at rest
         return found

@@ -332,7 +332,7 @@ class Simulation(Changing, Differentiable):
         Raises
         ------
         ValueError
-            If the duration is not positive or shorter than a frame.
+            If the duration, rounded to whole frames, has none.
         SimulationDiverged
             While iterating; see `step`.
         """

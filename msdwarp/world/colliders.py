@@ -229,7 +229,7 @@ class Box(Collider):
         super().__post_init__()
         size = checks.point("size", self.size)
         if len(size) != len(self.position) or min(size) < checks.SMALLEST:
-            raise ValueError(f"size is {self.size!r}; it must be as many numbers above 0 as position has")
+            raise ValueError(f"size is {self.size!r}; it must be {len(self.position)} numbers above 0")
         object.__setattr__(self, "size", size)
         if self.turn is not None:
             rotation(self.turn, len(size), "turn")

@@ -162,8 +162,9 @@ def test_a_scene_can_start_settled():
 
 def test_what_does_not_settle_is_told():
     simulation = Simulation(hung_cloth(), device="cpu")
-    with pytest.warns(SettleWarning, match=r"the largest force left is .* N, above the tolerance"):
+    with pytest.warns(SettleWarning, match=r"the largest force left is .* N, above the tolerance") as heard:
         found = simulation.settle(substeps=100)
+    assert heard[0].filename == __file__
     assert not found.converged
     for wrong, said in (({"tolerance": 0.0}, "tolerance is 0"), ({"substeps": 0}, "substeps is 0")):
         with pytest.raises(ValueError, match=said):
