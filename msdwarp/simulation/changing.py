@@ -29,9 +29,6 @@ from .properties import PresentWorld
 from .settling import Settled, settled
 from .substep_controller import StepController
 
-AT_ONCE = 1e-9
-"""Time within which overlaps are released that are no error but an equilibrium [s]: less than a substep."""
-
 
 class Changing(PresentWorld):
     """The properties of a simulation that can change between two frames."""
@@ -82,6 +79,10 @@ class Changing(PresentWorld):
         """Restore the contacts between bodies from a checkpoint (`BodyContact.checkpoint`)."""
         if self.assembly.body_contact is not None:
             self.assembly.body_contact.restore(arrays)
+        self._reset_baseline()
+
+    def _reset_baseline(self) -> None:
+        """From now on compare energies with those of the current state."""
         self.stepping.reset_baseline()
         if self._step_controller is not None:
             self._step_controller.begin(self.stepping)
@@ -205,7 +206,8 @@ class Changing(PresentWorld):
         if not found.converged:
             warnings.warn(str(found), checks.SettleWarning, stacklevel=3)
         self._reload(system, {})
-        self.stepping.assembly.release_overlaps_within(AT_ONCE)  # what presses on springs of contact is at rest
+        self.assembly.bear_overlaps()
+        self._reset_baseline()
         return found
 
     def _apply(self, change: Change) -> None:

@@ -59,6 +59,10 @@ class WithHistory(Effect):
         """Move apart what overlaps at the start within a time [s], instead of SEPARATION_TIME."""
         self._history.overlap_release_speed = float(self._history.initial_overlap.numpy().max()) / seconds
 
+    def allow_none(self) -> None:
+        """Allow no overlap any more: what overlaps is pressed apart by its whole depth."""
+        self._history.initial_overlap.zero_()
+
     def go_on_from(self, other: Effect) -> None:
         """Copy the contact history of `other`, the effect of another model with the same bodies."""
         assert isinstance(other, WithHistory)

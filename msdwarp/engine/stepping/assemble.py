@@ -179,6 +179,12 @@ class Assembly:
             effect.release_overlap_within(seconds)
         return bool(overlapping)
 
+    def bear_overlaps(self) -> None:
+        """Take what overlaps in contact for pressed together, not for an error at the start."""
+        for effect in (self.surface_contact, self.body_contact):
+            if effect is not None:
+                effect.allow_none()
+
     def _one_of(self, kind: type) -> Any:
         """Return the effect of a kind, or None."""
         return next((effect for effect in self.all if isinstance(effect, kind)), None)
