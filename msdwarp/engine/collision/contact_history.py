@@ -53,10 +53,10 @@ class WithHistory(Effect):
         """Allow each point or facet the overlap that it has at the start [m]; the allowance then shrinks."""
         self.overlapping_at_start = True
         self._history.initial_overlap.assign(overlap.astype(self._model.dtype))
-        self._history.overlap_release_speed = float(overlap.max()) / SEPARATION_TIME
+        self.release_overlap_within(SEPARATION_TIME)
 
     def release_overlap_within(self, seconds: float) -> None:
-        """Move apart what overlaps at the start within a time [s], instead of SEPARATION_TIME."""
+        """Move apart what overlaps at the start within a time [s]."""
         self._history.overlap_release_speed = float(self._history.initial_overlap.numpy().max()) / seconds
 
     def allow_none(self) -> None:
