@@ -83,7 +83,7 @@ def in_partition(composition: Composition, method: Any):
     Step, advance, _ = method(composition)
     V = tools(composition).V
 
-    def take_share(scene: SceneData, steps: wp.array(dtype=Step), count: int, share: PartOfParticles):
+    def take_share(scene: SceneData, steps: wp.array2d(dtype=Step), count: int, share: PartOfParticles):
         if wp.static(moving):
             first = int(scene.colliders.substep)
         if wp.static(timed):
@@ -92,18 +92,19 @@ def in_partition(composition: Composition, method: Any):
             begun = int(scene.forces.breaking.substep)
         barrier(share.meeting, share.threads, share.yield_cpu)  # earlier launches have ended
         for k in range(count):
-            step = steps[k % steps.shape[0]]
+            substep = k / steps.shape[1]
+            step = steps[substep % 2, k % steps.shape[1]]
             if wp.static(timed):
                 scene.stage = first_stage + k
             if wp.static(begin is not None):
-                if k % (steps.shape[0] / 2) == 0:  # at a substep's start
+                if k % steps.shape[1] == 0:  # at a substep's start
                     for c in range(share.first_begun, share.last_begun):
                         begin(scene, step.compensation, step.x, c)
                     barrier(share.meeting, share.threads, share.yield_cpu)
             if wp.static(tears):
                 scene.forces.breaking.substep = wp.static(NO_SUBSTEP)
-                if k % (steps.shape[0] / 2) == 0:
-                    scene.forces.breaking.substep = begun + k / (steps.shape[0] / 2)
+                if k % steps.shape[1] == 0:
+                    scene.forces.breaking.substep = begun + substep
             if wp.static(evaluate is not None):
                 for n in range(share.runs.shape[0]):
                     c = int(share.runs[n][0])
@@ -113,7 +114,7 @@ def in_partition(composition: Composition, method: Any):
                 for n in range(share.others.shape[0]):
                     store(scene.forces.f, share.others[n], V())
             if wp.static(moving):
-                scene.colliders.substep = first + k / (steps.shape[0] / 2)
+                scene.colliders.substep = first + substep
             for i in range(share.first, share.last):
                 if wp.static(load is None):
                     advance(scene, step, force_at(scene.forces, step.compensation, step.x, step.v, i), i)

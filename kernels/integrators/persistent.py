@@ -20,8 +20,10 @@ MOST_THREADS = 512
 def persistent(composition: Composition, method: Any, blocks: int, block: int = 0, together: int = 0):
     """Compose the kernel that takes many steps in one launch; its threads divide the particles and use barriers.
 
-    Step k is steps[k mod len(steps)]; `steps` has the steps of two substeps. For small bodies, launching single
+    `steps`, shape [2, stages], has the steps of two substeps, which alternate. For small bodies, launching single
     steps would take most of the time. From compute capability 9.0 on, several blocks form a cluster.
+
+    Warp compiles a kernel with a one-dimensional array among its arguments twice for the CPU, which takes longer.
 
     In an ensemble one block of threads, or on the CPU one thread, advances each world. Frozen worlds are skipped;
     worlds do not wait for each other.
@@ -41,7 +43,9 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
     if in_worlds:
         enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-    def take_steps(scene: SceneData, steps: wp.array(dtype=Step), count: int, connection_count: int, threads: int):
+    def take_steps(
+        scene: SceneData, steps: wp.array2d(dtype=Step), count: int, connection_count: int, threads: int
+    ):
         thread = wp.tid()
         if wp.static(in_worlds):
             w = thread / wp.static(block)
@@ -56,7 +60,8 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
         if wp.static(tears):
             begun = int(scene.forces.breaking.substep)
         for k in range(count):
-            step = steps[k % steps.shape[0]]
+            substep = k / steps.shape[1]
+            step = steps[substep % 2, k % steps.shape[1]]
             if wp.static(in_worlds):
                 shift(step, wp.int64(w) * scene.worlds.stride)
             else:
@@ -64,7 +69,7 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
             if wp.static(timed):
                 scene.stage = first_stage + k
             if wp.static(begin is not None):
-                if k % (steps.shape[0] / 2) == 0:  # at a substep's start
+                if k % steps.shape[1] == 0:  # at a substep's start
                     c = thread
                     while c < connection_count:
                         begin(scene, step.compensation, step.x, c)
@@ -72,8 +77,8 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
                     pause()
             if wp.static(tears):
                 scene.forces.breaking.substep = wp.static(NO_SUBSTEP)
-                if k % (steps.shape[0] / 2) == 0:
-                    scene.forces.breaking.substep = begun + k / (steps.shape[0] / 2)
+                if k % steps.shape[1] == 0:
+                    scene.forces.breaking.substep = begun + substep
             if wp.static(evaluate is not None):
                 c = thread
                 while c < connection_count:
@@ -87,7 +92,7 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
                     c += threads
                 pause()
             if wp.static(moving):
-                scene.colliders.substep = first + k / (steps.shape[0] / 2)
+                scene.colliders.substep = first + substep
             i = thread
             if wp.static(lanes > 1):
                 i = thread / wp.static(lanes)

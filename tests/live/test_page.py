@@ -96,7 +96,6 @@ def test_a_newcomer_finds_the_body_beside_the_panel_at_any_size(chromium, view, 
         until(lambda: page.evaluate("navigator.clipboard.readText()") == printed == view.notice)
 
         # A finger on the body pulls it.
-        across, down = seen_at(camera, corners.mean(axis=0), *size(page))
         touch = page.context.new_cdp_session(page)
 
         def finger(phase, *at):
@@ -104,10 +103,16 @@ def test_a_newcomer_finds_the_body_beside_the_panel_at_any_size(chromium, view, 
             touch.send("Input.dispatchTouchEvent", {"type": phase, "touchPoints": points})
             time.sleep(0.05)
 
-        finger("touchStart", (across, down))
-        for k in range(1, 8):
-            finger("touchMove", (across - 4 * k, down - 8 * k))
-        until(lambda: view.hand.grip is not None)
+        def pulls():  # again if the camera has left the body meanwhile
+            finger("touchEnd")
+            across, down = seen_at(camera, corners.mean(axis=0), *size(page))
+            finger("touchStart", (across, down))
+            for k in range(1, 8):
+                finger("touchMove", (across - 4 * k, down - 8 * k))
+            page.wait_for_timeout(500)
+            return view.hand.grip is not None
+
+        until(pulls)
         finger("touchEnd")
         until(lambda: view.hand.grip is None)
 

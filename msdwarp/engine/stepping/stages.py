@@ -38,11 +38,11 @@ class StageArrays:
         self._kept: dict[bytes, NDArray[np.uint8]] = {}
 
     def array_of(self, step: Any, kernel: Any, device: Any) -> wp.array:
-        """Return the struct of a stage as an array of length 2, the argument of kernels of many stages."""
+        """Return the struct of a stage as an array of shape [2, 1], the argument of kernels of many stages."""
         # Warp shares one kernel among identical sources. So the type of its argument may come from another
         # composition, with the same fields.
         Step: Any = kernel.adj.args[1].type.dtype
         raw = bytes(step.__ctype__())
         if raw not in self._kept:  # NumPy copies it, since Warp would record the copy
             self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
-        return wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=2, device=device)
+        return wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=(2, 1), device=device)

@@ -80,7 +80,7 @@ class Stepper:
         elif self.blocks is not None:
             self._kernel = dynamics.persistent(self._method, *self.blocks)
             Step = self._method(dynamics.composition).Step
-            self._steps = wp.array(self._kept, dtype=Step, device=model.device)
+            self._steps = wp.array(self._kept, dtype=Step, device=model.device).reshape((2, self._per_substep))
 
     @property
     def may_take_contact_along(self) -> bool:
