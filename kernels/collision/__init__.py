@@ -74,4 +74,9 @@ from .surface_contact_data import (
     surface_contact_term as surface_contact_term,
 )
 from .tangles import find_tangles as find_tangles
-from .vertices import place_inner as place_inner, place_vertices as place_vertices
+from .vertices import (
+    TearingFacets as TearingFacets,
+    leave_out_torn as leave_out_torn,
+    place_inner as place_inner,
+    place_vertices as place_vertices,
+)

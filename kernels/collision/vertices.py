@@ -1,4 +1,4 @@
-"""Positions and velocities of surface vertices, from those of particles; also positions of inner vertices."""
+"""Vertices of surfaces, from their particles; also inner vertices, and the facets that have torn."""
 
 import functools
 
@@ -116,3 +116,59 @@ def place_inner(scalar: type, worlds: bool = False):
             i += threads
 
     return place
+
+
+@wp.struct
+class TearingFacets:
+    """The springs along the sides of facets that may tear, and the surfaces as they are while these are whole."""
+
+    broken_at: wp.array(dtype=wp.float32)  # time of breaking of each spring [s], inf if unbroken
+    # Facets, shape [facet_count]:
+    spring: wp.array2d(dtype=int)  # along its three sides, −1: none, shape [facet_count, 3]
+    least: wp.array(dtype=int)  # the facet has torn if so many of them are broken
+    corner: wp.array(dtype=wp.vec3i)
+    owned: wp.array(dtype=int)  # see `NearPairs`
+    # Points, shape [point_count]:
+    along: wp.array(dtype=int)  # the spring that it lies on, −1: none
+    share: wp.array(dtype=wp.float64)
+
+
+@functools.cache
+def leave_out_torn(scalar: type, worlds: bool = False):
+    """Compose the kernel that turns torn facets into grains, and points on broken springs into vertices.
+
+    A torn facet remains as its first corner only, a point as its first end. If any facet changes, a new search is
+    due. The threads divide the facets and the points.
+    """
+    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+
+    @wp.func
+    def is_broken(tearing: TearingFacets, spring: int) -> bool:
+        if spring < 0:
+            return False
+        return wp.isfinite(tearing.broken_at[spring])
+
+    @kernel
+    def leave_out(data: Data, pairs: Pairs, tearing: TearingFacets, threads: int, part: int, parts: int):
+        i = first_of_part(grid_thread(), part)
+        while i < tearing.corner.shape[0] or i < tearing.along.shape[0]:
+            if i < tearing.corner.shape[0]:
+                broken = int(0)
+                for k in range(3):
+                    broken += int(is_broken(tearing, tearing.spring[i, k]))
+                corner = tearing.corner[i]
+                owned = tearing.owned[i]
+                if broken >= tearing.least[i]:
+                    corner = wp.vec3i(corner[0], corner[0], corner[0])
+                    owned &= 0b001001  # the first corner and side, as of a grain
+                if corner[1] != data.surfaces.corner[i][1]:
+                    data.surfaces.corner[i] = corner
+                    pairs.owned[i] = owned
+                    data.neighbors.due[0] = wp.static(FORCED)
+            if i < tearing.along.shape[0]:
+                data.surfaces.share[i] = scalar(tearing.share[i])
+                if is_broken(tearing, tearing.along[i]):
+                    data.surfaces.share[i] = scalar(0.0)
+            i = next_of_part(i, threads, parts)
+
+    return leave_out

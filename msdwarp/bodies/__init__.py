@@ -67,7 +67,13 @@ from .system import (
     headline as headline,
     particles_meant as particles_meant,
 )
-from .torn_surfaces import Bare as Bare, Edges as Edges, broken_before as broken_before, laid_bare as laid_bare
+from .torn_surfaces import (
+    Bare as Bare,
+    Edges as Edges,
+    broken_before as broken_before,
+    connection_between as connection_between,
+    laid_bare as laid_bare,
+)
 from .uniform import (
     is_uniform as is_uniform,
     joined as joined,

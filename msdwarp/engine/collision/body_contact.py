@@ -40,6 +40,7 @@ from .initial_overlap import initial_containment
 from .inner_surfaces import have_inner_surfaces
 from .neighbor_list import NeighborList
 from .tables_by_world import Repeated
+from .torn_facets import TornFacets
 
 DAMPING_LIMIT = 0.4
 """Largest rate of all limited dampers of contacts together, times the substep."""
@@ -200,6 +201,12 @@ class BodyContact(WithHistory):
     def overlapping(self) -> str | None:
         """Return a warning about the bodies that overlap most at the start; None if none do."""
         return initial_containment(self._model.system, self.surfaces.on_host, self.rules) or self._overlapping
+
+    def tear(self, broken_at: wp.array) -> None:
+        """Leave out facets whose springs have broken; `broken_at` as in `Fracture`."""
+        if self.planes is not None:  # only closed bodies have none, and they keep their facets
+            given = self.surfaces.on_host, self._data, self.planes.pairs
+            self.neighbors.torn = TornFacets(self._model, *given, broken_at)
 
     def use_launcher(self, launcher: Launcher) -> None:
         """Let `launcher` divide searches and contact forces among CPU threads."""

@@ -43,6 +43,7 @@ from .contact_surfaces import ContactSurfaces
 from .division_planes import DivisionPlanes
 from .facet_tree import facet_tree, near_together
 from .tables_by_world import Repeated
+from .torn_facets import TornFacets
 
 MOST_BODIES, MOST_BODIES_ON_GPU = 64, 4096
 """Bodies of a world, up to which all pairs of them are tested; more are searched by a tree."""
@@ -125,6 +126,8 @@ class NeighborList:
         self.active = 0
         """Points that had facets near them in the last frame."""
         self.launcher = Launcher()
+        self.torn: TornFacets | None = None
+        """Leaves out torn facets where a frame begins; None if nothing can tear."""
         self.check_every = self._check_every = CHECK_EVERY if device.is_cuda else 1
         """Substeps between decisions whether to search: now, and as long as nothing is fast."""
         self.dt, self.substep = 0.0, 0
@@ -219,6 +222,8 @@ class NeighborList:
         Surfaces that have crossed since the start are detected only where a frame begins, so that results do not
         depend on when lists are made.
         """
+        if frame_begins and self.torn is not None:
+            self.torn.leave_out(self.share)
         checks = frame_begins or (begins and self.substep % self.check_every == 0)
         self.place(x, v, compensation, after, checks)
         if checks:

@@ -155,6 +155,8 @@ class Assembly:
         self.plasticity = self._one_of(Plasticity)
         self.drives = self._one_of(Drives)
         self.body_contact: Any = self._one_of(BodyContact)
+        if self.body_contact is not None and self.fracture is not None:
+            self.body_contact.tear(self.fracture.broken_at)
         self.surface_contact: SurfaceContact | None = None
         if self.colliders is not None and self.body_contact is not None:
             obstacles = around.hard_colliders
