@@ -74,6 +74,8 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     assert 0.25 < dented.position[:, 2].max() < 0.38  # the press came down to 0.3 m
     assert (dented.rest_length != dented.original_length).mean() > 0.05
     assert names["heights"].shape == (31,)
+    assert names["broken"] > 5
+    assert names["height"] < -0.5  # the second ball has torn the net, and is below it
     # Contact is some cells wide: with 8 across the force is 1.04 to 1.55 times Hertz's (docs/contact.md).
     assert 1.04 < -names["force"][2] / names["hertz"] < 1.55
 

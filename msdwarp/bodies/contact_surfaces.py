@@ -12,8 +12,9 @@ from .system import System
 
 FINE = 2.0
 """A surface with more vertices per particle than this gets no contact points on its edges."""
-ROPE = 2.5
-"""A body without surface is a rope if it has fewer springs per particle; otherwise a heap of spheres."""
+CORDS = 2.0
+"""A body without surface is a rope or a net if it has at most so many springs per particle; otherwise a heap of
+spheres. Springs that resist bending do not count."""
 SPACING = 0.75
 """Ratio of a lattice's spacing to the mean length of its springs, many of which are diagonals."""
 SHEET_RADIUS, ROPE_RADIUS = 0.125, 0.25
@@ -69,11 +70,12 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
     particle = np.concatenate([particle, np.repeat(bare[:, None], particle.shape[1], axis=1)])
     weight = np.concatenate([weight, alone])
     body = body_of[particle[:, 0]]
-    pairs = system.connections
+    near = system.between_neighbours
+    pairs = system.connections if near is None else system.connections[near]
     between_bare = ~drawn[body_of[pairs[:, 0]]]
     count = np.bincount(body_of, minlength=bodies)
     joined = np.bincount(body_of[pairs[:, 0]], minlength=bodies)
-    rope = ~drawn & (joined > 0) & (2 * joined < ROPE * count)
+    rope = ~drawn & (joined > 0) & (joined <= CORDS * count)
     segments = vertex_of[pairs[between_bare & rope[body_of[pairs[:, 0]]]]]
     spheres = vertex_of[bare[~rope[body_of[bare]]]]
     edges = np.concatenate([sides_of(triangles)[0], segments]).astype(np.int32)

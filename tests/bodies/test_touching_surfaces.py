@@ -81,6 +81,15 @@ def test_a_rope_touches_by_its_connections():
     assert 2 * found.radius[0] == pytest.approx(0.1, rel=10 * EPS64)  # half as thick as its particles are apart
 
 
+def test_a_net_touches_by_its_cords_and_a_stiff_rope_not_by_its_bending_springs():
+    found = contact_surfaces(sheet((5, 4), 0.1, neighbours=4).replace(surface=None))
+    assert len(found.corner) == 4 * 4 + 5 * 3  # its cords along x and y
+    np.testing.assert_array_equal(found.corner[:, 1], found.corner[:, 2])
+    stiff = sheet((5, 4), 0.1, neighbours=4, stiffness=100.0, bending=0.01).replace(surface=None)
+    assert stiff.connection_count > 4 * 4 + 5 * 3
+    np.testing.assert_array_equal(contact_surfaces(stiff).corner, found.corner)
+
+
 def test_grains_touch_as_spheres_each_a_body_of_its_own():
     found = contact_surfaces(grains(5))
     np.testing.assert_array_equal(found.corner, np.arange(5)[:, None] * [1, 1, 1])
