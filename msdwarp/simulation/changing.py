@@ -204,7 +204,9 @@ class Changing(PresentWorld):
             time=self.time,
         )
         if not found.converged:
-            warnings.warn(str(found), checks.SettleWarning, stacklevel=3)
+            held = system.pinned.any() or self._surroundings["colliders"] or self._surroundings["loads"]
+            hint = "" if held else "; nothing holds the system: it has no pinned particles, obstacles or loads"
+            warnings.warn(f"{found}{hint}", checks.SettleWarning, stacklevel=3)
         self._reload(system, {})
         self.assembly.bear_overlaps()
         self._reset_baseline()
