@@ -104,13 +104,14 @@ def test_a_newcomer_finds_the_body_beside_the_panel_at_any_size(chromium, view, 
             time.sleep(0.05)
 
         def pulls():  # again if the camera has left the body meanwhile
-            finger("touchEnd")
             across, down = seen_at(camera, corners.mean(axis=0), *size(page))
             finger("touchStart", (across, down))
             for k in range(1, 8):
                 finger("touchMove", (across - 4 * k, down - 8 * k))
-            page.wait_for_timeout(500)
-            return view.hand.grip is not None
+            held = holds_soon(page, view)
+            if not held:
+                finger("touchEnd")
+            return held
 
         until(pulls)
         finger("touchEnd")
@@ -194,7 +195,15 @@ def drags(page, camera, view, way, steps):
     for k in range(1, steps + 1):
         page.mouse.move(across + way[0] * k, down + way[1] * k)
         time.sleep(0.05)
-    page.wait_for_timeout(500)
+    return holds_soon(page, view)
+
+
+def holds_soon(page, view):
+    """Return whether the hand holds the body, waiting for a slow page to say so."""
+    for _ in range(50):
+        if view.hand.grip is not None:
+            break
+        page.wait_for_timeout(100)
     return view.hand.grip is not None
 
 
