@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..bodies import LINEAR, System, scaled_parts
 from ..engine import Dynamics, assemble, rate_bounds, starting_state, threads_for, weight
 from ..integrators import SymplecticEuler, choose_stable
 from ..runtime import in_turn
+from ..world import Attachment, Collider, Load
 from .divergence_error import SimulationDiverged
 from .stepping import Stepping
 
@@ -81,7 +83,10 @@ def settled(
     parts = scaled_parts(vars(system), 1.0, 0.0)
     still = np.zeros_like(system.velocity)
     undamped = system.replace(velocity=still, damping=0.0, damper=LINEAR, **parts)
-    assembly = assemble(undamped, **{**surroundings, "precision": "float64", "probes": {}}, settles=True)
+    at_rest = {name: [held_at(one, time) for one in surroundings[name]] for name in ("colliders", "loads")}
+    assembly = assemble(
+        undamped, **{**surroundings, **at_rest, "precision": "float64", "probes": {}}, settles=True
+    )
     fire = assembly.fire
     assert fire is not None
     method = SymplecticEuler()
@@ -99,6 +104,7 @@ def settled(
         [choose_stable(rates, method, fps, safety=SAFETY)],
         energy_limit=math.inf,
         blocks=None,
+        still=True,
         time=time,
     )
     taken = frame = 0
@@ -126,3 +132,14 @@ def settled(
     changed = stepping.changed_fields()
     result = system.replace(position=stepping.frame(time).position, velocity=still, **changed)
     return result, Settled(residual, tolerance, taken)
+
+
+def held_at(one: Collider | Load, time: float) -> Any:
+    """Return an obstacle or a load that stays where its motion has it at `time` [s]."""
+    if isinstance(one, Attachment):
+        return one if one.carried_by is None else replace(one, carried_by=held_at(one.carried_by, time))
+    motion = getattr(one, "motion", None)
+    if motion is None:
+        return one
+    place = motion(time)
+    return replace(one, motion=lambda _: place)

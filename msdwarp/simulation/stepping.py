@@ -54,7 +54,7 @@ class Stepping:
     by default the energy of `state`, at `time` [s].
 
     `frozen` freezes worlds; it is None outside of ensembles. `contact_forces` sums the contact forces of a frame;
-    None if no probe or caller needs them.
+    None if no probe or caller needs them. With `still`, functions of time keep their values at a frame's start.
     """
 
     def __init__(
@@ -67,6 +67,7 @@ class Stepping:
         energy_limit: float,
         blocks: Blocks | int | str,
         watch_energy: bool = False,
+        still: bool = False,
         baseline: Baseline | None = None,
         time: float = 0.0,
     ) -> None:
@@ -74,10 +75,11 @@ class Stepping:
         self.state, self.choices = state, choices
         choice = self.choice = max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
         self._options = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
-        self._options |= {"watch_energy": watch_energy}
+        self._options |= {"watch_energy": watch_energy, "still": still}
         self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
         self._time, self._frame_start, own = time, time, self.integrator
-        dynamics.begin(Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging))
+        stages = own.stage_times, own.weights, own.lag, own.lagging
+        dynamics.begin(Steps(choice.fps, choice.substeps, *stages, still))
         dynamics.hold(time)
         self._staging = PinnedStaging()
         swings = np.array([replace(one, substeps=choice.substeps).energy_swing for one in choices])

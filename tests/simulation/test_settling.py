@@ -7,10 +7,12 @@ from problems import forces
 from statics import equilibrium
 
 from msdwarp import (
+    Attachment,
     Contact,
     Force,
     Material,
     Plane,
+    PrescribedMotion,
     Scene,
     SettleWarning,
     Simulation,
@@ -158,6 +160,37 @@ def test_a_scene_can_start_settled():
     simulation.step(5)
     simulation.reset()
     assert simulation.frame().position[:, 2].min() == lowest
+
+
+def later(time):
+    """Return what a function of time has until 0.5 ms, and then rises steeply: long before a body could settle."""
+    return np.clip(1e3 * (time - 5e-4), 0.0, 1.0)
+
+
+def hung_on(what: str, value) -> Simulation:
+    """Return a hanging chain that is moved by a function of time, or pulled by one."""
+    body = chain(5, 0.1, mass=0.01, stiffness=100.0)
+    ends = {"colliders": [], "loads": []}
+    shift = lambda time: (0.0 * time, 0.0 * time, 0.01 * value(time))  # noqa: E731
+    if what == "obstacle":
+        ends["colliders"] = [Sphere((0, 0, -0.06), 0.05, motion=shift)]
+    elif what == "drive":
+        ends["loads"] = [PrescribedMotion([4], shift)]
+    elif what == "carrier":
+        ends["loads"] = [Attachment([4], carried_by=Sphere((0.2, 0, 0), 0.05, motion=shift), stiffness=50.0)]
+    else:
+        ends["loads"] = [Force(lambda time: (0.0 * time, 0.0 * time, 0.1 * value(time)), on=[2])]
+    return Simulation(body.pin([0, 4] if what in ("obstacle", "force") else [0]), device="cpu", **ends)
+
+
+@pytest.mark.parametrize("what", ["obstacle", "drive", "carrier", "force"])
+def test_functions_of_time_stand_still(what):
+    found = []
+    for value in (later, lambda time: 0.0 * time):
+        simulation = hung_on(what, value)
+        assert simulation.settle().converged
+        found.append(simulation.frame().position)
+    np.testing.assert_array_equal(*found)  # the same numbers by the same kernels
 
 
 def test_what_does_not_settle_is_told():

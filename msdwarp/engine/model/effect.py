@@ -33,6 +33,8 @@ class Steps(NamedTuple):
 
     lagging: bool = False
     """Whether the velocities passed to forces lag half a substep behind the positions."""
+    still: bool = False
+    """Whether functions of time keep their values at a frame's start, as in settling."""
 
     @property
     def dt(self) -> float:
@@ -42,6 +44,8 @@ class Steps(NamedTuple):
     def times(self, start: float) -> NDArray[np.float64]:
         """Return the times of all force evaluations in the frame from `start` [s], then the frame's end."""
         stages = np.arange(self.substeps)[:, None] + np.asarray(self.stage_times)
+        if self.still:
+            return np.full(stages.size + 1, start)
         return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
 
 
