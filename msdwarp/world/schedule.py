@@ -38,7 +38,7 @@ class Change:
                     f"{name} is given to a schedule, which cannot hold it; "
                     f"simulation.change({name}=...) replaces it between two frames"
                 )
-            checks.one_of("parameter", name, OF_PARTICLES + OF_CONNECTIONS)
+            checks.one_of("parameter", name, (*OF_PARTICLES, *OF_CONNECTIONS, "gravity"))
         for name in ("group", "unpin", "gravity"):
             object.__setattr__(self, name, checks.as_now(getattr(self, name)))
         values = {name: checks.as_now(value) for name, value in self.parameters.items()}
