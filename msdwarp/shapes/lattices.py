@@ -175,7 +175,7 @@ def chain(
     damping: ArrayLike | None = None,
     dim: int = 3,
 ) -> System:
-    """Return `count` particles in a row along x, each connected with the next.
+    """Return `count` particles in a row along x, centred at the origin, each connected with the next.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def sheet(
     bending: float | str | None = None,
     dim: int = 3,
 ) -> System:
-    """Return a rectangular sheet of particles in the x-y plane.
+    """Return a rectangular sheet of particles in the x-y plane, centred at the origin.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def box(
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
-    """Return a solid block of particles.
+    """Return a solid block of particles, centred at the origin.
 
     The texture has the six faces in three columns and two rows: −x, +x, −y in the lower row and +y, −z, +z in the
     upper one.
