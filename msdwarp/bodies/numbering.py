@@ -111,7 +111,8 @@ def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, 
     if one["damper"] != other["damper"] and one["damping"].any() and other["damping"].any():
         raise ValueError(f"cannot add a system damped by {other['damper']} to one damped by {one['damper']}")
     if one["spring"] != other["spring"] and len(one["connections"]) and len(other["connections"]):
-        raise ValueError(f"cannot add a system of {other['spring']!r} to one of {one['spring']!r}")
+        both = f"a system of {other['spring']!r} to one of {one['spring']!r}"
+        raise ValueError(f"cannot add {both}; all bodies of a scene have the same law of springs")
     result = {name: joined(one[name], other[name]) for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS)}
     if all(each["original_length"] is each["rest_length"] for each in (one, other)):
         result["original_length"] = result["rest_length"]

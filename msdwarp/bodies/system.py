@@ -67,7 +67,7 @@ class System:
         `msdwarp.kernels.springs.fracture`.
     break_force
         Tension of the spring, stiffness · (length − rest_length), beyond which a connection breaks [N], shape
-        [connection_count].
+        [connection_count]; only for linear springs.
     broken_at
         Time at which each connection broke [s], shape [connection_count]; inf if unbroken. Broken connections
         exert no force and store no energy: broken_at=0 cuts them.
