@@ -81,7 +81,9 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     checks.instance("spring", fields["spring"], Spring, "TensionOnlySpring()")
     if fields["spring"] != LINEAR_SPRING and np.isfinite(stored(fields["break_force"])).any():
         law = f"spring is {fields['spring']!r}"
-        raise ValueError(f"break_force is given, and {law}; only linear springs have it, others may have a break_strain")
+        raise ValueError(
+            f"break_force is given, and {law}; only linear springs have it, others may have a break_strain"
+        )
     if "surface" in new and fields["surface"] is not None:
         checks.instance("surface", fields["surface"], Surface, "Surface(particle=..., uv=..., triangles=...)")
         checks.within("surface.particle", fields["surface"].particle, checks.index_below(particle_count))
