@@ -41,6 +41,8 @@ class Changing(PresentWorld):
     _threads: int | str
     _due: list[Change]
     """Scheduled changes that have not been made yet."""
+    _pressed: Mapping[str, NDArray] | None = None
+    """The contacts at the start of a settled scene, see `Assembly.press`; None if it is not settled."""
 
     @property
     def loads(self) -> tuple[Load, ...]:
@@ -195,7 +197,7 @@ class Changing(PresentWorld):
         SimulationDiverged
             If a number is no longer finite. Nothing changes then, as for a ValueError.
         """
-        system, found = settled(
+        system, found, contacts = settled(
             self.snapshot(),
             self._surroundings,
             tolerance=tolerance,
@@ -208,9 +210,14 @@ class Changing(PresentWorld):
             hint = "" if held else "; nothing holds the system: it has no pinned particles, obstacles or loads"
             warnings.warn(f"{found}{hint}", checks.SettleWarning, stacklevel=3)
         self._reload(system, {})
-        self.assembly.bear_overlaps()
-        self._reset_baseline()
+        self._press(contacts)
         return found
+
+    def _press(self, contacts: Mapping[str, NDArray] | None) -> None:
+        """Take over the contacts of the system at rest, if given; energies are compared from here on."""
+        if contacts is not None:
+            self.assembly.press(contacts)
+            self._reset_baseline()
 
     def _apply(self, change: Change) -> None:
         """Make a change of the system, gravity or loads."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import LINEAR, System, scaled_parts
@@ -72,8 +73,8 @@ def settled(
     most: int,
     threads: int | str,
     time: float,
-) -> tuple[System, Settled]:
-    """Return (system in equilibrium and at rest, result of settling), under the loads at a `time` [s].
+) -> tuple[System, Settled, dict[str, NDArray]]:
+    """Return (system at rest in equilibrium, result, its contacts), under the loads at a `time` [s].
 
     `surroundings` are arguments of `assemble`. FIRE runs for at most `most` substeps, in float64 and without
     dampers, since these do not change equilibria. See `Simulation.settle`.
@@ -131,7 +132,7 @@ def settled(
     assert tolerance is not None
     changed = stepping.changed_fields()
     result = system.replace(position=stepping.frame(time).position, velocity=still, **changed)
-    return result, Settled(residual, tolerance, taken)
+    return result, Settled(residual, tolerance, taken), assembly.contacts()
 
 
 def held_at(one: Collider | Load, time: float) -> Any:

@@ -194,7 +194,7 @@ class Simulation(Changing, Differentiable):
         simulation = cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
         if scene.settled:
             simulation.start = simulation.settle()
-            simulation._initial = simulation.system
+            simulation._initial, simulation._pressed = simulation.system, simulation.assembly.contacts()
             simulation.reset()
         return simulation
 
@@ -220,6 +220,7 @@ class Simulation(Changing, Differentiable):
         automatic = self._forced is None and math.isfinite(self._energy_limit)
         self._step_controller = StepController() if automatic else None
         self._load(self._initial)
+        self._press(self._pressed)
         self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
         """Pairs of a time [s] and the substeps per frame from this time on."""
 

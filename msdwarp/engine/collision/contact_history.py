@@ -70,6 +70,11 @@ class WithHistory(Effect):
             for name in self._names:
                 wp.copy(getattr(self._history, name), getattr(other._history, name))
 
+    def take_history(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take what touches, and how far it has slipped, from a `checkpoint` of another precision."""
+        for name in self._names:
+            getattr(self._history, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
+
     @property
     def changing(self) -> list[wp.array]:
         """The arrays that substeps change: the history."""

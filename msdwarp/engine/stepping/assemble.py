@@ -181,10 +181,16 @@ class Assembly:
             effect.release_overlap_within(seconds)
         return bool(overlapping)
 
-    def bear_overlaps(self) -> None:
-        """Take what overlaps in contact for pressed together, not for an error at the start."""
+    def contacts(self) -> dict[str, NDArray]:
+        """Return which surfaces touch, and how far they have slipped."""
+        effects = [one for one in (self.surface_contact, self.body_contact) if one is not None]
+        return {name: values for one in effects for name, values in one.checkpoint().items()}
+
+    def press(self, contacts: Mapping[str, NDArray]) -> None:
+        """Take over `contacts` of the same system at rest: what overlaps is pressed together, with friction."""
         for effect in (self.surface_contact, self.body_contact):
             if effect is not None:
+                effect.take_history(contacts)
                 effect.allow_none()
 
     def _one_of(self, kind: type) -> Any:
