@@ -34,7 +34,8 @@ class Renderer:
     Parameters
     ----------
     scene
-        The scene to draw.
+        The scene to draw. Connections are drawn until the times `broken_at` of its system: for a body that has
+        torn, give `scene.replace(system=simulation.snapshot())`.
     positions
         Positions that the camera keeps in view [m], shape [..., d], of one or many frames. Solid colliders are
         also kept in view, for the whole duration of the scene.
