@@ -112,7 +112,7 @@ def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
     try:
         result = np.broadcast_to(given, shape)
     except ValueError as error:
-        several = f"{shape[0]} numbers" if len(shape) == 1 else f"have shape {shape}"
+        several = f"{shape[0]} numbers" if len(shape) == 1 else f"have shape {shape[1:]} or {shape}"
         raise ValueError(f"{name} has shape {given.shape}; it must be one number or {several}") from error
     result.flags.writeable = False
     return result

@@ -128,5 +128,7 @@ def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | N
                 f"loads[{k}] is a Contact; rules of contact are given by contact, such as contact=Contact()"
             )
     given = () if contact is None else (contact,) if isinstance(contact, Contact) else contact
+    if isinstance(contact, bool):
+        raise ValueError(f"contact is {contact}; it must be a Contact, such as Contact(), several, or None")
     rules = checks.sequence("contact", given, Contact, "Contact(friction=0.5)")
     return Ruled((*(one for one in loads if not isinstance(one, Contact)), *rules))

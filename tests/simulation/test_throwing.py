@@ -174,7 +174,10 @@ def test_what_is_held_keeps_its_velocity(device):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"velocity": (1.0, 2.0)}, r"velocity has shape \(2,\); it must be one number or have shape \(27, 3\)"),
+        (
+            {"velocity": (1.0, 2.0)},
+            r"velocity has shape \(2,\); it must be one number or have shape \(3,\) or \(27, 3\)",
+        ),
         ({"velocity": (np.nan, 0, 0)}, "velocity.*finite"),
         ({"velocity": 1.0, "group": "tip"}, "tip"),
         ({"velocity": 1.0, "group": [0]}, "velocity is given to group .*0.*, whose particles are all pinned"),
