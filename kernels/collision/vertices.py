@@ -124,12 +124,12 @@ class TearingFacets:
 
     broken_at: wp.array(dtype=wp.float32)  # time of breaking of each spring [s], inf if unbroken
     # Facets, shape [facet_count]:
-    spring: wp.array2d(dtype=int)  # along its three sides, −1: none, shape [facet_count, 3]
+    spring: wp.array2d(dtype=int)  # along its three sides, below 0: none, shape [facet_count, 3]
     least: wp.array(dtype=int)  # the facet has torn if so many of them are broken
     corner: wp.array(dtype=wp.vec3i)
     owned: wp.array(dtype=int)  # see `NearPairs`
     # Points, shape [point_count]:
-    along: wp.array(dtype=int)  # the spring that it lies on, −1: none
+    along: wp.array(dtype=int)  # the spring that it lies on, below 0: none
     share: wp.array(dtype=wp.float64)
 
 

@@ -23,7 +23,7 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
     `steps`, shape [2, stages], has the steps of two substeps, which alternate. For small bodies, launching single
     steps would take most of the time. From compute capability 9.0 on, several blocks form a cluster.
 
-    Warp compiles a kernel with a one-dimensional array among its arguments twice for the CPU, which takes longer.
+    Warp would compile a kernel with a one-dimensional array among its arguments twice for the CPU.
 
     In an ensemble one block of threads, or on the CPU one thread, advances each world. Frozen worlds are skipped;
     worlds do not wait for each other.

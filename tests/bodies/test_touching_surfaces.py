@@ -81,7 +81,7 @@ def test_a_rope_touches_by_its_connections():
     assert 2 * found.radius[0] == pytest.approx(0.1, rel=10 * EPS64)  # half as thick as its particles are apart
 
 
-def test_a_net_touches_by_its_cords_and_a_stiff_rope_not_by_its_bending_springs():
+def test_a_net_touches_by_its_cords_and_not_by_its_bending_springs():
     found = contact_surfaces(sheet((5, 4), 0.1, neighbours=4).replace(surface=None))
     assert len(found.corner) == 4 * 4 + 5 * 3  # its cords along x and y
     np.testing.assert_array_equal(found.corner[:, 1], found.corner[:, 2])

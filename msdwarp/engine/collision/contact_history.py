@@ -71,7 +71,7 @@ class WithHistory(Effect):
                 wp.copy(getattr(self._history, name), getattr(other._history, name))
 
     def take_history(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take what touches, and how far it has slipped, from a `checkpoint` of another precision."""
+        """Take what touches, and how far it has slipped, from a `checkpoint`."""
         for name in self._names:
             getattr(self._history, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
 
@@ -92,7 +92,7 @@ class WithHistory(Effect):
         """Restore the arrays that `checkpoint` returned."""
         self.overlapping_at_start = f"{self._prefix}.allowed" in arrays
         self._model.generation += 1  # new kernels are composed
-        for name in (*self._names, *("initial_overlap",) * self.overlapping_at_start):
-            getattr(self._history, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
+        self.take_history(arrays)
         if self.overlapping_at_start:
+            self._history.initial_overlap.assign(arrays[f"{self._prefix}.{STORED['initial_overlap']}"])
             self._history.overlap_release_speed = float(arrays[f"{self._prefix}.outwards"][0])
