@@ -227,9 +227,9 @@ def main() -> None:
     show(rows)
     if not options.quick:
         draw(rows, found)
-        for folder in sorted(path.parents[1].iterdir()):  # every machine that was measured
-            line, rows = read_csv(folder / path.name)
-            draw_time(rows, line, folder.name)
+        for measured in sorted(path.parents[1].glob(f"*/{path.name}")):  # every machine that was measured
+            line, rows = read_csv(measured)
+            draw_time(rows, line, measured.parent.name)
 
 
 if __name__ == "__main__":
