@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from differences import FRAMES, METHODS, SOFT, STEP, block, loss, simulation
-from problems import EPS64
+from differences import FRAMES, METHODS, SOFT, STEP, block, loss, rounding, simulation
 from test_gradient_effects import EFFECTS, method_for
 
 import msdwarp as msd
@@ -68,8 +67,8 @@ def check(body: System, name: str, gradient: msd.Gradient, **options: Any) -> No
         others = changed(options, name, lambda given, step=step: moved(given, step))
         _, frames = simulation(body, **others).differentiated(FRAMES, ())
         values.append(loss(frames)[0])
-    # The losses of both sides are rounded to some units in the last place; they are sums of numbers of about 1.
-    tolerance = 1e-6 * scale * abs(terms).max() + 4 * EPS64 * max(1.0, abs(values[0])) / STEP
+    # The losses of both sides are rounded; the error of the difference itself is of second order in the step.
+    tolerance = 1e-6 * scale * abs(terms).max() + rounding(frames) / STEP
     assert scale * terms.sum() == pytest.approx((values[0] - values[1]) / (2 * STEP), rel=0, abs=tolerance), name
 
 
