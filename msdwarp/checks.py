@@ -51,8 +51,8 @@ class StrainWarning(UserWarning):
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as a new float64 array; raise ValueError unless its entries are numbers.
 
-    Text is refused, although NumPy would read numbers from it. So are None, which NumPy reads as NaN, and masked
-    entries, whose mask NumPy would drop.
+    Text and booleans are refused, although NumPy would read numbers from them. So are None, which NumPy reads as
+    NaN, and masked entries, whose mask NumPy would drop.
     """
     allowed = "an array of numbers"
     if np.ma.is_masked(value):
@@ -60,7 +60,7 @@ def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     try:
         given: NDArray = np.asarray(value)
         # Integers too large for NumPy's types become an array of Python objects.
-        if given.dtype.kind in "biuf" or (given.dtype.kind == "O" and all(map(_is_real, given.flat))):
+        if given.dtype.kind in "iuf" or (given.dtype.kind == "O" and all(map(_is_real, given.flat))):
             result: NDArray[np.float64] = np.array(given, dtype=np.float64)
             return result
     except (TypeError, ValueError, OverflowError) as error:
@@ -78,10 +78,10 @@ def as_now(value: Any) -> Any:
 
 
 def _is_real(value: object) -> bool:
-    """Return whether a value is a number, or converts to one (`__float__`); text does not count."""
+    """Return whether a value is a number, or converts to one (`__float__`); text and booleans do not count."""
     if isinstance(value, np.ndarray | np.generic):
-        return value.ndim == 0 and value.dtype.kind in "biuf"
-    return hasattr(value, "__float__")
+        return value.ndim == 0 and value.dtype.kind in "iuf"
+    return hasattr(value, "__float__") and not isinstance(value, bool)
 
 
 def repr_short(value: object) -> str:

@@ -31,6 +31,8 @@ TEXT = [
     (lambda: BODY.translate("1"), "displacement must be an array of numbers, not '1'"),
     (lambda: BODY.rotate(1.0, axis="xyz"), "axis must be an array of numbers, not 'xyz'"),
     (lambda: msd.chain(3, mass="1"), "mass must be an array of numbers, not '1'"),
+    (lambda: msd.chain(3, mass=True), "mass must be an array of numbers, not True"),
+    (lambda: msd.ball(True, 0.1), "radius is True; it must be a number above 0"),
     (lambda: msd.chain(3, mass=[1, "2", 3]), "mass must be an array of numbers, not [1, '2', 3]"),
     (lambda: msd.chain(3, mass=np.array(["1", "2", "3"])), "mass must be an array of numbers, not array(['1'"),
     (lambda: msd.ball("1", 0.1), "radius is '1'; it must be a number above 0"),
@@ -181,7 +183,7 @@ def test_numbers_of_all_kinds_are_numbers():
     from decimal import Decimal
     from fractions import Fraction
 
-    for one in (1, 1.0, True, Fraction(1), Decimal(1), np.float32(1), np.int8(1), np.array(1.0)):
+    for one in (1, 1.0, Fraction(1), Decimal(1), np.float32(1), np.int8(1), np.array(1.0)):
         assert msd.chain(3, mass=one).mass[0] == 1.0
         assert msd.at(one, mass=2.0).time == 1.0
         assert msd.EnclosedGas(2.0, outside=one).outside == 1.0

@@ -322,10 +322,13 @@ class System:
     def pin(self, selection: Any) -> Self:
         """Return this system with particles pinned.
 
-        The selection is indices, a slice, or a mask of booleans, shape [particle_count]. Raises ValueError if it
-        is invalid, or an index is out of range.
+        The selection is the name of a group, indices, a slice, or a mask of booleans, shape [particle_count].
+        Raises ValueError if it is invalid, no group has the name, or an index is out of range.
         """
-        chosen = selected("selection", selection, self.particle_count)
+        if isinstance(selection, str):
+            chosen = self.group(selection, "selection")
+        else:
+            chosen = selected("selection", selection, self.particle_count)
         mass, velocity = np.array(self.mass), np.array(self.velocity)
         mass[chosen], velocity[chosen] = np.inf, 0.0
         return self.replace(mass=mass, velocity=velocity)

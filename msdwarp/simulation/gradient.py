@@ -145,7 +145,10 @@ class Differentiable(Present):
         value[stopped] = np.nan
         for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
             if each is not None:
-                each = run.by_frame(checks.broadcast(f"{name} of the loss", each, found.position.shape))
+                given, shape = checks.array(f"{name} of the loss", each), found.position.shape
+                if given.shape != shape:
+                    raise ValueError(f"{name} of the loss has shape {given.shape}; it must be {shape}, or None")
+                each = run.by_frame(given)
             both.append(each or [None] * len(found.time))
         growth = run.backward(*both)
         growth[stopped] = 0.0

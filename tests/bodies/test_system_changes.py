@@ -108,8 +108,8 @@ def test_spin_in_two_dimensions_is_counter_clockwise():
 
 
 def test_pin_stops_the_selected_particles():
-    system = chain(5, dim=2).with_velocity((1.0, 1.0))
-    for selection in (slice(0, 2), [0, 1], np.array([True, True, False, False, False]), [-5, -4]):
+    system = chain(5, dim=2).with_velocity((1.0, 1.0)).replace(groups={"ends": [0, 1]})
+    for selection in (slice(0, 2), [0, 1], np.array([True, True, False, False, False]), [-5, -4], "ends"):
         pinned = system.pin(selection)
         np.testing.assert_array_equal(pinned.pinned, [True, True, False, False, False])
         np.testing.assert_array_equal(pinned.velocity, [[0, 0], [0, 0], [1, 1], [1, 1], [1, 1]])
@@ -203,7 +203,7 @@ def test_adding_needs_as_many_coordinates():
     [
         (lambda s: s.pin(7), "selection does not index 3 particles.*7"),
         (lambda s: s.pin([True, False]), "selection does not index 3 particles"),
-        (lambda s: s.pin("first"), "selection does not index 3 particles"),
+        (lambda s: s.pin("first"), "selection is 'first'; it must be one of those that exist: there are none"),
         (
             lambda s: s.translate((1.0, 2.0, 3.0)),
             "it must be 2 finite numbers",

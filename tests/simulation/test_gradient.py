@@ -294,6 +294,8 @@ def test_unknown_names_and_shapes_are_told():
         run.gradient(loss, 2, by=("position", "colour"))
     with pytest.raises(ValueError, match="∂/∂position of the loss"):
         run.gradient(lambda frames: (0.0, np.zeros((2, 2)), None), 2)
+    with pytest.raises(ValueError, match="∂/∂position of the loss has shape"):  # of the last frame alone
+        run.gradient(lambda frames: (0.0, frames.position[-1], None), 2)
     with pytest.raises(ValueError, match=r"loss returned 1\.0; it must return its value, and its derivatives"):
         run.gradient(lambda frames: 1.0, 2)
     with pytest.raises(ValueError, match="the value of loss is nan; it must be finite"):

@@ -50,7 +50,7 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
     return (
         f"{one} starts inside {other}: particle {particle} is "
         f"{deepest:.3g} m deep in it, and contact pushes out only up to a depth of half a spacing, which is "
-        f"{surfaces.spacing[outer]:.3g} m; move them apart, or have them ignore each other by "
+        f"{0.5 * surfaces.spacing[outer]:.3g} m; move them apart, or have them ignore each other by "
         "Contact(groups=..., exclude=True)"
     )
 
