@@ -193,7 +193,7 @@ class Changing(PresentWorld):
         Raises
         ------
         ValueError
-            If an argument is out of range, or the system has no springs.
+            If an argument is out of range, the system has no springs, or a part of it falls freely.
         SimulationDiverged
             If a number is no longer finite. Nothing changes then, as for a ValueError.
         """

@@ -29,6 +29,8 @@ REFRESH = 8
 """Frames after which the stable substep is computed again."""
 FRAMES_TO_SEPARATE = 40
 """Frames within which what overlaps at the start is moved apart; nothing is settled before."""
+FAR = 1000.0
+"""A particle that has moved by more than this many sizes of the system falls freely."""
 NEAR = 0.9
 """If the needed substeps exceed this fraction of the current number, the number is kept."""
 
@@ -126,6 +128,7 @@ def settled(
             fall = SHARE_OF_WEIGHT * weight(assembly.model) / max(free, 1)
             tolerance = fall if fall > 0.0 else SHARE_OF_START * fire.strongest_force
         if frame % REFRESH == 0:
+            check_near(system, stepping.frame(time).position)
             choice = choose_stable(rate_bounds(undamped, assembly, stepping.state), method, fps, safety=SAFETY)
             if not NEAR * stepping.choice.substeps <= choice.substeps <= stepping.choice.substeps:
                 stepping = stepping.with_choice(choice)
@@ -133,6 +136,18 @@ def settled(
     changed = stepping.changed_fields()
     result = system.replace(position=stepping.frame(time).position, velocity=still, **changed)
     return result, Settled(residual, tolerance, taken), assembly.contacts()
+
+
+def check_near(system: System, position: NDArray) -> None:
+    """Raise ValueError if a particle is so far from where it was that nothing can hold it."""
+    way = np.linalg.norm(position - system.position, axis=1)
+    far, size = int(way.argmax()), float(np.ptp(system.position, axis=0).max())
+    if way[far] > FAR * size:
+        named = "".join(f" of {name!r}" for name, of in system.groups.items() if far in of)
+        raise ValueError(
+            f"particle {far}{named} has moved by {way[far]:.3g} m while settling, {FAR:g} times the size of the "
+            "system: nothing holds it; it must be pinned, rest on something, or be left out"
+        )
 
 
 def held_at(one: Collider | Load, time: float) -> Any:

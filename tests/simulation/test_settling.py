@@ -219,6 +219,18 @@ def test_functions_of_time_stand_still(what):
     np.testing.assert_array_equal(*found)  # the same numbers by the same kernels
 
 
+def test_what_falls_freely_is_told_and_stays():
+    block = box((2, 2, 2), 0.1, mass=0.1, stiffness=500.0).named("block")
+    simulation = Simulation(hung_cloth() + block.translate((0, 0, -1)), device="cpu")
+    before = simulation.frame().position
+    with pytest.raises(ValueError, match="particle .* of 'block' has moved by .* m while settling"):
+        simulation.settle()
+    np.testing.assert_array_equal(simulation.frame().position, before)
+    # It falls two hundred times its own size before it meets a floor.
+    simulation = Simulation(block, colliders=[Plane(offset=-20)], device="cpu")
+    assert simulation.settle().converged
+
+
 def test_what_does_not_settle_is_told():
     simulation = Simulation(hung_cloth(), device="cpu")
     with pytest.warns(SettleWarning, match=r"the largest force left is .* N, above the tolerance") as heard:
