@@ -223,7 +223,7 @@ def test_what_falls_freely_is_told_and_stays():
     block = box((2, 2, 2), 0.1, mass=0.1, stiffness=500.0).named("block")
     simulation = Simulation(hung_cloth() + block.translate((0, 0, -1)), device="cpu")
     before = simulation.frame().position
-    with pytest.raises(ValueError, match="particle .* of 'block' has moved by .* m while settling"):
+    with pytest.raises(ValueError, match=r"particle .* of 'block' has moved by .* m while settling"):
         simulation.settle()
     np.testing.assert_array_equal(simulation.frame().position, before)
     # It falls two hundred times its own size before it meets a floor.
