@@ -206,9 +206,7 @@ class Changing(PresentWorld):
             time=self.time,
         )
         if not found.converged:
-            held = system.pinned.any() or self._surroundings["colliders"] or self._surroundings["loads"]
-            hint = "" if held else "; nothing holds the system: it has no pinned particles, obstacles or loads"
-            warnings.warn(f"{found}{hint}", checks.SettleWarning, stacklevel=3)
+            warnings.warn(str(found), checks.SettleWarning, stacklevel=3)
         self._reload(system, {})
         self._press(contacts)
         return found

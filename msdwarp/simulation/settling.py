@@ -141,7 +141,8 @@ def settled(
 def check_near(system: System, position: NDArray) -> None:
     """Raise ValueError if a particle is so far from where it was that nothing can hold it."""
     way = np.linalg.norm(position - system.position, axis=1)
-    far, size = int(way.argmax()), float(np.ptp(system.position, axis=0).max())
+    far = int(way.argmax())
+    size = max(np.ptp(system.position, axis=0).max(), np.max(system.rest_length, initial=0.0))
     if way[far] > FAR * size:
         named = "".join(f" of {name!r}" for name, of in system.groups.items() if far in of)
         raise ValueError(

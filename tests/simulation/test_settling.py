@@ -236,10 +236,7 @@ def test_what_does_not_settle_is_told():
     with pytest.warns(SettleWarning, match=r"the largest force left is .* N, above the tolerance") as heard:
         found = simulation.settle(substeps=100)
     assert heard[0].filename == __file__
-    assert "nothing holds" not in str(heard[0].message)
     assert not found.converged
-    with pytest.warns(SettleWarning, match="nothing holds the system: it has no pinned particles"):
-        Simulation(box((2, 2, 2)), device="cpu").settle(substeps=10)
     for wrong, said in (({"tolerance": 0.0}, "tolerance is 0"), ({"substeps": 0}, "substeps is 0")):
         with pytest.raises(ValueError, match=said):
             simulation.settle(**wrong)
