@@ -61,23 +61,27 @@ def block() -> System:
     return body.pin([0, 1])
 
 
+def terms_of_loss(frames: Frames) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the weight of each coordinate, and the terms that the loss sums."""
+    weight = np.linspace(1, 2, frames.position[-1].size).reshape(frames.position[-1].shape)
+    x, v = frames.position[-1], frames.velocity
+    return weight, 0.5 * weight * x**2, 0.01 * weight * v[-1] ** 2, 0.1 * weight * v[2], 0.01 * v[0]
+
+
 def loss(frames: Frames) -> tuple[float, np.ndarray, np.ndarray]:
     """Return a loss of positions and velocities at the end, and of velocities in the middle."""
-    weight = np.linspace(1, 2, frames.position[-1].size).reshape(frames.position[-1].shape)
+    weight, *terms = terms_of_loss(frames)
     x, v = frames.position[-1], frames.velocity[-1]
     by_x, by_v = np.zeros(frames.position.shape), np.zeros(frames.position.shape)
     by_x[-1], by_v[-1], by_v[2] = weight * x, 0.02 * weight * v, 0.1 * weight
     by_v[0] += 0.01
-    value = 0.5 * (weight * x**2).sum() + 0.01 * (weight * v**2).sum() + 0.1 * (weight * frames.velocity[2]).sum()
-    return value + 0.01 * frames.velocity[0].sum(), by_x, by_v
+    return sum(one.sum() for one in terms), by_x, by_v
 
 
 def rounding(frames: Frames) -> float:
     """Return how far rounding may move the loss: some units in the last place of each of its terms."""
-    weight = np.linspace(1, 2, frames.position[-1].size).reshape(frames.position[-1].shape)
-    x, v = frames.position[-1], frames.velocity
-    squares = 0.5 * (weight * x**2).sum() + 0.01 * (weight * v[-1] ** 2).sum()
-    return 4 * EPS64 * (squares + 0.1 * (weight * abs(v[2])).sum() + 0.01 * abs(v[0]).sum())
+    _, *terms = terms_of_loss(frames)
+    return 4 * EPS64 * sum(abs(one).sum() for one in terms)
 
 
 def simulation(body: System, gravity=GRAVITY, substeps=12, **options) -> Simulation:
