@@ -325,10 +325,7 @@ class System:
         The selection is the name of a group, indices, a slice, or a mask of booleans, shape [particle_count].
         Raises ValueError if it is invalid, no group has the name, or an index is out of range.
         """
-        if isinstance(selection, str):
-            chosen = self.group(selection, "selection")
-        else:
-            chosen = selected("selection", selection, self.particle_count)
+        chosen = _chosen("selection", selection, self)
         mass, velocity = np.array(self.mass), np.array(self.velocity)
         mass[chosen], velocity[chosen] = np.inf, 0.0
         return self.replace(mass=mass, velocity=velocity)
@@ -392,6 +389,9 @@ def particles_meant(name: str, which: Any, system: System) -> NDArray[np.bool_]:
 
     Raises ValueError naming the argument if there is no such group, or an index is out of range.
     """
-    if which is None:
-        return np.ones(system.particle_count, dtype=bool)
+    return np.ones(system.particle_count, dtype=bool) if which is None else _chosen(name, which, system)
+
+
+def _chosen(name: str, which: Any, system: System) -> NDArray[np.bool_]:
+    """Return a mask of particles for a group's name, indices, a slice or a mask."""
     return system.group(which, name) if isinstance(which, str) else selected(name, which, system.particle_count)
