@@ -146,8 +146,8 @@ def check_near(system: System, position: NDArray) -> None:
     if way[far] > FAR * size:
         named = "".join(f" of {name!r}" for name, of in system.groups.items() if far in of)
         raise ValueError(
-            f"particle {far}{named} has moved by {way[far]:.3g} m while settling, {FAR:g} times the size of the "
-            "system: nothing holds it; it must be pinned, rest on something, or be left out"
+            f"particle {far}{named} has moved by {way[far]:.3g} m while settling, over {FAR:g} times the size of "
+            "the system: nothing holds it; it must be pinned, rest on something, or be left out"
         )
 
 
