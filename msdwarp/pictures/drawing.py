@@ -12,7 +12,7 @@ from warp.utils import array_cast
 from .. import checks
 from ..bodies import AXES, System, in_space
 from ..kernels.pictures import drawing
-from ..runtime import in_turn
+from ..runtime import ReleasedInTurn, in_turn
 from ..world import FINISHES, Look, Scene
 from .collider_meshes import meshes, walls
 from .dressing import (
@@ -62,7 +62,7 @@ class ColourScale(NamedTuple):
     signed: bool = False
 
 
-class Drawing:
+class Drawing(ReleasedInTurn):
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
     These are the system's surface, and a tube along each spring of bodies without surface, or between bodies.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..kernels.pictures import raster, raycast, shading
-from ..runtime import cores, in_turn
+from ..runtime import ReleasedInTurn, cores, in_turn
 from ..world import FINISHES, Reflectance
 from .arrows import Arrows
 from .drawing import Drawing
@@ -113,7 +113,7 @@ class Rasteriser:
         wp.launch(raster.shade, (rows + 1) // 2, inputs, [nearest, self._pixels], device="cpu")
 
 
-class RayCaster:
+class RayCaster(ReleasedInTurn):
     """Draws a drawing by casting rays at it, on the device of the drawing."""
 
     @in_turn

@@ -34,7 +34,7 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **kwargs)
         finally:
             if getattr(_mine, "turn", False):
-                _dropped.clear()
+                _free_dropped()
             _mine.turn = False
             with contextlib.suppress(RuntimeError):  # interrupted before the turn came
                 _turn.release()
@@ -69,17 +69,25 @@ def completing() -> Iterator[list[int]]:
             raise KeyboardInterrupt
 
 
-def release_in_turn(dropped: Any) -> None:
-    """Release an object that holds device memory: at once if no thread has a turn, else at the turn's end.
+class ReleasedInTurn:
+    """An object that holds device memory; this is freed at once if no thread has a turn, else at the turn's end.
 
     Memory that is freed while a thread records a graph, by any thread, can spoil the recording.
     """
-    _dropped.append(dropped)
-    if not getattr(_mine, "turn", False) and _turn.acquire(blocking=False):
-        try:
-            _dropped.clear()
-        finally:
-            _turn.release()
+
+    def __del__(self) -> None:
+        _dropped.append(self.__dict__)
+        if not getattr(_mine, "turn", False) and _turn.acquire(blocking=False):
+            try:
+                _free_dropped()
+            finally:
+                _turn.release()
+
+
+def _free_dropped() -> None:
+    """Release what was dropped, and what is dropped by that in turn."""
+    while _dropped:
+        _dropped.clear()
 
 
 def _forget_turns() -> None:

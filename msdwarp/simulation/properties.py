@@ -10,14 +10,14 @@ from .. import checks
 from ..bodies import Frame, System
 from ..engine import Assembly, Measures, Model, Rates, State, measure
 from ..integrators import Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
-from ..runtime import in_turn, release_in_turn
+from ..runtime import ReleasedInTurn, in_turn
 from .arguments import given_substeps
 from .pinned_staging import to_host
 from .readings import Readings
 from .stepping import Stepping
 
 
-class Present:
+class Present(ReleasedInTurn):
     """Properties common to simulations and ensembles.
 
     Attributes
@@ -38,10 +38,6 @@ class Present:
         """Refuse copying and pickling, since memory and graphs on the device cannot be copied."""
         kind, instead = type(self).__name__, "use checkpoint and restore, or make another with the same arguments"
         raise TypeError(f"the {kind} cannot be copied or pickled; {instead}")
-
-    def __del__(self) -> None:
-        """Free device memory when no thread records a graph."""
-        release_in_turn(self.__dict__)
 
     def _held_back(self) -> NDArray[np.float64]:
         """Return the largest distance by which contact held a particle back, by world, in the last frame [m]."""

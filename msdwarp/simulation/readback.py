@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Frame
 from ..engine import Model, write_in_order, write_strain
-from ..runtime import CAPTURE_LOCK, in_turn
+from ..runtime import CAPTURE_LOCK, ReleasedInTurn, in_turn
 from .simulation import Simulation
 
 
-class Readback:
+class Readback(ReleasedInTurn):
     """Copies frames of a simulation to the host while it continues.
 
     On a GPU a frame is first copied on the device, before the simulation overwrites it; this copy is sent to the
@@ -139,7 +139,7 @@ class Taken:
             self._free.put(self._buffers)
 
 
-class _Buffers:
+class _Buffers(ReleasedInTurn):
     """Buffers for a frame, on the device and on the host; on the CPU both are the same."""
 
     def __init__(self, model: Model, strain: bool, contact_forces: bool) -> None:

@@ -141,28 +141,40 @@ def test_nothing_is_collected_while_a_graph_is_recorded(plain_device):
     assert gc.isenabled()
 
 
+HOLDERS = {
+    "simulation": lambda scene, device: Simulation.from_scene(scene, device=device),
+    "ensemble": lambda scene, device: Ensemble(scene, 2, device=device),
+    "readback": lambda scene, device: Readback(Simulation.from_scene(scene, device=device)),
+    "frame": lambda scene, device: Readback(Simulation.from_scene(scene, device=device)).take(),
+    "renderer": lambda scene, device: Renderer(scene, scene.system.position, backend="raycast", device=device),
+}
+
+
 @pytest.mark.slow
-def test_what_is_dropped_in_anothers_turn_is_freed_when_that_ends(plain_device):
+@pytest.mark.parametrize("kind", HOLDERS)
+def test_what_is_dropped_in_anothers_turn_is_freed_when_that_ends(plain_device, kind, monkeypatch):
     # Memory that is freed while another thread records a graph can spoil the recording on a GPU.
-    started, go_on = threading.Event(), threading.Event()
+    started, go_on, freed, free = threading.Event(), threading.Event(), [], wp.array.__del__
 
     @turns.in_turn
     def take_long():
         started.set()
         go_on.wait()
 
-    simulation = Simulation(chain(3), device=plain_device)
-    state = weakref.ref(simulation.state)
+    holder = HOLDERS[kind](Scene(system=chain(3), colliders=[Plane()]), plain_device)
+    gc.collect()
+    monkeypatch.setattr(wp.array, "__del__", lambda array: (freed.append(array.ptr), free(array)))
     other = threading.Thread(target=take_long)
     other.start()
     started.wait()
-    del simulation
+    del holder
     gc.collect()
-    assert state() is not None
+    freed_meanwhile = len(freed)
     go_on.set()
     other.join()
     gc.collect()
-    assert state() is None
+    assert freed
+    assert not freed_meanwhile
 
 
 def test_what_is_dropped_in_nobodys_turn_is_freed_at_once(plain_device):
