@@ -87,6 +87,7 @@ TYPES = [
     (lambda: BODY.named(3), "name is 3; it must be a str"),
     (lambda: BODY.direction("x", 3), "body is 3; it must be one of -1, 0"),
     (lambda: simulate(colliders=msd.Plane()), "colliders is Plane(); it must be a sequence of Collider objects"),
+    (lambda: simulate(colliders=[msd.Plane(), msd.Plane(motion=lambda: 0)]), "colliders[1].motion(0) fails: "),
     (lambda: simulate(colliders=[3]), "colliders[0] is 3; it must be a Collider"),
     (
         lambda: simulate(schedule=3),
@@ -163,6 +164,18 @@ PICTURES = [
     (lambda: renderer(resolution=("64", 64)), "resolution is '64'; it must be a whole number"),
     (lambda: renderer(zoom="1"), "zoom is '1'; it must be a number above 0"),
     (lambda: msd.Renderer(scene(), "here"), "positions must be an array of numbers, not 'here'"),
+    (
+        lambda: msd.Renderer(scene(), BODY.position[:, :2]),
+        "positions has shape (3, 2); it must be (..., 3), with at least one point",
+    ),
+    (
+        lambda: msd.Renderer(scene(), np.zeros((0, 3, 3))),
+        "positions has shape (0, 3, 3); it must be (..., 3), with at least one point",
+    ),
+    (
+        lambda: msd.Renderer(scene(), [msd.Frame(0.0, BODY.position, BODY.position)]),
+        "positions must be an array of numbers, not [Frame(",
+    ),
     (lambda: renderer().image("here"), "position must be an array of numbers, not 'here'"),
     (lambda: renderer().image(BODY.position, "1"), "time is '1'; it must be a number"),
 ]

@@ -107,6 +107,12 @@ def test_a_scene_names_its_muscles_and_its_digest_knows_them():
     assert digest(scene(muscle)) == digest(scene(muscle))
 
 
+def test_surfaces_and_tracked_points_say_how_many_they_are():
+    assert repr(msd.sheet((2, 2)).surface) == "Surface of 4 vertices, 2 triangles"
+    points = msd.TrackedPoints([0.0, 0.0, 0.5], [3, 4, 3], np.zeros((3, 2)))
+    assert repr(points) == "TrackedPoints: 3 rows of 2 particles"
+
+
 def test_a_trajectory_says_what_is_in_it_also_when_it_is_closed(tmp_path):
     write(tmp_path / "a.vtkhdf", BLOCK, 3, attributes={"scene": "cube"})
     with msd.Trajectory(tmp_path / "a.vtkhdf") as trajectory:

@@ -73,6 +73,9 @@ class Surface:
             checks.every("normal_of", of, of[of] == of, "a vertex that takes its own normal")
             object.__setattr__(self, "normal_of", checks.as_int32(of))
 
+    def __repr__(self) -> str:
+        return f"Surface of {len(self.particle)} vertices, {len(self.triangles)} triangles"
+
     def points(self, position: ArrayLike) -> NDArray[np.float64]:
         """Return the positions of the vertices [m], shape [vertex_count, d], for particles at `position` [m]."""
         x = np.asarray(position, dtype=np.float64)

@@ -37,8 +37,8 @@ class Renderer:
         The scene to draw. Connections are drawn until the times `broken_at` of its system: for a body that has
         torn, give `scene.replace(system=simulation.snapshot())`.
     positions
-        Positions that the camera keeps in view [m], shape [..., d], of one or many frames. Solid colliders are
-        also kept in view, for the whole duration of the scene.
+        Points that the camera keeps in view [m], shape [..., d]: the particles' positions in one or many frames, or
+        any others. Solid colliders are also kept in view, for the whole duration of the scene.
     resolution
         Width and height in pixels.
     colouring
@@ -89,7 +89,8 @@ class Renderer:
         self.drawing = Drawing(scene, colouring, find_device(device).alias if self.backend == "raycast" else "cpu")
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
-            raise ValueError(f"positions has shape {positions.shape}; it must be (..., {scene.system.dim})")
+            allowed = f"(..., {scene.system.dim}), with at least one point"
+            raise ValueError(f"positions has shape {positions.shape}; it must be {allowed}")
         checks.every("positions", positions, np.isfinite(positions), "finite")
         has_legend = self.drawing.scale is not None or arrows is not None
         self.stage = Stage(scene, positions, (width, height), zoom, ROOM if has_legend else 0.0)
@@ -226,7 +227,10 @@ def _on_host(value: NDArray | wp.array) -> NDArray:
 
 def _numbers(name: str, value: ArrayLike) -> NDArray:
     """Return an array without copying it, since it may hold a whole run; raise ValueError if it has no numbers."""
-    given = np.asarray(value)
+    try:
+        given = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return checks.array(name, value)
     return given if given.dtype.kind in "iuf" else checks.array(name, value)
 
 

@@ -179,8 +179,8 @@ class Ground:
         self.u = np.cross([0.0, 1.0, 0.0], self.normal)
         self.u /= np.linalg.norm(self.u)
         self.v = np.cross(self.normal, self.u)
-        self.reach = float(np.linalg.norm(np.ptp(points, axis=0)))
-        """Diagonal of the box around all that the camera sees [m]."""
+        self.reach = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+        """Diagonal of the box around all that the camera sees [m]; 1 m if that is a point."""
         self.half = 6.0 * self.reach
         self.tile = 10.0 ** math.floor(math.log10(0.5 * self.reach))
         """Side of a square of the chequered pattern [m]: a power of ten."""

@@ -135,12 +135,10 @@ class Differentiable(Present):
                 f"loss returned {checks.repr_short(told)}; it must return its value, and its derivatives by "
                 "positions and by velocities (or None)"
             )
-        value = np.array(told[0] if stopped.shape else float(told[0]), dtype=np.float64)
+        value = checks.array("the value of loss", told[0])
         if value.shape != stopped.shape:
-            raise ValueError(
-                f"loss returned a value of shape {value.shape}; it must be of shape {stopped.shape}, a number for "
-                "each world"
-            )
+            allowed = f"of shape {stopped.shape}, a number for each world" if stopped.shape else "a number"
+            raise ValueError(f"loss returned a value of shape {value.shape}; it must be {allowed}")
         checks.every("the value of loss", value, np.isfinite(value) | stopped, "finite")
         value[stopped] = np.nan
         for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
@@ -148,6 +146,8 @@ class Differentiable(Present):
                 given, shape = checks.array(f"{name} of the loss", each), found.position.shape
                 if given.shape != shape:
                     raise ValueError(f"{name} of the loss has shape {given.shape}; it must be {shape}, or None")
+                ended = stopped.reshape(stopped.shape + (1,) * (given.ndim - stopped.ndim))
+                checks.every(f"{name} of the loss", given, np.isfinite(given) | ended, "finite")
                 each = run.by_frame(given)
             both.append(each or [None] * len(found.time))
         growth = run.backward(*both)

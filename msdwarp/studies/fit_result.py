@@ -95,7 +95,7 @@ class FitResult:
             size = [np.sqrt(np.nanmean(left[time == t] ** 2)) for t in seen]
             over_time.plot(seen, size, color=RED, lw=1.5, label="root mean square")
             over_time.axhline(0, color=DARK, lw=0.8)
-            over_time.set_ylabel(f"{name}: simulated − measured" + (f" [{unit}]" if unit else ""))
+            over_time.set_ylabel(f"{name}\nsimulated − measured" + (f" [{unit}]" if unit else ""))
             over_time.legend(frameon=False)
             often.hist(left[np.isfinite(left)], bins=40, orientation="horizontal", color=BLUE)
             often.set_xlabel("how often")

@@ -63,6 +63,9 @@ class TrackedPoints:
         for name, value in (("time", time), ("particle", particle.astype(int)), ("position", position)):
             object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        return f"TrackedPoints: {np.shape(self.position)[0]} rows of {len(np.unique(self.particle))} particles"
+
     @classmethod
     def of(cls, trajectory: Trajectory) -> Self:
         """Return all particles in all frames of a trajectory as tracked points."""

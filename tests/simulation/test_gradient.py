@@ -300,6 +300,11 @@ def test_unknown_names_and_shapes_are_told():
         run.gradient(lambda frames: 1.0, 2)
     with pytest.raises(ValueError, match="the value of loss is nan; it must be finite"):
         run.gradient(lambda frames: (np.nan, None, None), 2)
+    for value, message in (([1.0, 2.0], r"of shape \(2,\); it must be a number"), ("x", "must be .* not 'x'")):
+        with pytest.raises(ValueError, match=message):
+            run.gradient(lambda frames, value=value: (value, None, None), 2)
+    with pytest.raises(ValueError, match=r"∂/∂velocity of the loss\[0, 0, 0\] is nan; it must be finite"):
+        run.gradient(lambda frames: (0.0, None, frames.velocity * np.nan), 2)
     with pytest.raises(ValueError, match="frames is 0"):
         run.gradient(loss, 0)
     with pytest.raises(ValueError, match="there must be an Actuator"):

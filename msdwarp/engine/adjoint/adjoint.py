@@ -44,7 +44,7 @@ DIFFERENTIABLE = (ActuatedSprings, EmbeddedVertices, ExtraSprings, SoftColliders
 WORDS = {
     "AttachmentSprings": "mouse springs",
     "BodyContact": "contact between bodies",
-    "Colliders": "obstacles without a stiffness",
+    "Colliders": "obstacles without a stiffness (as Plane(stiffness=1e4) has)",
     "DivisionPlanes": "contact between bodies",
     "Fire": "a system that is led to equilibrium",
     "Fracture": "connections that break",

@@ -49,6 +49,10 @@ class Colliders(FrameTables):
                 )
             if wrong := collider.fits(model.dim):
                 raise ValueError(f"colliders[{k}].{wrong}")
+            try:
+                collider.pose(0.0, model.dim)
+            except ValueError as error:  # of its motion, before anything runs
+                raise ValueError(f"colliders[{k}].{error}") from error
         self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
         """Indices of the rigid obstacles among the scene's obstacles."""
         colliders = [colliders[k] for k in self._numbers]
@@ -98,12 +102,11 @@ class Colliders(FrameTables):
             setattr(data.surface, name, wp.array(values, dtype=model.scalar, device=self._device))
         if self.overlapping_at_start:
             data.surface.slack = touching(model.system)
-        # Errors in a motion are raised before anything runs.
-        self._moving: list[tuple[int, Motion, NDArray]] = []
-        for k, collider in enumerate(colliders):
-            if collider.motion is not None:
-                collider.pose(0.0, self._dim)
-                self._moving.append((k, collider.motion, collider.centre(self._dim)))
+        self._moving: list[tuple[int, Motion, NDArray]] = [
+            (k, collider.motion, collider.centre(self._dim))
+            for k, collider in enumerate(colliders)
+            if collider.motion is not None
+        ]
 
     def brings_in(self, model: Model) -> NDArray[np.float64]:
         """Return an estimate of the energy that depenetration adds [J], for each row of a model's parameters."""
