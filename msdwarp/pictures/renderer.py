@@ -37,8 +37,8 @@ class Renderer:
         The scene to draw. Connections are drawn until the times `broken_at` of its system: for a body that has
         torn, give `scene.replace(system=simulation.snapshot())`.
     positions
-        Points that the camera keeps in view [m], shape [..., d]: the particles' positions in one or many frames, or
-        any others. Solid colliders are also kept in view, for the whole duration of the scene.
+        Points that the camera keeps in view [m], shape [..., d]: the particles' positions in one or many frames,
+        or any others. Solid colliders are also kept in view, for the whole duration of the scene.
     resolution
         Width and height in pixels.
     colouring
