@@ -45,7 +45,11 @@ class PrescribedMotion(Load):
 
     def check(self, system: System) -> None:
         """Raise ValueError if the load cannot act on this system."""
-        self.bound(system).pose(0.0)
+        bound = self.bound(system)
+        try:
+            bound.pose(0.0)
+        except Exception as error:
+            raise ValueError(f"motion has no place at 0 s: {error}") from error
 
     def bound(self, system: System) -> "Driven":
         """Return the drive with particles, their initial positions and the centre taken from the initial state."""

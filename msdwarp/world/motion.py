@@ -25,14 +25,11 @@ def displacement_and_turn(given: Any) -> tuple[Any, Any]:
 def pose(motion: Motion, centre: NDArray, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (R, o): a point y of a body that rotates about `centre` is at R y + o at `time`.
 
-    Raises ValueError if `motion` fails or returns neither a displacement nor a pair, or the result is not finite.
+    Raises ValueError if `motion` returns neither a displacement nor a pair, or the result is not finite.
     """
     dim = len(centre)
+    displacement, turn = displacement_and_turn(motion(time))
     name = f"motion({time:g})"
-    try:
-        displacement, turn = displacement_and_turn(motion(time))
-    except Exception as error:
-        raise ValueError(f"{name} fails: {error}") from error
     shift = checks.vector(name, [displacement] if dim == 1 and np.ndim(displacement) == 0 else displacement, dim)
     matrix = np.eye(dim) if turn is None else rotation(turn, dim, f"turn of {name}")
     return matrix, shift + centre - rotated(matrix, centre)

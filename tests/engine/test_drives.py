@@ -240,7 +240,7 @@ def test_obstacles_do_not_stop_what_is_driven(device):
         ([PrescribedMotion([9], lambda t: (t, 0, 0))], r"loads\[0\]\.on .*out of bounds"),
         (
             [PrescribedMotion([0], lambda t: (t, 0))],
-            r"loads\[0\]\.motion\(0\) is \(0.0, 0\); it must be 3 finite numbers",
+            r"loads\[0\]\.motion has no place at 0 s: motion\(0\) is \(0.0, 0\); it must be 3 finite numbers",
         ),
         (
             [PrescribedMotion([0, 1], lambda t: (t, 0, 0)), PrescribedMotion([1], lambda t: (0, 0, t))],

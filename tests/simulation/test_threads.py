@@ -26,7 +26,7 @@ from msdwarp import (
     chain,
     match_stiffness,
 )
-from msdwarp.runtime import in_turn, turns
+from msdwarp.runtime import in_turn, record, turns
 from msdwarp.simulation import Readback
 from msdwarp.simulation.stepping import Stepping
 from msdwarp.studies.history import history
@@ -148,6 +148,36 @@ HOLDERS = {
     "frame": lambda scene, device: Readback(Simulation.from_scene(scene, device=device)).take(),
     "renderer": lambda scene, device: Renderer(scene, scene.system.position, backend="raycast", device=device),
 }
+
+
+def test_a_graph_is_recorded_after_garbage_was_collected(plain_device):
+    # A collection in another thread is interrupted where it frees memory, and must not go on during a recording.
+    started, go_on, recorded = threading.Event(), threading.Event(), []
+
+    class Slow:
+        def __init__(self):
+            self.itself = self  # so that only the collector frees it
+
+        def __del__(self):
+            started.set()
+            go_on.wait()
+
+    def collect():
+        Slow()
+        gc.collect()
+
+    collector = threading.Thread(target=collect)
+    recorder = threading.Thread(target=lambda: record(lambda: recorded.append(1), plain_device))
+    collector.start()
+    started.wait()
+    recorder.start()
+    recorder.join(0.2)  # far longer than a recording takes, and shorter than the longest wait
+    recorded_meanwhile = bool(recorded)
+    go_on.set()
+    collector.join()
+    recorder.join()
+    assert recorded == [1]
+    assert not recorded_meanwhile
 
 
 @pytest.mark.slow
