@@ -78,6 +78,10 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     assert names["height"] < -0.5  # the second ball has torn the net, and is below it
     # Contact is some cells wide: with 8 across the force is 1.04 to 1.55 times Hertz's (docs/contact.md).
     assert 1.04 < -names["force"][2] / names["hertz"] < 1.55
+    # The gripped block loses 1 mm at most as it comes off the floor, and hangs still between two equal jaws, each of
+    # which bears half of its weight; what is left of its vibration is far below a thousandth.
+    assert 0.079 < names["lifted"] <= 0.08
+    assert 2 * names["grip"][2] == pytest.approx(9.82 * names["block"].mass.sum(), rel=1e-3)
 
 
 @pytest.mark.slow
