@@ -69,7 +69,8 @@ def test_the_first_ten_minutes_come_out_as_told(tmp_path, monkeypatch, capsys):
 def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = run("docs/howto.md")
-    assert "largest contact force" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "largest contact force" in printed
     dented = names["dented"]
     assert 0.25 < dented.position[:, 2].max() < 0.38  # the press came down to 0.3 m
     assert (dented.rest_length != dented.original_length).mean() > 0.05
@@ -78,10 +79,11 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     assert names["height"] < -0.5  # the second ball has torn the net, and is below it
     # Contact is some cells wide: with 8 across the force is 1.04 to 1.55 times Hertz's (docs/contact.md).
     assert 1.04 < -names["force"][2] / names["hertz"] < 1.55
-    # The gripped block loses 1 mm at most as it comes off the floor, and hangs still between two equal jaws, each of
-    # which bears half of its weight; what is left of its vibration is far below a thousandth.
-    assert 0.079 < names["lifted"] <= 0.08
-    assert 2 * names["grip"][2] == pytest.approx(9.82 * names["block"].mass.sum(), rel=1e-3)
+    # Coulomb's law needs a friction of 0.0117 for this grip: of 0.8, 0.0125 and 0.011 the last is too little.
+    lifts = [float(one) for one in re.findall(r"lifted by (-?[\d.]+) of 80 mm", printed)]
+    assert len(lifts) == 3
+    assert min(lifts[:2]) > 79
+    assert abs(lifts[2]) < 1
 
 
 @pytest.mark.slow

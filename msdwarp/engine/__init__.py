@@ -47,6 +47,10 @@ from .stepping.assemble import Assembly as Assembly, assemble as assemble, assem
 from .stepping.cpu_partition import THREADS as THREADS, threads_for as threads_for
 from .stepping.dynamics import Dynamics as Dynamics
 from .stepping.stages import Solve as Solve, Stage as Stage
-from .stepping.start_checks import starting_state as starting_state, warn_of_start as warn_of_start
+from .stepping.start_checks import (
+    caught as caught,
+    starting_state as starting_state,
+    warn_of_start as warn_of_start,
+)
 from .stepping.substeps import Blocks as Blocks, Stepper as Stepper, check_blocks as check_blocks
 from .stepping.velocities import Velocities as Velocities, kicked as kicked

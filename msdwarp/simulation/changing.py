@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import LINEAR_SPRING, System
-from ..engine import Assembly, State, assemble, resists, starting_state
+from ..engine import Assembly, State, assemble, caught, resists, starting_state
 from ..integrators import Integrator, UnstableStep
 from ..runtime import completing, in_turn
 from ..world import (
@@ -138,6 +138,11 @@ class Changing(PresentWorld):
         ------
         ValueError
             If a name is unknown, or a value is out of range. Nothing changes then.
+
+        Warns
+        -----
+        StartWarning
+            If one of `colliders` is in the middle of a body, which would leave it on opposite sides.
         """
         change = Change(self.time, group, set_rest_shape, parameters, unpin, gravity)
         if colliders is not None:
@@ -147,7 +152,10 @@ class Changing(PresentWorld):
                     "colliders takes the place of all obstacles; nothing else may change in that call"
                 )
             given = checks.sequence("colliders", colliders, Collider, "Plane()")
-            self._reload(self.snapshot(), {"colliders": given})
+            system = self.snapshot()
+            self._reload(system, {"colliders": given})
+            if message := caught(system, given):
+                warnings.warn(message, checks.StartWarning, stacklevel=3)
             return
         if loads is None and contact is None:
             self._apply(change)

@@ -128,12 +128,13 @@ class Differentiable(Present):
         """
         if not callable(loss):
             raise ValueError(f"loss is {checks.repr_short(loss)}; it must be a function of the frames")
+        by = checks.sequence("by", by, str, "'stiffness'")
         run, found = self.differentiated(frames, by)
         told, both, stopped = loss(found), [], run.stopped
         if not isinstance(told, tuple) or len(told) != 3:
             raise ValueError(
-                f"loss returned {checks.repr_short(told)}; it must return its value, and its derivatives by "
-                "positions and by velocities (or None)"
+                f"loss returned {checks.repr_short(told)}; it must return a tuple of its value, and its "
+                "derivatives by positions and by velocities (or None)"
             )
         value = checks.array("the value of loss", told[0])
         if value.shape != stopped.shape:

@@ -35,14 +35,15 @@ class Readback(ReleasedInTurn):
     Raises
     ------
     ValueError
-        If `depth` is not a whole number of at least 1, or contact forces are requested and the simulation does not
-        sum them.
+        If `simulation` is no Simulation, `depth` is not a whole number of at least 1, or contact forces are
+        requested and the simulation does not sum them.
     """
 
     @in_turn
     def __init__(
         self, simulation: Simulation, *, strain: bool = True, contact_forces: bool = False, depth: int = 6
     ) -> None:
+        checks.instance("simulation", simulation, Simulation, "Simulation(chain(5))")
         checks.count("depth", depth, 1)
         if contact_forces and simulation.stepping.contact_forces is None:
             raise ValueError("contact_forces is True; the simulation must be made with contact_forces=True then")
@@ -52,19 +53,20 @@ class Readback(ReleasedInTurn):
         self._order: wp.array | None = None
         self._ordered_model: Model | None = None
         # Last in, first out: on the CPU, unused buffers are then never allocated.
-        self._free: queue.LifoQueue[_Buffers] = queue.LifoQueue()
+        self._free: queue.LifoQueue[_Buffers | None] = queue.LifoQueue()
         for _ in range(depth):
             self._free.put(_Buffers(simulation.model, strain, contact_forces))
 
     def take(self) -> "Taken":
         """Return the current frame, still in transfer to the host; wait while `depth` frames are in use."""
-        buffers = self._free.get()
-        self._fill(buffers)
+        buffers = self._fill(self._free.get())
         return Taken(self._simulation, buffers, self._free)
 
     @in_turn
-    def _fill(self, buffers: "_Buffers") -> None:
-        """Start the copy of the current frame."""
+    def _fill(self, buffers: "_Buffers | None") -> "_Buffers":
+        """Start the copy of the current frame, into new buffers if None are given, and return them."""
+        if buffers is None:
+            buffers = _Buffers(self._simulation.model, self._strain, self._contact_forces)
         stepping = self._simulation.stepping  # read again, because a change of the simulation replaces it
         state = stepping.state
         arrays = buffers.on_device
@@ -82,6 +84,7 @@ class Readback(ReleasedInTurn):
             stepping.contact_forces.write_force(arrays["contact_force"])
         if self._stream is not None:
             buffers.send(self._stream)
+        return buffers
 
     def _order_of(self, model: Model) -> wp.array | None:
         """Return the index in the system of each connection on the device; None if the order is the same."""
@@ -94,7 +97,9 @@ class Readback(ReleasedInTurn):
 class Taken:
     """A frame in transfer to the host, in a buffer of the readback."""
 
-    def __init__(self, simulation: Simulation, buffers: "_Buffers", free: "queue.LifoQueue[_Buffers]") -> None:
+    def __init__(
+        self, simulation: Simulation, buffers: "_Buffers", free: "queue.LifoQueue[_Buffers | None]"
+    ) -> None:
         self._time, self._buffers, self._free = simulation.time, buffers, free
         self.substeps = simulation.substeps
         """Substeps per frame in this frame; at time 0, in the first frame."""
@@ -137,6 +142,11 @@ class Taken:
         if not self._released:
             self._released = True
             self._free.put(self._buffers)
+
+    def __del__(self) -> None:
+        """Make room for another frame; arrays of this one that are still in use are not overwritten."""
+        if not self._released:
+            self._free.put(None)
 
 
 class _Buffers(ReleasedInTurn):

@@ -213,12 +213,16 @@ class Stepping:
         fps, track = self.choice.fps, self._tracks.current
         self._frame_start, self._time = time, (round(time * fps) + 1) / fps
         if next_time is not None:
-            self.dynamics.prepare(next_time)
-            if self.runs_ahead and not self._unrecorded:
-                ahead = self._tracks.other()
-                with suppress(Exception):  # raised again when that frame begins, if it does
-                    self._take_frame(next_time, ahead)
-                    self._tracks.ahead = ahead
+            try:
+                self.dynamics.prepare(next_time)
+                if self.runs_ahead and not self._unrecorded:
+                    ahead = self._tracks.other()
+                    with suppress(Exception):  # raised again when that frame begins, if it does
+                        self._take_frame(next_time, ahead)
+                        self._tracks.ahead = ahead
+            except BaseException:  # such as sys.exit() in a function of time: the caller does not count this frame
+                self.go_back()
+                raise
         fine = self._is_fine(track)
         # The sum calls every effect. If a neighbour list was too short or too old, the frame is repeated.
         while sum(effect.is_void() for effect in self.assembly.all):

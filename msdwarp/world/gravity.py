@@ -33,10 +33,9 @@ def gravity_at(
     if not callable(gravity):
         return np.broadcast_to(checks.gravity(name, gravity, dim), (len(times), dim))
     try:
-        first: Any = gravity(float(times[0]))
+        size = np.ndim(gravity(float(times[0]))) == 0
     except Exception as error:
         raise ValueError(f"{name} has no value at {times[0]:g} s: {error}") from error
-    size = np.ndim(first) == 0
     values = values_at(name, gravity, times, 1 if size else dim)
     if not size:
         return values

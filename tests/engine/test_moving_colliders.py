@@ -7,7 +7,7 @@ import pytest
 from collisions import INTEGRATORS, G, each_once, every_step, particle, simulate
 from problems import EPS64, two_quick
 
-from msdwarp import Box, Leapfrog, Plane, Simulation, Sphere, SymplecticEuler, System, box
+from msdwarp import Box, Leapfrog, Plane, Simulation, Sphere, SymplecticEuler, System, box, chain
 
 
 def moving(motion, **fields) -> dict:
@@ -306,6 +306,30 @@ def test_a_motion_that_ends_is_told_by_the_frame_that_needs_it(plain_device, fra
     with pytest.raises(ValueError, match=r"colliders\[0\] has no place at 0.21 s: off the rails"):
         simulation.step(frames[-1])
     assert simulation.frame_index == 2
+
+
+@pytest.mark.parametrize("automatic", [False, True])
+def test_a_motion_that_exits_leaves_the_last_frame(plain_device, automatic):
+    # The frame after the next is prepared in the next: what is no Exception ends it, and it never was.
+    def exits(t):
+        if np.max(t) > 0.2 + 1e-9 and not mended:
+            raise SystemExit
+        return 0.1 * t, 0 * t, 0 * t
+
+    mended, substeps = False, "auto" if automatic else 10
+    simulation, usual = (
+        Simulation(chain(2), colliders=[Plane(motion=one)], fps=10, substeps=substeps, device=plain_device)
+        for one in (exits, lambda t: (0.1 * t, 0 * t, 0 * t))
+    )
+    with pytest.raises(SystemExit):
+        simulation.step(4)
+    mended = True
+    usual.step(simulation.frame_index)
+    for _ in range(2):
+        for one, other in zip(simulation.frame(), usual.frame(), strict=True):
+            np.testing.assert_array_equal(one, other)
+        simulation.step()
+        usual.step()
 
 
 def test_a_motion_may_take_another_form_on_the_way(plain_device):

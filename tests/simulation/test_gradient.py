@@ -296,8 +296,11 @@ def test_unknown_names_and_shapes_are_told():
         run.gradient(lambda frames: (0.0, np.zeros((2, 2)), None), 2)
     with pytest.raises(ValueError, match="∂/∂position of the loss has shape"):  # of the last frame alone
         run.gradient(lambda frames: (0.0, frames.position[-1], None), 2)
-    with pytest.raises(ValueError, match=r"loss returned 1\.0; it must return its value, and its derivatives"):
+    with pytest.raises(
+        ValueError, match=r"loss returned 1\.0; it must return a tuple of its value, and its deriv"
+    ):
         run.gradient(lambda frames: 1.0, 2)
+    assert run.gradient(loss, 2, by=iter(["position"]))["position"].shape == (len(block().position), 3)
     with pytest.raises(ValueError, match="the value of loss is nan; it must be finite"):
         run.gradient(lambda frames: (np.nan, None, None), 2)
     for value, message in (([1.0, 2.0], r"of shape \(2,\); it must be a number"), ("x", "must be .* not 'x'")):

@@ -7,7 +7,7 @@ import problems
 import pytest
 import warp as wp
 
-from msdwarp import Leapfrog, Simulation, System, Trajectory, TrajectoryWriter, at, box
+from msdwarp import Leapfrog, Simulation, System, Trajectory, TrajectoryWriter, at, box, chain
 from msdwarp.simulation.readback import Readback
 
 ROUNDING = {"float32": problems.EPS32, "float32-compensated": problems.EPS32, "float64": 4 * problems.EPS64}
@@ -181,3 +181,19 @@ def test_what_is_written_on_the_way_is_what_is_written(tmp_path, device, every):
         np.testing.assert_array_equal(found.velocities, expected.velocities)
         # The host computes strains in float32 throughout, so that lengths are rounded too, several times.
         np.testing.assert_allclose(found.strains, expected.strains, rtol=0, atol=4 * problems.EPS32)
+
+
+def test_a_dropped_frame_makes_room_and_its_arrays_stay(plain_device):
+    simulation = Simulation(chain(3), device=plain_device)
+    readback = Readback(simulation, depth=2)
+    kept, expected = [], []
+    for _ in range(4):  # more than the depth
+        simulation.step()
+        kept.append(readback.take().arrived()[0].position)
+        expected.append(simulation.frame().position)
+    np.testing.assert_array_equal(kept, expected)
+
+
+def test_only_a_simulation_is_read_back():
+    with pytest.raises(ValueError, match="simulation is None; it must be a Simulation"):
+        Readback(None)

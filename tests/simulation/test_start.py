@@ -85,6 +85,22 @@ def test_a_body_near_one_side_of_a_box_is_led_out_whole():
     assert np.ptp(position, axis=0) == pytest.approx(0.2, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("thick", "warned"), [(0.1, True), (0.15, True), (0.6, False)], ids=["one cell", "a cell and a half", "thick"]
+)
+def test_a_plate_through_a_body_is_told_when_it_is_put_there(thick, warned):
+    # A cube of 0.2 m on a floor: a plate from 0.05 m on that is thinner than the rest of it has particles on both
+    # sides, and a thick one leads all of them down.
+    simulation = simulate(cube(), Plane())
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        simulation.change(colliders=[Plane(), Box((0, 0, 0.05 + thick / 2), (1, 1, thick))])
+    assert [one.category for one in told] == [StartWarning] * warned
+    if warned:
+        assert "leave colliders[1], a Box, on opposite sides" in str(told[0].message)
+        assert told[0].filename == __file__
+
+
 def test_a_pinned_body_may_lie_inside():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

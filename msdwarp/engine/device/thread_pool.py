@@ -6,6 +6,7 @@ threads, and runs one frame at a time.
 
 import os
 import threading
+import time
 from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
@@ -19,6 +20,7 @@ class _Frame:
     def __init__(self, graphs: list[Any], begin: Callable[[], None], give_up: Callable[[], None]) -> None:
         self.graphs, self.begin, self._give_up = graphs, begin, give_up
         self.replayed, self.done = SimpleQueue[BaseException | None](), SimpleQueue[BaseException | None]()
+        self.ended = False
 
     def replay(self, k: int) -> None:
         """Replay graph k, in Warp's native code, which releases Python's lock."""
@@ -49,6 +51,7 @@ class _Pool:
                 self._replay(frame)
             except BaseException as caught:
                 error = caught
+            frame.ended = True
             frame.done.put(error)
 
     def _replay(self, frame: _Frame) -> None:
@@ -99,8 +102,17 @@ def _awaited(frame: _Frame) -> BaseException | None:
     """Wait until a frame is done, and return its error, if any; a Ctrl-C meanwhile is raised afterwards."""
     try:
         return frame.done.get()
+    except BaseException:  # perhaps after it got the frame's error
+        _wait_for_end(frame)
+        raise
+
+
+def _wait_for_end(frame: _Frame) -> None:
+    try:
+        while not frame.ended:
+            time.sleep(1e-4)
     except BaseException:
-        _awaited(frame)
+        _wait_for_end(frame)
         raise
 
 

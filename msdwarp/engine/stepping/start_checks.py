@@ -116,6 +116,31 @@ def check_swallowed(system: System, colliders: Sequence[Collider], free: NDArray
             )
 
 
+def caught(system: System, colliders: Sequence[Collider]) -> str | None:
+    """Return a message about connected particles, one in a standing obstacle, that leave it on opposite sides."""
+    i, j = system.connections.T
+    step = 1e-6 * max(1.0, float(np.abs(system.position).max()))
+    for k, collider in enumerate(colliders):
+        if collider.motion is not None:
+            continue
+        depth = start_depths(system.position, [collider])[0]
+        inside = np.maximum(depth[i], depth[j]) > touching(system)
+        if not inside.any():
+            continue
+        # Forward differences, which also have a direction halfway between two faces.
+        steps = step * np.eye(system.dim)
+        ways = np.stack([depth - start_depths(system.position + e, [collider])[0] for e in steps], axis=1)
+        opposite = inside & (np.einsum("cd,cd->c", ways[i], ways[j]) < 0.0)
+        if opposite.any():
+            pair = system.connections[int(opposite.argmax())].tolist()
+            return (
+                f"the connected particles {pair} leave colliders[{k}], a {type(collider).__name__}, "
+                "on opposite sides: the body is caught on it; the obstacle must be thicker, or come nearer by its "
+                "motion"
+            )
+    return None
+
+
 def start_far(model: Model) -> str | None:
     """Return a message about a system too far from the origin for float32 strains; None if it is near."""
     system = model.system
