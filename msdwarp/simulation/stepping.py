@@ -212,17 +212,23 @@ class Stepping:
             self._take_frame(time, self._tracks.current)
         fps, track = self.choice.fps, self._tracks.current
         self._frame_start, self._time = time, (round(time * fps) + 1) / fps
+        try:
+            return self._judge(time, next_time, track)
+        except (
+            BaseException
+        ):  # of sys.exit() in a function of time, or of a signal: the caller does not count this frame
+            self.go_back()
+            raise
+
+    def _judge(self, time: float, next_time: float | None, track: Track) -> bool:
+        """Launch the next frame ahead, and return whether the frame that begins at `time` [s] is fine."""
         if next_time is not None:
-            try:
-                self.dynamics.prepare(next_time)
-                if self.runs_ahead and not self._unrecorded:
-                    ahead = self._tracks.other()
-                    with suppress(Exception):  # raised again when that frame begins, if it does
-                        self._take_frame(next_time, ahead)
-                        self._tracks.ahead = ahead
-            except BaseException:  # such as sys.exit() in a function of time: the caller does not count this frame
-                self.go_back()
-                raise
+            self.dynamics.prepare(next_time)
+            if self.runs_ahead and not self._unrecorded:
+                ahead = self._tracks.other()
+                with suppress(Exception):  # raised again when that frame begins, if it does
+                    self._take_frame(next_time, ahead)
+                    self._tracks.ahead = ahead
         fine = self._is_fine(track)
         # The sum calls every effect. If a neighbour list was too short or too old, the frame is repeated.
         while sum(effect.is_void() for effect in self.assembly.all):
@@ -263,13 +269,18 @@ class Stepping:
             launch = partial(self._launch_frame, track)
             graphs[kind] = record(launch, self.model.device) if partition is None else partition.record(launch)
         self.dynamics.begin_frame(time)
-        if kind not in graphs:
-            self._unrecorded -= 1
-            self._launch_frame(track)
-        elif partition is not None:
-            graphs[kind].replay()
-        else:
-            wp.capture_launch(graphs[kind])
+        try:
+            if kind not in graphs:
+                self._unrecorded -= 1
+                self._launch_frame(track)
+            elif partition is not None:
+                graphs[kind].replay()
+            else:
+                wp.capture_launch(graphs[kind])
+        except BaseException:  # of a signal meanwhile
+            track.backup.restore()
+            self.dynamics.hold(self._time)
+            raise
         track.found.mark()
 
     def _forget_outdated(self) -> None:

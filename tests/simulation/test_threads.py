@@ -329,6 +329,28 @@ def test_ctrl_c_waits_for_the_end_of_a_frame(make, device, heard, monkeypatch):
     np.testing.assert_array_equal(made.frame().position, usual.frame().position)
 
 
+@pytest.mark.parametrize(("of", "where"), [(wp, "capture_launch"), (Stepping, "_is_fine")], ids=["launch", "wait"])
+def test_what_a_handler_raises_in_a_frame_leaves_its_start(device, monkeypatch, of, where):
+    made, usual = (Simulation(chain(5), device=device) for _ in range(2))
+    for one in (made, usual):
+        one.step(4)  # later frames are launched as graphs
+    call = getattr(of, where)
+
+    def interrupted(*arguments):
+        call(*arguments)
+        raise TimeoutError
+
+    monkeypatch.setattr(of, where, interrupted)
+    with pytest.raises(TimeoutError):
+        made.step(3)
+    monkeypatch.undo()
+    assert made.frame_index == 4
+    for _ in range(3):
+        np.testing.assert_array_equal(made.frame().position, usual.frame().position)
+        made.step()
+        usual.step()
+
+
 def test_a_process_that_was_forked_meanwhile_has_turns_of_its_own():
     if not hasattr(os, "fork"):
         pytest.skip("needs fork")
