@@ -88,6 +88,7 @@ TYPES = [
     (lambda: BODY.direction("x", 3), "body is 3; it must be one of -1, 0"),
     (lambda: simulate(colliders=msd.Plane()), "colliders is Plane(); it must be a sequence of Collider objects"),
     (lambda: simulate(colliders=[msd.Plane(), msd.Plane(motion=lambda: 0)]), "colliders[1] has no place at 0 s: "),
+    (lambda: simulate(gravity=lambda t: (1, (1, 2))), "gravity has no value at 0 s: "),
     (lambda: simulate(colliders=[3]), "colliders[0] is 3; it must be a Collider"),
     (
         lambda: simulate(schedule=3),

@@ -33,7 +33,8 @@ def gravity_at(
     if not callable(gravity):
         return np.broadcast_to(checks.gravity(name, gravity, dim), (len(times), dim))
     try:
-        size = np.ndim(gravity(float(times[0]))) == 0
+        first: Any = gravity(float(times[0]))
+        size = np.ndim(first) == 0
     except Exception as error:
         raise ValueError(f"{name} has no value at {times[0]:g} s: {error}") from error
     values = values_at(name, gravity, times, 1 if size else dim)
