@@ -52,8 +52,7 @@ class Readback(ReleasedInTurn):
         self._stream = wp.Stream(device) if device.is_cuda else None
         self._order: wp.array | None = None
         self._ordered_model: Model | None = None
-        # Last in, first out: on the CPU, unused buffers are then never allocated.
-        self._free: queue.LifoQueue[_Buffers | None] = queue.LifoQueue()
+        self._free = _Free()
         for _ in range(depth):
             self._free.put(_Buffers(simulation.model, strain, contact_forces))
 
@@ -97,9 +96,7 @@ class Readback(ReleasedInTurn):
 class Taken:
     """A frame in transfer to the host, in a buffer of the readback."""
 
-    def __init__(
-        self, simulation: Simulation, buffers: "_Buffers", free: "queue.LifoQueue[_Buffers | None]"
-    ) -> None:
+    def __init__(self, simulation: Simulation, buffers: "_Buffers", free: "_Free") -> None:
         self._time, self._buffers, self._free = simulation.time, buffers, free
         self.substeps = simulation.substeps
         """Substeps per frame in this frame; at time 0, in the first frame."""
@@ -147,6 +144,30 @@ class Taken:
         """Make room for another frame; arrays of this one that are still in use are not overwritten."""
         if not self._released:
             self._free.put(None)
+
+
+class _Free:
+    """Buffers that are free, last in, first out: on the CPU, unused buffers are then never allocated.
+
+    The queue counts frames. Unlike that of `queue.LifoQueue` its `put` may be called by a finalizer at any moment.
+    """
+
+    def __init__(self) -> None:
+        self._buffers, self._frames = list[_Buffers](), queue.SimpleQueue[None]()
+
+    def put(self, buffers: "_Buffers | None") -> None:
+        """Let another frame in; None if its buffers must be made."""
+        if buffers is not None:
+            self._buffers.append(buffers)
+        self._frames.put(None)
+
+    def get(self) -> "_Buffers | None":
+        """Wait until another frame may come, and return its buffers; None if they must be made."""
+        self._frames.get()
+        try:
+            return self._buffers.pop()
+        except IndexError:  # those of a dropped frame
+            return None
 
 
 class _Buffers(ReleasedInTurn):
