@@ -214,9 +214,7 @@ class Stepping:
         self._frame_start, self._time = time, (round(time * fps) + 1) / fps
         try:
             return self._judge(time, next_time, track)
-        except (
-            BaseException
-        ):  # of sys.exit() in a function of time, or of a signal: the caller does not count this frame
+        except BaseException:  # such as sys.exit() in a function of time: the caller does not count this frame
             self.go_back()
             raise
 

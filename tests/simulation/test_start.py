@@ -88,10 +88,11 @@ def test_a_body_near_one_side_of_a_box_is_led_out_whole():
 @pytest.mark.parametrize(
     ("thick", "warned"), [(0.1, True), (0.15, True), (0.6, False)], ids=["one cell", "a cell and a half", "thick"]
 )
-def test_a_plate_through_a_body_is_told_when_it_is_put_there(thick, warned):
+@pytest.mark.parametrize("contact", [None, Contact(surface_colliders=True)], ids=["particles", "surface"])
+def test_a_plate_through_a_body_is_told_when_it_is_put_there(thick, warned, contact):
     # A cube of 0.2 m on a floor: a plate from 0.05 m on that is thinner than the rest of it has particles on both
     # sides, and a thick one leads all of them down.
-    simulation = simulate(cube(), Plane())
+    simulation = simulate(cube(), Plane(), contact=contact)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         simulation.change(colliders=[Plane(), Box((0, 0, 0.05 + thick / 2), (1, 1, thick))])
@@ -99,6 +100,10 @@ def test_a_plate_through_a_body_is_told_when_it_is_put_there(thick, warned):
     if warned:
         assert "leave colliders[1], a Box, on opposite sides" in str(told[0].message)
         assert told[0].filename == __file__
+    pinned = simulate(cube().pin(slice(None)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pinned.change(colliders=[Box((0, 0, 0.05 + thick / 2), (1, 1, thick))])
 
 
 def test_a_pinned_body_may_lie_inside():

@@ -108,6 +108,7 @@ def _awaited(frame: _Frame) -> BaseException | None:
 
 
 def _wait_for_end(frame: _Frame) -> None:
+    """Wait until a frame has ended, whatever signals are raised meanwhile."""
     try:
         while not frame.ended:
             time.sleep(1e-4)

@@ -117,14 +117,18 @@ def check_swallowed(system: System, colliders: Sequence[Collider], free: NDArray
 
 
 def caught(system: System, colliders: Sequence[Collider]) -> str | None:
-    """Return a message about connected particles, one in a standing obstacle, that leave it on opposite sides."""
+    """Return a message about connected particles, one inside an obstacle, that leave it on opposite sides.
+
+    None if there are none. Obstacles with a motion are not looked at, and pinned particles may be anywhere.
+    """
     i, j = system.connections.T
     step = 1e-6 * max(1.0, float(np.abs(system.position).max()))
     for k, collider in enumerate(colliders):
         if collider.motion is not None:
             continue
         depth = start_depths(system.position, [collider])[0]
-        inside = np.maximum(depth[i], depth[j]) > touching(system)
+        deep = ~system.pinned & (depth > touching(system))
+        inside = deep[i] | deep[j]
         if not inside.any():
             continue
         # Forward differences, which also have a direction halfway between two faces.
