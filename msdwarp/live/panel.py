@@ -44,6 +44,9 @@ LAYOUT = """<style>@media (max-width: 36em) {
 .mantine-Notifications-root ~ .mantine-Paper-root [style*="width: 20em"] { width: 100% !important }
 }</style>"""
 """On a phone viser puts the panel over the picture; this style puts it below."""
+STILL = """document.documentElement.addEventListener("keydown",
+  event => /^(Key[WASDQE]|Arrow)/.test(event.code) && event.stopPropagation())"""
+"""Keys that have commands would move viser's camera, too: it listens at the document, one level above hotkeys."""
 
 
 class Control:
@@ -81,6 +84,7 @@ class Panel:
         """Build the controls that all scenes have."""
         self._view, gui = view, self._gui
         gui.add_html(LAYOUT)
+        gui._websock_interface.queue_message(_script(STILL))
         self._status = gui.add_markdown("")
         self._legend = gui.add_html("", visible=False)
         play = gui.add_button_group("play", tuple(PLAY))
@@ -120,13 +124,11 @@ class Panel:
 
     async def _tell_flags(self, event: Any) -> None:
         """Show a client the flags of its camera, and copy them to the clipboard if the browser allows it."""
-        from viser._messages import RunJavascriptMessage
-
         camera, shift = event.client.camera, self._view.following.shift
         eye, target = camera.position + shift, camera.look_at + shift
         flags = camera_flags(eye, target, self._view.source.scene.look.field_of_view)
         copy = f"navigator.clipboard?.writeText({flags!r}).catch(() => {{}})"
-        event.client._websock_connection.queue_message(RunJavascriptMessage(copy))
+        event.client._websock_connection.queue_message(_script(copy))
         self._view.post("flags", eye=eye, target=target)
 
     def _posts(self, command: str, **values: Any) -> Any:
@@ -271,6 +273,13 @@ def _called(call: Callable[[], Any]) -> Any:
         call()
 
     return called
+
+
+def _script(source: str) -> Any:
+    """Return the message that makes a page run JavaScript."""
+    from viser._messages import RunJavascriptMessage
+
+    return RunJavascriptMessage(source)
 
 
 def _can_show(widget: Any) -> bool:

@@ -144,10 +144,12 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
         until(lambda: view.source.handling.factors["stiffness"] == 1.25)
         page.keyboard.press("Shift+S")
         until(lambda: view.source.handling.factors["stiffness"] == 1.0)
+        stood = np.concatenate([camera.position, camera.look_at])
         for _ in range(3):  # a key that is held
             page.keyboard.down("d")
-        page.keyboard.up("d")
         until(lambda: view.source.handling.factors["damping"] == 1.25**3)
+        page.wait_for_timeout(500)  # in which viser's camera would go a metre to the right
+        page.keyboard.up("d")
         stiffness = page.locator("input[inputmode=decimal]").nth(1)  # of the sliders, beside mass
 
         def enters():  # again if the panel, told of the damping meanwhile, has written the old number over it
@@ -157,6 +159,7 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
             return view.source.handling.factors["stiffness"] == 3.0
 
         until(enters)
+        assert np.array_equal(np.concatenate([camera.position, camera.look_at]), stood)
 
         # Where the camera sees the middle of the body: the client tells where it stands.
         until(lambda: size(page)[0] < 780)  # the panel is beside the picture
