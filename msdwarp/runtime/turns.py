@@ -14,6 +14,8 @@ _turn, _next, _mine = threading.RLock(), threading.Lock(), threading.local()
 """Locks held by the thread whose turn it is, and by the next one; whether this thread has the turn."""
 _dropped = list[Any]()
 """Objects to release when a turn ends."""
+PATIENCE = 60.0
+"""Longest wait of a fork for another thread's turn [s]: that thread could itself wait for the one that forks."""
 
 
 def in_turn(function: Callable[P, T]) -> Callable[P, T]:
@@ -90,11 +92,27 @@ def _free_dropped() -> None:
         _dropped.clear()
 
 
+def _wait_to_fork() -> None:
+    """Take the turn before a fork: the new process would get another thread's work half done."""
+    if not getattr(_mine, "turn", False) and _next.acquire(timeout=PATIENCE):
+        try:
+            _mine.forks = _turn.acquire(timeout=PATIENCE)
+        finally:
+            _next.release()
+
+
+def _end_fork() -> None:
+    """End the turn of a fork."""
+    if getattr(_mine, "forks", False):
+        _mine.forks = False
+        _turn.release()
+
+
 def _forget_turns() -> None:
     """Create new locks in a forked process, which does not inherit other threads."""
     global _turn, _next
-    _turn, _next = threading.RLock(), threading.Lock()
+    _mine.forks, _turn, _next = False, threading.RLock(), threading.Lock()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_turns)
+    os.register_at_fork(before=_wait_to_fork, after_in_parent=_end_fork, after_in_child=_forget_turns)

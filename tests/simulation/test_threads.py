@@ -349,25 +349,3 @@ def test_what_a_handler_raises_in_a_frame_leaves_its_start(device, monkeypatch, 
         np.testing.assert_array_equal(made.frame().position, usual.frame().position)
         made.step()
         usual.step()
-
-
-def test_a_process_that_was_forked_meanwhile_has_turns_of_its_own():
-    if not hasattr(os, "fork"):
-        pytest.skip("needs fork")
-    code = """
-import os, signal, threading
-from msdwarp.runtime import in_turn, turns
-inside, end = threading.Event(), threading.Event()
-other = threading.Thread(target=in_turn(lambda: (inside.set(), end.wait())))
-other.start()
-inside.wait()
-child = os.fork()
-if child == 0:
-    signal.alarm(60)  # a turn that never comes
-    in_turn(lambda: os._exit(7))()
-code = os.waitpid(child, 0)[1]
-end.set()
-raise SystemExit(os.waitstatus_to_exitcode(code))
-"""
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], timeout=600)
-    assert done.returncode == 7
