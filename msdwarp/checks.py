@@ -92,6 +92,13 @@ def repr_short(value: object) -> str:
         return "a whole number of very many digits"
 
 
+def message(error: BaseException, *clear: type) -> str:
+    """Return an error's message, preceded by its class unless that is ValueError, OSError or one of `clear`."""
+    if str(error) and isinstance(error, (ValueError, OSError, *clear)):
+        return str(error)
+    return ": ".join(filter(None, (type(error).__name__, str(error))))
+
+
 def _short(text: str) -> str:
     return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN // 2]} ... {text[-_MOST_SHOWN // 4 :]}"
 

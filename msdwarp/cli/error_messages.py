@@ -104,8 +104,9 @@ def user_message(error: Exception) -> str | None:
     theirs = [frame for frame in frames if _is_users(frame.filename)]
     if not theirs or (isinstance(root, ValueError | OSError) and frames[-1] is not theirs[-1]):
         return None
-    kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-    return f"{_shown(theirs[-1].filename)}, line {theirs[-1].lineno}: {kind}{error}"
+    from .. import checks  # its NumPy would delay all commands
+
+    return f"{_shown(theirs[-1].filename)}, line {theirs[-1].lineno}: {checks.message(error)}"
 
 
 def _is_users(filename: str) -> bool:

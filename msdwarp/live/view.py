@@ -22,12 +22,6 @@ BEHIND = 0.25
 """If simulated time is behind by more than this [s], the view does not catch up."""
 
 
-def _message(error: BaseException) -> str:
-    """Return an error's message, preceded by its class unless the error is about a request."""
-    explains = isinstance(error, ValueError | OSError | SimulationDiverged)
-    return str(error) if explains and str(error) else f"{type(error).__name__}: {error}"
-
-
 class View(Commands):
     """An interactive view of a simulation or a trajectory.
 
@@ -138,7 +132,7 @@ class View(Commands):
             except SimulationDiverged as error:
                 self._failed(error)
             except (Exception, SystemExit) as error:  # also a script's: no request may end the view
-                self._notify(_message(error))
+                self._notify(checks.message(error, SimulationDiverged))
 
     def _advance(self) -> bool:
         """Simulate the frames that are due; return whether there were any."""
@@ -166,7 +160,7 @@ class View(Commands):
             with suppress(Exception):  # the recording itself may have failed
                 self._end_recording()
         self._pause(True)
-        self._notify(f"{_message(error)} — press r to restart")
+        self._notify(f"{checks.message(error, SimulationDiverged)} — press r to restart")
 
     def _frames_due(self, now: float) -> int:
         return int((now - self._clock) * self.source.fps * self.speed) - self._frames_taken

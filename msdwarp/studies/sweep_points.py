@@ -132,8 +132,7 @@ def _row(simulate: Simulate, folder: Path, keeps_files: bool) -> Row:
         except SimulationDiverged as error:
             row = {"status": DIVERGED, "message": str(error), "time_s": error.time}
         except Exception as error:  # scenes may raise any error
-            kind = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: "
-            row = {"status": FAILED, "message": f"{kind}{error}"}
+            row = {"status": FAILED, "message": checks.message(error)}
     if heard and row["status"] == DONE:
         row["message"] = "; ".join(dict.fromkeys(str(one.message) for one in heard))
     return row

@@ -49,7 +49,7 @@ class PrescribedMotion(Load):
         try:
             bound.pose(0.0)
         except Exception as error:
-            raise ValueError(f"motion has no place at 0 s: {error}") from error
+            raise ValueError(f"motion has no place at 0 s: {checks.message(error)}") from error
 
     def bound(self, system: System) -> "Driven":
         """Return the drive with particles, their initial positions and the centre taken from the initial state."""

@@ -36,7 +36,7 @@ def gravity_at(
         first: Any = gravity(float(times[0]))
         size = np.ndim(first) == 0
     except Exception as error:
-        raise ValueError(f"{name} has no value at {times[0]:g} s: {error}") from error
+        raise ValueError(f"{name} has no value at {times[0]:g} s: {checks.message(error)}") from error
     values = values_at(name, gravity, times, 1 if size else dim)
     if not size:
         return values

@@ -176,7 +176,8 @@ def values_at(name: str, given: ArrayLike | Any, times: NDArray[np.float64], wid
         try:
             values = sampled(given, times)
         except Exception as error:
-            raise ValueError(f"{name} has no value from {times[0]:g} s to {times[-1]:g} s: {error}") from error
+            span = f"from {times[0]:g} s to {times[-1]:g} s"
+            raise ValueError(f"{name} has no value {span}: {checks.message(error)}") from error
     if values.shape[1] != width:
         raise ValueError(f"{name} has {values.shape[1]} numbers; it must have {counted(width, 'number')}")
     wrong = ~checks.FINITE[0](values).all(axis=1)

@@ -53,7 +53,7 @@ def poses(
             each.append(pose(motion, centre, time))
             checks.within("displacement", each[-1][1], near)
         except Exception as error:
-            raise ValueError(f"{name} has no place at {time:g} s: {error}") from error
+            raise ValueError(f"{name} has no place at {time:g} s: {checks.message(error)}") from error
     return np.array([one[0] for one in each]), np.array([one[1] for one in each])
 
 

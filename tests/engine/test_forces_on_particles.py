@@ -181,6 +181,7 @@ def test_a_run_resumes_to_the_last_bit(device):
         (lambda: [Force((0.0, 0.0, 1.0), on="tail")], r"loads\[0\]\.on is 'tail'"),
         (lambda: [Force((0.0, 0.0, 1.0), on=[])], r"loads\[0\]\.on is \[\]; it must name one particle"),
         (lambda: [Force(lambda t: (0.0, 1 / 0, 0.0))], r"loads\[0\]\.force has no value .* division by zero"),
+        (lambda: [Force(lambda t: next(iter(())))], r"loads\[0\]\.force has no value .* s: StopIteration$"),
         (lambda: [Force(lambda t: (0.0, np.inf, 0.0))], r"loads\[0\]\.force is .*inf.* at 0 s; it must be finite"),
         (lambda: [Force((0, 0, 1), total="yes")], "total is 'yes'"),
         (lambda: [Force(towards_origin, total=True)], "acts on each particle by itself"),

@@ -52,7 +52,7 @@ class Colliders(FrameTables):
             try:
                 collider.pose(0.0, model.dim)
             except Exception as error:  # of its motion, before anything runs
-                raise ValueError(f"colliders[{k}] has no place at 0 s: {error}") from error
+                raise ValueError(f"colliders[{k}] has no place at 0 s: {checks.message(error)}") from error
         self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
         """Indices of the rigid obstacles among the scene's obstacles."""
         colliders = [colliders[k] for k in self._numbers]
