@@ -103,14 +103,6 @@ def _short(text: str) -> str:
     return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN // 2]} ... {text[-_MOST_SHOWN // 4 :]}"
 
 
-def own_function(name: str, function: Any, arguments: tuple[str, ...], returned: str) -> None:
-    """Raise ValueError unless a law is a generic `wp.func` of these arguments, for any scalar type."""
-    taken = getattr(getattr(function, "adj", None), "args", ())
-    if len(taken) != len(arguments) or any(one.type is not Any for one in taken):
-        signature = ", ".join(f"{one}: Any" for one in arguments)
-        raise ValueError(f"{name} is {repr_short(function)}; it must be a wp.func ({signature}) -> {returned}")
-
-
 def broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return `value` as a read-only float64 array of `shape`; a uniform value is stored once."""
     if isinstance(value, np.ndarray) and value.size and value.shape == shape and value.strides[:1] == (0,):

@@ -17,6 +17,7 @@ from .dampers import (
     QuadraticDamper as QuadraticDamper,
     UnknownDamper as UnknownDamper,
 )
+from .device_functions import check_types as check_types
 from .facets import Facets as Facets, facets_of as facets_of, open_edges as open_edges, sides_of as sides_of
 from .fields import (
     CONNECTION_FIELDS as CONNECTION_FIELDS,

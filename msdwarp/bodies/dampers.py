@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import checks
+from .device_functions import check_law
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class OwnDamper(Damper):
     steepest: float = 1.0  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        checks.own_function("function", self.function, ("strain", "rate", "damping"), "the force [N]")
+        check_law("function", self.function, ("strain", "rate", "damping"), "the force [N]")
         checks.positive("steepest", self.steepest)
 
     def __repr__(self) -> str:

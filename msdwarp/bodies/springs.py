@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import checks
+from .device_functions import check_law
 
 SpringLaw = tuple[str, *tuple[float, ...]]
 """Name of a law, then its parameters."""
@@ -121,7 +122,7 @@ class OwnSpring(Spring):
     function: Any = None
 
     def __post_init__(self) -> None:
-        checks.own_function("function", self.function, ("strain",), "the force over k l0")
+        check_law("function", self.function, ("strain",), "the force over k l0")
 
     def __repr__(self) -> str:
         return f"OwnSpring({self.function.key})"

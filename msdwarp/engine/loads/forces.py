@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
+from ...bodies import check_types
 from ...kernels.loads import (
     function_force,
     function_projection,
@@ -29,11 +31,11 @@ def forces_of_loads(model: Model, loads: Sequence[Load]) -> list[Effect]:
     named = [(f"loads[{k}].force", one) for k, one in enumerate(loads) if isinstance(one, Force)]
     steady = [(name, one) for name, one in named if not one.varies and not one.of_place]
     varying = [(name, one) for name, one in named if one.varies]
-    functions = [one for _, one in named if one.of_place]
+    functions = [(name, one) for name, one in named if one.of_place]
     effects: list[Effect] = [Steady(model, steady)] if steady else []
     effects += [Varying(model, varying)] if varying else []
     effects += [Weight(model, model.falling)] if model.falling is not None and not model.driven.all() else []
-    return effects + [ForceField(model, one, k) for k, one in enumerate(functions)]
+    return effects + [ForceField(model, name, one, k) for k, (name, one) in enumerate(functions)]
 
 
 def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -139,7 +141,9 @@ class Weight(StageTables):
 class ForceField(Effect):
     """A force that is a function of position, velocity and time, on the device."""
 
-    def __init__(self, model: Model, force: Force, number: int) -> None:
+    def __init__(self, model: Model, name: str, force: Force, number: int) -> None:
+        kinds = {"x": model.vector, "v": model.vector, "t": model.scalar, "i": wp.int32}
+        check_types(name, force.force, kinds, model.vector)
         self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)
         self._projected = function_projection(model.dim, model.scalar, force.force)
         self.data, self.members = self.piece.Data(), force.particles(model.system)

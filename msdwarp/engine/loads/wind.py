@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...bodies import check_types
 from ...kernels.loads import (
     projection_on_faces,
     projection_on_particles,
@@ -50,6 +51,8 @@ class WindEffect(StageTables):
             )
         function = self.function = winds[0][1].velocity if places else None
         """wp.func (x, t) -> velocity of the air [m/s]; None if the velocity is the same everywhere."""
+        if function is not None:
+            check_types(places[0], function, {"x": model.vector, "t": model.scalar}, model.vector)
         self.piece = piece = compose(model.dim, model.scalar, model.compensated, function, **how)
         self.data = piece.Data()
         for name in ("drag", "lift"):

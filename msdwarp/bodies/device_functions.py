@@ -1,0 +1,41 @@
+"""Checks of users' functions that are compiled into kernels (`wp.func`)."""
+
+from typing import Any
+
+from .. import checks
+
+
+def check_law(name: str, function: Any, arguments: tuple[str, ...], returned: str) -> None:
+    """Raise ValueError unless a law is a generic `wp.func` of these arguments, for any scalar type."""
+    taken = getattr(getattr(function, "adj", None), "args", ())
+    if len(taken) != len(arguments) or any(one.type is not Any for one in taken):
+        signature = ", ".join(f"{one}: Any" for one in arguments)
+        raise ValueError(
+            f"{name} is {checks.repr_short(function)}; it must be a wp.func ({signature}) -> {returned}"
+        )
+    import warp as wp
+
+    for scalar in (wp.float32, wp.float64):
+        check_types(name, function, dict.fromkeys(arguments, scalar), scalar)
+
+
+def check_types(name: str, function: Any, arguments: dict[str, type], returned: type) -> None:
+    """Raise ValueError unless a `wp.func` can be compiled for these types of arguments, and returns `returned`."""
+    from warp.types import type_repr, types_equal
+
+    taken = ", ".join(f"{one}: {type_repr(kind)}" for one, kind in arguments.items())
+    overload = function.get_overload(list(arguments.values()), {})
+    if overload is None:
+        own = ", ".join(function.adj.arg_types)
+        raise ValueError(
+            f"{name} is {function.key}({own}); it must be a wp.func ({taken}), or one of arguments annotated Any"
+        )
+    try:
+        overload.build(None)
+    except Exception as error:  # Warp raises errors of its own, and passes on those of the function's expressions
+        reason = error.args[0] if error.args else checks.message(error)
+        raise ValueError(f"{name} cannot be compiled for ({taken}): {reason}") from error
+    given = [type_repr(one.type) for one in overload.adj.return_var or ()]
+    if len(given) != 1 or not types_equal(overload.adj.return_var[0].type, returned):
+        is_given = ", ".join(given) or "nothing"
+        raise ValueError(f"{name} returns {is_given} for ({taken}); it must return {type_repr(returned)}")
