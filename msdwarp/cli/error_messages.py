@@ -90,12 +90,12 @@ def remember_script(script: Path) -> None:
     _folders.add(script.resolve().parent)
 
 
-def user_message(error: Exception) -> str | None:
+def user_message(error: BaseException) -> str | None:
     """Return the message of an error in the user's code, with file and line.
 
     None if msdwarp or another library raised the error: the error's own message is then enough.
     """
-    root: BaseException = error
+    root = error
     while isinstance(root.__cause__, Exception):
         root = root.__cause__
     if isinstance(root, SyntaxError) and root.filename and _is_users(root.filename):
@@ -112,7 +112,7 @@ def user_message(error: Exception) -> str | None:
 def _is_users(filename: str) -> bool:
     path = Path(filename).resolve()
     ours = path.is_relative_to(_PACKAGE) or "site-packages" in path.parts
-    return not ours and any(path.is_relative_to(folder) for folder in _folders)
+    return path.is_file() and not ours and any(path.is_relative_to(folder) for folder in _folders)
 
 
 def _shown(filename: str) -> str:

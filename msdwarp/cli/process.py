@@ -60,7 +60,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
 
     Unknown flags are such errors.
     """
-    from .error_messages import message_of, printable, printable_lines
+    from .error_messages import message_of, printable, printable_lines, user_message
 
     for number in heard(*signals.ALL):
         signal.signal(number, signals.ask)
@@ -77,6 +77,11 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     except Exception as error:
         text = message_of(error)
         if text is None:
+            raise
+        print(f"error: {printable_lines(text)}", file=sys.stderr)
+        code = 1
+    except SystemExit as end:
+        if (text := user_message(end)) is None:  # of a message or of --help
             raise
         print(f"error: {printable_lines(text)}", file=sys.stderr)
         code = 1

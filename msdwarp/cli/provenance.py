@@ -200,7 +200,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             yield repr(("release", np.asarray(change.unpin).tolist())).encode()
         if change.gravity is not None:
             yield gravity_at(change.gravity, np.linspace(change.time, scene.duration, 9), dim).tobytes()
-        changed = change.applied_to(scene.system)
+        changed = change.foreseen.applied_to(scene.system)
         for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()
 

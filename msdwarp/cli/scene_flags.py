@@ -42,7 +42,10 @@ def flags_app(origin: Origin, command: str, options_type: type) -> App:
         return origin._replace(parameters=parameters), options
 
     keyword = inspect.Parameter.KEYWORD_ONLY
-    own = inspect.signature(origin.build, eval_str=True).parameters
+    try:
+        own = inspect.signature(origin.build, eval_str=True).parameters
+    except Exception as error:
+        raise ValueError(f"build of scene {origin.name!r} has a wrong annotation: {error}") from error
     if clash := own.keys() & flattened(asdict(defaults)).keys():
         raise ValueError(
             f"build of scene {origin.name!r} has parameters with the names of common flags: {sorted(clash)}"

@@ -33,6 +33,7 @@ def test_a_script_takes_no_module_s_place(msdwarp, tmp_path, name):
             4,
             "division by zero",
         ),
+        ("def build():\n    raise SystemExit(0)\n", 4, "SystemExit: 0"),
         (
             "def build():\n    stiffer = at(0.0, stiffness=lambda k: k.none)\n"
             "    return Scene(system=box((2, 2, 2), 0.1), schedule=[stiffer])\n",
@@ -48,6 +49,12 @@ def test_a_mistake_in_a_script_is_told_by_its_line(msdwarp, tmp_path, script, li
     assert err.startswith(f"error: own.py, line {line}: ")
     assert said in err
     assert err.count("\n") == 1
+
+
+def test_a_wrong_annotation_is_told(msdwarp, tmp_path):
+    (tmp_path / "own.py").write_text('def build(*, size: "Nobody" = 3):\n    return None\n')
+    code, _, err = msdwarp("run", "own.py", *UNDRAWN)
+    assert (code, err) == (1, "error: build of scene 'own' has a wrong annotation: name 'Nobody' is not defined\n")
 
 
 def test_what_explains_itself_is_told_as_it_is(msdwarp, tmp_path):
