@@ -3,4 +3,9 @@
 from .machine import cores as cores, find_device as find_device
 from .messages import start_warp as start_warp, verbose as verbose
 from .recording import CAPTURE_LOCK as CAPTURE_LOCK, record as record
-from .turns import ReleasedInTurn as ReleasedInTurn, completing as completing, in_turn as in_turn
+from .turns import (
+    ReleasedInTurn as ReleasedInTurn,
+    completing as completing,
+    exclusive as exclusive,
+    in_turn as in_turn,
+)

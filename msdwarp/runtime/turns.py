@@ -44,6 +44,29 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
     return taking_turns
 
 
+def exclusive(method: Callable[P, T]) -> Callable[P, T]:
+    """Return a method that takes a turn; RuntimeError if its object is within another such method.
+
+    A function of time, a finalizer or a signal's handler could call one while a frame is half done.
+    """
+
+    @in_turn
+    @functools.wraps(method)
+    def alone(*args: P.args, **kwargs: P.kwargs) -> T:
+        own: dict[str, Any] = args[0].__dict__
+        if busy := own.get("_busy"):
+            raise RuntimeError(
+                f"{method.__name__} is called within {busy}, as by a function of time; call it afterwards"
+            )
+        try:
+            own["_busy"] = method.__name__
+            return method(*args, **kwargs)
+        finally:
+            own["_busy"] = None
+
+    return alone
+
+
 @contextlib.contextmanager
 def completing() -> Iterator[list[int]]:
     """Complete a block before Ctrl-C raises KeyboardInterrupt, so that no frame is left half done.

@@ -39,7 +39,7 @@ def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) 
     """Return changes sorted by time; raise ValueError if one cannot be applied to this system and these loads."""
     changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
     for change in changes:
-        change.applied_to(system)  # raise before anything runs
+        change.foreseen.applied_to(system)  # raise before anything runs
     changes = sorted(changes, key=lambda change: change.time)
     for change in changes:
         loads = change.released_from(loads, system)

@@ -12,7 +12,7 @@ from .. import checks
 from ..bodies import LINEAR_SPRING, System
 from ..engine import Assembly, State, assemble, caught, resists, starting_state
 from ..integrators import Integrator, UnstableStep
-from ..runtime import completing, in_turn
+from ..runtime import completing, exclusive
 from ..world import (
     Change,
     Collider,
@@ -75,6 +75,8 @@ class Changing(PresentWorld):
             self._apply(self._due[0])
         except UnstableStep as error:
             raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
+        except ValueError as error:
+            raise ValueError(f"the change at {self._due[0].time:g} s cannot be made: {error}") from error
         del self._due[0]  # removed only after the change has succeeded
 
     def _restore_contact(self, arrays: Mapping[str, NDArray]) -> None:
@@ -97,7 +99,7 @@ class Changing(PresentWorld):
     def _update_choice(self) -> None:
         """Choose the substeps for the current state."""
 
-    @in_turn
+    @exclusive
     def change(
         self,
         *,
@@ -170,7 +172,7 @@ class Changing(PresentWorld):
             contact = tuple(one for one in self._active_loads if isinstance(one, Contact))
         self._replace_loads(given if contact is None else with_contact(given, contact))
 
-    @in_turn
+    @exclusive
     def settle(self, tolerance: float | None = None, *, substeps: int = 200_000) -> Settled:
         """Move the system to static equilibrium, where it stays at rest; the time does not change.
 

@@ -14,7 +14,7 @@ from .. import checks
 from ..bodies import System
 from ..engine import Assembly, Dynamics, State, WorldStatus, assemble_worlds, starting_state, world_rates
 from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
-from ..runtime import completing, in_turn
+from ..runtime import completing, exclusive, in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
 from .arguments import frame_count
 from .changing import check_supports_contact
@@ -154,7 +154,7 @@ class Ensemble(Differentiable):
         }
         self.reset()
 
-    @in_turn
+    @exclusive
     def reset(self) -> None:
         """Go back to the start."""
         self.frame_index = 0
@@ -180,7 +180,7 @@ class Ensemble(Differentiable):
         blocks = self.stepping.stepper.blocks
         return None if blocks is None else blocks[1]
 
-    @in_turn
+    @exclusive
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one or more frames."""
         with completing() as interrupted:

@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .. import checks
+from ..bodies import check_types
 from ..engine import GroupMeans, Sensors, measure
 from ..runtime import in_turn
 from ..world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, FRAME, POSITION, UNITS, VELOCITY, Probe
@@ -63,7 +64,13 @@ class Observation:
     @in_turn
     def look(self) -> None:
         """Append the current value."""
-        self.values.append(np.asarray(self._measure()))
+        value = np.asarray(self._measure())
+        if self.values and value.shape != self.values[0].shape:
+            raise ValueError(
+                f"observe[{self.name!r}] returned shape {value.shape}, and {self.values[0].shape} before; it must "
+                "always be the same"
+            )
+        self.values.append(value)
 
     def variable(self) -> tuple[tuple[str, ...], NDArray, dict[str, str]]:
         """Return (dimensions, values, attributes) as xarray takes them."""
@@ -101,6 +108,9 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
         axes = ("axis",) if what.what in (POSITION, VELOCITY, FORCE) else ()
         return Observation(name, axes, UNITS[what.what], measured)
     if isinstance(what, GroupMean):
+        wide = wp.types.vector(model.dim, wp.float64)
+        result: Any = wp.types.vector(what.width, wp.float64) if what.width else wp.float64
+        check_types("function", what.function, {"x": wide, "v": wide, "i": wp.int32}, result)
         chosen = Probe(slice(None) if what.on is None else what.on, POSITION).particles(model.system)
         means = GroupMeans(model, what.function, chosen, what.width)
 
@@ -113,7 +123,15 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
 
         def of_frame() -> NDArray:
             _, position, velocity = ensemble.frame()
-            values = np.asarray(what(position, velocity))
+            given = what(position, velocity)
+            try:
+                values = np.asarray(given)
+            except ValueError:  # its rows differ in length
+                values = np.asarray(None)
+            if values.dtype.kind not in "biufc":
+                raise ValueError(
+                    f"observe[{name!r}] returned {checks.repr_short(given)}; it must be numbers in an array"
+                )
             if values.shape[:1] != (ensemble.worlds,):
                 raise ValueError(
                     f"observe[{name!r}] returned shape {values.shape}; the first axis must be that of the "

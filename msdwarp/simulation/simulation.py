@@ -23,7 +23,7 @@ from ..engine import (
     warn_of_start,
 )
 from ..integrators import SAFETY, Integrator, StepChoice, choose_forced
-from ..runtime import completing, in_turn
+from ..runtime import completing, exclusive, in_turn
 from ..world import (
     Change,
     Collider,
@@ -209,7 +209,7 @@ class Simulation(Changing, Differentiable):
             f"  at {self.time:.4g} s, frame {self.frame_index}>"
         )
 
-    @in_turn
+    @exclusive
     def reset(self) -> None:
         """Go back to time 0, with the initial state and parameters."""
         self.frame_index = 0
@@ -248,7 +248,7 @@ class Simulation(Changing, Differentiable):
         if controller is not None:
             controller.begin(self.stepping, above)
 
-    @in_turn
+    @exclusive
     def step(self, frames: int = 1) -> None:
         """Advance by one or more frames.
 
@@ -358,7 +358,7 @@ class Simulation(Changing, Differentiable):
         own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.substep_history]}
         return arrays, own | numbers | (self._step_controller.saved() if self._step_controller is not None else {})
 
-    @in_turn
+    @exclusive
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
         """Go to a checkpoint of a simulation made with the same arguments.
 

@@ -152,7 +152,7 @@ def system_in(trajectory: Trajectory, k: int, schedule: Sequence[Change] = ()) -
     system = start = trajectory.system
     frame = trajectory.frame(k)
     for change in changes_made(trajectory, k, schedule):
-        system = change.applied_to(system)
+        system = change.foreseen.applied_to(system)
     system = system.replace(position=frame.position, velocity=frame.velocity)
     if start.tears:
         broken_at = trajectory.broken_at

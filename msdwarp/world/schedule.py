@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,14 @@ class Change:
         others = self.set_rest_shape or self.unpin is not None or self.gravity is not None
         return not others and set(self.parameters) == {"velocity"}
 
+    @property
+    def foreseen(self) -> Change:
+        """The change without a function of velocities, which are known only once the run is there."""
+        known = {
+            name: value for name, value in self.parameters.items() if name != "velocity" or not callable(value)
+        }
+        return self if len(known) == len(self.parameters) else replace(self, parameters=known)
+
     def is_due(self, frame_index: int, fps: float) -> bool:
         """Return whether the change is due after `frame_index` frames, with `fps` frames per second.
 
@@ -86,7 +94,7 @@ class Change:
         for name, value in values.items():
             old = getattr(system, name)
             where = chosen if name in OF_PARTICLES else joined
-            new: Any = value(old[where]) if callable(value) else value
+            new: Any = checks.array(name, value(old[where]) if callable(value) else value)
             fields[name] = new
             if not where.all():
                 fields[name] = np.array(old)

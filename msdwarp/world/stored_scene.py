@@ -139,7 +139,8 @@ def _collider(described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Co
 
 def _schedule_as_stored(scene: Scene, arrays: dict[str, NDArray]) -> list[dict[str, Any]]:
     system, found = scene.system, []
-    for k, change in enumerate(sorted(scene.schedule, key=lambda change: change.time)):
+    changes = sorted((change.foreseen for change in scene.schedule), key=lambda change: change.time)
+    for k, change in enumerate(changes):
         particles, connections = change.chosen(system)
         system = change.applied_to(system)
         one = {"time": change.time, "freeze": change.set_rest_shape, "parameters": sorted(change.parameters)}

@@ -1,0 +1,98 @@
+"""Functions that a simulation calls: those that call back, return nothing, or depend on a state of the run."""
+
+import re
+
+import numpy as np
+import pytest
+
+from msdwarp import Ensemble, Plane, Scene, Simulation, System, at, box
+
+BODY = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.1).translate((0.0, 0.0, 0.2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda one: one.step(),
+        lambda one: one.change(stiffness=100.0),
+        lambda one: one.settle(),
+        lambda one: one.reset(),
+        lambda one: one.restore(*one.checkpoint()),
+    ],
+    ids=["step", "change", "settle", "reset", "restore"],
+)
+def test_a_function_of_time_cannot_call_back(call):
+    # A step within a step gave a frame more, and a change was lost, without a word.
+    heals = []
+
+    def gravity(t):
+        if t > 0.03 and not heals:
+            call(simulation)
+        return (0.0, 0.0, -9.82)
+
+    simulation = Simulation(BODY, gravity=gravity, colliders=[Plane()], device="cpu")
+    usual = Simulation(BODY, gravity=lambda t: (0.0, 0.0, -9.82), colliders=[Plane()], device="cpu")
+    with pytest.raises(ValueError, match=r"gravity has no value .* RuntimeError: \w+ is called within step"):
+        simulation.step(9)
+    heals.append(True)
+    assert simulation.frame_index < 9
+    simulation.step(9 - simulation.frame_index)
+    usual.step(9)
+    np.testing.assert_array_equal(simulation.frame().position, usual.frame().position)
+    simulation.change(stiffness=100.0)  # afterwards it may be called
+    assert (simulation.system.stiffness == 100.0).all()
+
+
+def test_worlds_cannot_be_stepped_within_a_step():
+    def gravity(t):
+        if t > 0.03:
+            worlds.step()
+        return (0.0, 0.0, -9.82)
+
+    worlds = Ensemble(Scene(system=BODY, gravity=gravity), 2, device="cpu")
+    with pytest.raises(ValueError, match="RuntimeError: step is called within step"):
+        worlds.step(9)
+
+
+@pytest.mark.parametrize("name", ["rest_length", "stiffness", "mass"])
+def test_a_function_that_returns_nothing_is_refused(name):
+    simulation = Simulation(BODY, device="cpu")
+    simulation.step(3)
+    before = getattr(simulation.system, name).copy()
+    with pytest.raises(ValueError, match=f"{name} must be an array of numbers, not None"):
+        simulation.change(**{name: lambda old: None})
+    np.testing.assert_array_equal(getattr(simulation.system, name), before)
+
+
+def test_a_function_of_velocities_is_called_when_its_time_has_come():
+    # At the start the body is at rest, and has no direction.
+    def faster(v):
+        return 2.0 * v / np.linalg.norm(v, axis=1, keepdims=True)
+
+    simulation = Simulation(BODY, schedule=[at(0.05, velocity=faster)], precision="float64", device="cpu")
+    simulation.step(3)
+    simulation._apply_scheduled_change()
+    speed = np.linalg.norm(simulation.frame().velocity, axis=1)
+    np.testing.assert_allclose(speed, 2.0, rtol=1e-9)  # shifted to the time of the positions and back: rounding
+    lonely = System(position=np.zeros((1, 3)), mass=[1.0])
+    resting = Simulation(lonely, gravity=0.0, schedule=[at(0.05, velocity=faster)], device="cpu")
+    message = re.escape("the change at 0.05 s cannot be made: velocity[0, 0] is nan")
+    with np.errstate(invalid="ignore"), pytest.raises(ValueError, match=message):
+        resting.step(9)
+    assert resting.frame_index == 3
+
+
+@pytest.mark.parametrize("given", [[[1.0], [1.0, 2.0]], "ab", None, [None, None]])
+def test_what_is_observed_must_be_numbers(given):
+    worlds = Ensemble(Scene(system=BODY), 2, device="cpu")
+    with pytest.raises(ValueError, match=r"observe\['q'\] returned .*; it must be numbers in an array"):
+        worlds.run(0.05, observe={"q": lambda x, v: given})
+
+
+def test_what_is_observed_keeps_its_shape():
+    shapes = iter([(2,), (2, 1), (2, 1)])
+    worlds = Ensemble(Scene(system=BODY), 2, device="cpu")
+    message = re.escape("observe['q'] returned shape (2, 1), and (2,) before; it must always be the same")
+    with pytest.raises(ValueError, match=message):
+        worlds.run(0.05, observe={"q": lambda x, v: np.zeros(next(shapes))})
