@@ -58,6 +58,7 @@ def within(name):
     return [(item, room) for item, room in found if room != module.room]
 
 
+@pytest.mark.slow
 def test_reading_imports():
     # The reader itself, on every form that an import can take.
     source = """

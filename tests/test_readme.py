@@ -108,6 +108,7 @@ def test_the_examples_of_pictures_run(capsys):
     assert names["image"].std() > 5  # not blank
 
 
+@pytest.mark.slow
 def test_the_example_of_loads_runs(capsys):
     names = run("docs/loads.md")
     assert "work of the loads" in capsys.readouterr().out

@@ -156,6 +156,7 @@ def settled(system: System, device: str, material: Material) -> np.ndarray:
     return last.position
 
 
+@pytest.mark.slow
 def test_a_simulated_chain_hangs_as_the_textbook_says(device):
     material = Material(1000.0, 1e6, 1.0)
     count = 9
@@ -166,6 +167,7 @@ def test_a_simulated_chain_hangs_as_the_textbook_says(device):
     assert np.ptp(x[:, 2]) - 1 == pytest.approx(1000.0 * 9.82 / (2 * 1e6), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_simulated_bar_hangs_as_the_textbook_says(device):
     material = Material(1000.0, 1e9, 1.0)
     system = box((2, 2, 9), 1 / 8, material=material)

@@ -65,6 +65,7 @@ def resistance(law: Damper, rate: np.ndarray) -> np.ndarray:
     return rate
 
 
+@pytest.mark.slow
 @every_integrator
 def test_quadratic_drag_slows_by_its_law(device, integrator, order):
     # v' = −(b/m) v²: v = v0 / (1 + b v0 t/m), here 2/(1 + 2.4).
@@ -76,6 +77,7 @@ def test_quadratic_drag_slows_by_its_law(device, integrator, order):
     assert math.log2(abs(coarse / fine)) == pytest.approx(order, abs=0.25)  # with 0.1 and 0.2, not yet nothing
 
 
+@pytest.mark.slow
 def test_quadratic_drag_is_linear_above_its_most_speed(device):
     # Down to s exponentially at the rate b s/m, from then on by the law.
     b, m, s, v = 0.6, 0.5, 0.7, 2.0
@@ -111,6 +113,7 @@ def test_dry_friction_is_viscous_below_its_sliding_speed(device):
     assert found == pytest.approx(s * math.exp(-rate), abs=bend)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [QuadraticDamper(1.0), CoulombDamper(0.5)], ids=str)
 def test_the_implicit_method_converges_for_every_law(device, law):
     system = sliding(law, b=0.6, speed=2.0)
@@ -138,6 +141,7 @@ def test_dry_friction_takes_its_share_of_every_swing(device, integrator):
         assert found == pytest.approx(amplitude, abs=n * 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force_algorithm", ["scatter", "gather", "stencil"])
 @every_law
 @pytest.mark.each_value

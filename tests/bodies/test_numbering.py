@@ -44,6 +44,7 @@ def test_what_joins_second_neighbours_is_known_by_another_number():
     assert Simulation(other, device="cpu").model.force_algorithm in ("scatter", "gather")
 
 
+@pytest.mark.slow
 def test_a_renumbered_body_moves_as_before():
     body = tangle(3, 65, ("stiffness",), damped=True)
     order = space_filling_order(body.position)

@@ -16,6 +16,7 @@ QUICK = [("leapfrog", "float32")]
 EACH = [*QUICK, ("rk4", "float32-compensated")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "precision"),
     [pytest.param(*one, marks=[] if one in QUICK else pytest.mark.slow) for one in EACH],

@@ -81,6 +81,7 @@ def test_a_muscle_is_a_forced_oscillator(method, order, plain_device):
     assert errors[1] < {1: 0.02, 2: 1e-3, 4: 1e-7}[order] * LENGTH
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.each_value
@@ -117,6 +118,7 @@ def test_a_held_muscle_is_another_rest_length_by_every_route(plain_device, metho
         np.testing.assert_allclose(simulation.frame().position, other.frame().position, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_compensated_sums_have_it_too(device):
     # At 400 m float32 has 3e-5 m between numbers; what positions have lost makes strains right all the same.
     body = jelly()

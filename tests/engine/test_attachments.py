@@ -25,6 +25,7 @@ def options(device, **more):
     return {"gravity": 0.0, "precision": "float64", "fps": 10.0, "substeps": 60, "device": device, **more}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.each_value
@@ -63,6 +64,7 @@ def test_by_default_particles_are_held_where_they_are(plain_device):
     assert sunk == pytest.approx(-9.0 / K * (1 - math.cos(OMEGA * 0.5)), abs=0.25 * 3 * 0.01**4 / 120 + 1e-12)
 
 
+@pytest.mark.slow
 def test_one_with_a_rest_length_is_a_connection_to_a_pinned_particle(device):
     load = Attachment([0], (0.0, 0.0, 0.0), stiffness=K, damping=2.0, rest_length=3.0)
     rod = System(
@@ -96,6 +98,7 @@ def test_now_is_the_distance_at_the_start(plain_device):
 SPEED = np.array([1.0, -2.0, 0.5])
 
 
+@pytest.mark.slow
 def test_what_is_attached_to_steady_motion_moves_as_at_rest_in_its_frame(plain_device):
     # Galileo: a point at constant velocity is a point at rest, seen from beside it; the damper too.
     carrier = Sphere((5.0, 0, 0), 0.1, motion=lambda t: SPEED * t)
@@ -151,6 +154,7 @@ def test_a_turning_collider_carries_what_is_attached(device):
     np.testing.assert_allclose(simulation.frame().position[0], centre + away * turned, rtol=0, atol=3e-7)
 
 
+@pytest.mark.slow
 def test_to_a_collider_means_where_particles_are(device):
     # All of a body glued to a plate that shoves it: it goes along, and no spring is stretched at the start.
     body = box((2, 2, 2), 0.1, mass=0.01, stiffness=40.0).named("jelly")
@@ -223,6 +227,7 @@ def held_box(device, **more):
     return Simulation(body, loads=loads, integrator=Leapfrog(), device=device, **more)
 
 
+@pytest.mark.slow
 def test_a_run_resumes_to_the_last_bit(device):
     whole, first, rest = (held_box(device, force_algorithm="gather", substeps=30) for _ in range(3))
     whole.step(9)

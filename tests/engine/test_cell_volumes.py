@@ -66,6 +66,7 @@ def test_repeated_corners_make_a_tetrahedron_and_a_wedge():
     assert cells.volumes(x) == pytest.approx([4.0, 12.0], rel=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "precision", "ratio"),
     [
@@ -91,6 +92,7 @@ def test_forces_are_the_slope_of_the_energy(device, name, precision, ratio):
     assert np.abs(volumes.forces(system, system.position, system.velocity)).max() > 0.05 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("precision", "ratio"), [("float64", 0.1), ("float64", 0.45), ("float32-compensated", 0.45)]
 )
@@ -170,6 +172,7 @@ def test_a_ratio_that_springs_have_needs_no_cells():
     assert box((3, 3, 3), 0.1, material=STUFF).cells is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "ratio"), [("solid", 0.1), ("both", 0.45), ("flat", 0.45)])
 def test_energy_and_power_are_those_of_the_cells(plain_device, name, ratio):
     system = thrown(bodies(ratio)[name], 0.01)
@@ -247,6 +250,7 @@ def test_one_launch_of_a_frame_does_what_a_launch_of_each_stage_does(device, nam
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=0 if device == "cpu" else 1e-5 * moved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.1, 0.45])
 def test_leapfrog_keeps_the_energy_of_a_bar_that_swings(plain_device, ratio):
     system = box((7, 3, 3), 0.1, material=of_ratio(ratio, damping_ratio=0.0))
@@ -276,6 +280,7 @@ def test_a_bar_swings_for_ten_seconds_and_keeps_its_energy(plain_device, ratio):
     np.testing.assert_allclose(energies, start, rtol=1.5e-3)
 
 
+@pytest.mark.slow
 def test_automatic_steps_are_enough_where_a_body_is_squeezed():
     # A bound of the state at rest would let energy grow by a fifth.
     system = box((7, 3, 3), 0.1, material=of_ratio(0.45, damping_ratio=0.0))

@@ -86,6 +86,7 @@ def test_normals_are_gradients_of_distances(dim, p):
     np.testing.assert_allclose(slopes.mean(axis=0)[smooth], n[smooth], rtol=0, atol=1e-9 + 4 * EPS64 / step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 def test_alone_a_solid_is_as_among_others(dim):
     x = np.random.default_rng(dim).uniform(-1.2, 1.2, (50, dim))

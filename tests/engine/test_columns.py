@@ -42,6 +42,7 @@ LAYERED = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 2.0])
 @pytest.mark.parametrize("name", LAYERED)
 @pytest.mark.each_value
@@ -54,6 +55,7 @@ def test_forces_in_columns(plain_device, in_columns, name, damping):
     assert_forces_are_right(system, plain_device, "float64", "stencil")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(3, 4, 2), (3, 4, 3), (4, 3, 6), (2, 2, 9)])
 @pytest.mark.parametrize("precision", [pytest.param("float32", marks=pytest.mark.slow), "float32-compensated"])
 @pytest.mark.each_value
@@ -101,6 +103,7 @@ def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_co
     assert_forces_are_right(skewed(), plain_device, "float64", "stencil")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["chain", "ball", "two unlike boxes", "two kinds of one shape"])
 def test_lattices_without_layers_have_no_columns(in_columns, name):
     assert_forces_are_right(moving(lattices(2.0)[name]), "cpu", "float64", "stencil")

@@ -67,6 +67,7 @@ def test_blocks_at_rest_bear_what_lies_on_them(device):
     np.testing.assert_allclose(force[:27].sum(axis=0), told["floor"], **rounded)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog(), RK4(), LinearlyImplicitEuler()], ids=str)
 def test_touch_impulses_are_what_momentum_lacks(plain_device, method):
     # p' − p = ∫ f dt for each of two blocks that collide in free flight: every method adds up h f, by its weights.

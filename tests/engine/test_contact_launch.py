@@ -40,6 +40,7 @@ def test_one_launch_equals_many(plain_device, monkeypatch):
     np.testing.assert_array_equal(one, many)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 2])
 def test_what_the_device_decides_holds_for_all_threads(threads):
     # Threads of the CPU leave out a search together, or make it together.

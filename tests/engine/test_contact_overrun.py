@@ -6,6 +6,7 @@ import pytest
 from msdwarp import Contact, Simulation, SimulationDiverged, System, box
 
 
+@pytest.mark.slow
 def test_particles_that_touch_each_other_need_a_thickness():
     def grains(count: int) -> System:
         position = np.arange(3.0 * count).reshape(-1, 3)

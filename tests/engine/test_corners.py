@@ -25,6 +25,7 @@ def body(place, **changes) -> System:
 # What starts inside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "colliders", "lifted"),
     [
@@ -88,6 +89,7 @@ def test_a_wedge_holds_whatever_its_angle(plain_device, angle, friction, order):
     assert np.linalg.norm(simulation.frame().velocity) < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("block", [BLOCK, Cone((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.25, **F)], ids=["box", "cone"])

@@ -137,6 +137,7 @@ def check_momentum(simulation: Simulation, frames: int = 6) -> float:
 
 
 # At 4 m/s impulses suffice. The last is twice as fast as sound in what it crushes.
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "bricks", "held"), [(4.0, 2, False), (8.0, 4, True), (50.0, 4, True)])
 def test_a_heavy_block_that_crushes_light_ones_keeps_its_momentum(plain_device, speed, bricks, held):
     furthest = check_momentum(crush(plain_device, speed, bricks), 3 if speed > 40 else 6)
@@ -212,6 +213,7 @@ def test_what_crosses_at_the_start_is_left_out_until_it_is_apart():
     simulation.step(60)
 
 
+@pytest.mark.slow
 def test_what_goes_around_the_border_is_let_go(device):
     # It slides off the sheet, whose border is at 0.35 m, and falls.
     grain = grains(np.array([[0.33, 0.02, THICKNESS]]), np.array([[1.0, 0.0, 0.0]]))
@@ -298,6 +300,7 @@ def test_a_folded_strip_does_not_depend_on_lists(monkeypatch):
     np.testing.assert_array_equal(folded(), expected)
 
 
+@pytest.mark.slow
 def test_each_world_is_as_if_it_were_alone(plain_device):
     rules = [Contact(thickness=THICKNESS, stiffness=STIFFNESS, restitution=1.0, friction=0.0)]
     x = np.array([[0.01, 0.02, 1.5 * THICKNESS]])
@@ -332,6 +335,7 @@ def test_a_grain_lies_on_a_sheet_that_hangs():
     assert middle.min() < x[-1, 2] < middle.max() + 2 * THICKNESS
 
 
+@pytest.mark.slow
 def test_a_driven_end_that_meets_a_wall_of_cloth_is_held_back_and_told():
     # It is moved by 0.3 m within a frame, through a sheet that is held everywhere.
     moved = chain(3, 0.05, mass=0.01, stiffness=400.0).rotate(np.pi / 2, axis=(1, 0, 0))

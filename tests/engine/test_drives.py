@@ -31,6 +31,7 @@ def body() -> System:
     return box((3, 2, 2), spacing=0.2, mass=0.1, stiffness=80.0, damping=0.6).named("body")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "precision"),
     [
@@ -162,6 +163,7 @@ def test_a_turn_is_about_the_centre_and_its_speed_is_told(plain_device, method):
         np.testing.assert_allclose(simulation.frame().velocity, velocity, rtol=0, atol=error + 1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS[1::2], ids=str)
 def test_released_particles_go_on_as_they_went(plain_device, method):
     # With the speed of the motion then, and the mass they have: a free throw.
@@ -221,6 +223,7 @@ def test_a_run_resumes_to_the_last_bit(device, first, precision):
     np.testing.assert_array_equal(again.frame().position, whole.frame().position)
 
 
+@pytest.mark.slow
 def test_obstacles_do_not_stop_what_is_driven(device):
     floor = Plane(restitution=0.0)
     drive = PrescribedMotion([0], lambda t: (0 * t, 0 * t, -t))
@@ -292,6 +295,7 @@ def test_a_motion_that_fails_on_the_way_is_named(device):
     assert simulation.frame_index == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [1, 3])
 def test_a_drive_without_motion_holds_until_it_is_released(dim):
     rope = chain(3, 0.5, dim=dim).named("rope")

@@ -102,6 +102,7 @@ def test_its_force_acts(with_anchors, device, dim, method, blocks):
     )
 
 
+@pytest.mark.slow
 def test_columns_of_a_lattice_feel_it(with_anchors, monkeypatch, plain_device):
     from msdwarp.engine.stepping import per_stage
 
@@ -171,6 +172,7 @@ def test_it_is_told_what_begins(with_anchors):
     assert told == [("begin", 3, pytest.approx(1 / 150)), ("frame", 0.0), ("frame", pytest.approx(0.02))]
 
 
+@pytest.mark.slow
 def test_effects_act_side_by_side(with_anchors, device):
     # A chain that yields, lies on a floor, and is anchored: each does what it does alone.
     body = chain(4, 0.5, mass=1.0, stiffness=900.0, damping=5.0).replace(yield_strain=0.01, relaxation_time=0.0)

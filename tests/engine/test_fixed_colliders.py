@@ -47,6 +47,7 @@ flat_top = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @every_top
 @every_step
 def test_bounces_return_e_squared_of_the_height(device, top, h):
@@ -230,6 +231,7 @@ def room(**coefficients) -> list[Collider]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [SymplecticEuler(), RK4()], ids=str)
 def test_energy_never_rises_among_solids(device, integrator):
     rng = np.random.default_rng(6)
@@ -258,6 +260,7 @@ def test_energy_never_rises_among_solids(device, integrator):
     assert depth.min() > -6.0 * h
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
 @pytest.mark.each_value

@@ -50,6 +50,7 @@ def test_forces_of_a_lattice(plain_device, name, damping, force_algorithm):
     assert_forces_are_right(moving(lattices(damping)[name]), plain_device, "float64", force_algorithm)
 
 
+@pytest.mark.slow
 def test_stencils_of_equally_many_rows_are_not_taken_for_one(plain_device):
     cube, cloth = box((3, 3, 3)), sheet((4, 4)).translate((9, 0, 0))
     for system in (cube + cloth, cloth + cube):  # the directions in another order

@@ -50,6 +50,7 @@ def test_a_constant_force_accelerates(plain_device, dim, blocks):
     np.testing.assert_allclose(simulation.frame().velocity, 2 * expected, rtol=0, atol=100 * 20 * EPS64)
 
 
+@pytest.mark.slow
 def test_forces_add_up_and_can_be_shared(plain_device):
     loads = [
         Force((1.0, 0.0, 0.0), on=[0]),
@@ -156,6 +157,7 @@ def test_a_scene_without_loads_has_nothing_of_them(plain_device):
     assert not {"effect_mask", "stage", "time", "work"} & set(plain.scene._cls.vars)
 
 
+@pytest.mark.slow
 def test_a_run_resumes_to_the_last_bit(device):
     def make():
         loads = [Force(lambda t: (math.sin(7 * t), 0, 0.1), on=[0, 1])]

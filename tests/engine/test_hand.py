@@ -14,6 +14,7 @@ def moved(loads, *, precision="float32", device="cpu", **options):
     return Simulation(CUBE, loads=loads, **how)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32-compensated", "float64"])
 def test_a_hand_holds_as_an_attachment_does(device, precision):
     held, points = [20, 4], np.array([[0.3, 0, 0.4], [0, 0.2, 0.5]])

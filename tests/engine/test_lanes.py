@@ -37,6 +37,7 @@ def one_lane(monkeypatch) -> None:
     monkeypatch.setattr(forces.Stencil, "__init__", begin)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "precision"),
     [
@@ -52,6 +53,7 @@ def test_one_lane_adds_up_as_the_stencil_does(name, precision, request):
     assert np.array_equal(moved(BODIES[name], **options), by_stencil)  # the same neighbours in the same order
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", [(), ("rest_length",), ("stiffness",)], ids=["one", "kinds", "own"])
 def test_one_lane_adds_up_as_gathering_does(own, monkeypatch):
     # A tangle: slices of the table have slots that pad.

@@ -15,6 +15,7 @@ def moving(motion, **fields) -> dict:
 
 
 # What a method makes of an obstacle that moves: methods take turns, as of a drive in test_drives.py.
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", two_quick(INTEGRATORS[1::2]), ids=str)
 def test_what_moves_evenly_is_as_what_stands(plain_device, integrator):
     # Galilei: a box that moves at w, seen by somebody who moves with it. With gravity, so that it bounces, slides
@@ -66,6 +67,7 @@ def test_what_gathers_speed_is_as_gravity(device, integrator, h):
     )
 
 
+@pytest.mark.slow
 @each_once
 def test_a_piston_carries_what_lies_on_it(plain_device, h, integrator):
     # It gathers speed faster than `rest_speed` in a substep, and still nothing bounces.
@@ -84,6 +86,7 @@ def test_a_piston_carries_what_lies_on_it(plain_device, h, integrator):
         np.testing.assert_allclose(now.velocity[0], (0, 0, a * (t - h / 2)), rtol=0, atol=40 * EPS64 / h)
 
 
+@pytest.mark.slow
 @every_step
 def test_a_shaking_floor_carries_and_throws(plain_device, h):
     # A ω² = 0.8 g carries. At 1.5 g it lets go where A ω² sin ω t = g, and what flies does so by itself.
@@ -146,6 +149,7 @@ def test_a_turning_disc_takes_a_particle_with_it(plain_device, h):
     assert np.linalg.norm(then) < 1.5
 
 
+@pytest.mark.slow
 def test_a_turning_ball_drags_what_it_hits(plain_device):
     # It turns about its own centre: at the top its surface runs along x at ω R, the particle takes it over.
     omega, R = 4.0, 0.5
@@ -161,6 +165,7 @@ def test_a_turning_ball_drags_what_it_hits(plain_device):
     )
 
 
+@pytest.mark.slow
 @every_step
 def test_a_paddle_in_the_plane_strikes(plain_device, h):
     # A rod that turns about its middle meets a particle at rest 1 m away, at ω · 1 m across the rod.
@@ -208,6 +213,7 @@ def test_a_motion_is_known_from_time_zero_on(plain_device, substeps):
     assert min(seen) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", two_quick(INTEGRATORS[::3]), ids=str)
 def test_one_launch_is_as_many(device, integrator):
     def shaken(**options) -> Simulation:
@@ -263,6 +269,7 @@ def test_a_change_does_not_disturb_what_moves(plain_device):
     assert simulation.frame().position[0, 2] == pytest.approx(2.0 * 0.6**2, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("substeps", [5, "auto"])
 def test_many_frames_at_once_are_as_one_by_one(device, substeps):
     # The next frame is prepared while one runs; its poses are the same numbers, whether steps are repeated or not.
@@ -343,6 +350,7 @@ def test_a_motion_may_take_another_form_on_the_way(plain_device):
     assert simulation.frame().position[0, 2] == pytest.approx(0.03, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_fixed_one_among_moving_ones_stands(plain_device):
     floor = Plane(friction=0.0)
     wall = Plane((1, 0, 0), offset=-1.0, motion=lambda t: (t, 0, 0), restitution=0.0)

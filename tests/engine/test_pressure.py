@@ -54,6 +54,7 @@ def test_a_sphere_swells_to_where_forces_balance(device, load):
     assert simulation.measure().kinetic_energy < 1e-4 * simulation.measure().elastic_energy
 
 
+@pytest.mark.slow
 def test_pressure_moves_no_closed_body(device):
     # Σ a = 0 over a closed surface: momentum stays, but for rounding of forces of N that sum to nothing.
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).rotate(0.3, axis=(1, 2, 3))
@@ -152,6 +153,7 @@ def test_pressure_is_refused_by_name(system, load, message):
         Simulation(system, loads=[load()], device="cpu")
 
 
+@pytest.mark.slow
 def test_a_run_resumes_with_the_gas_it_began_with(plain_device):
     def make():
         return Simulation(

@@ -50,6 +50,7 @@ def test_a_colliders_number_that_float32_has_not_is_named(collider, message):
         simulate(colliders=[Plane(offset=-9), collider])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "collider",
     [

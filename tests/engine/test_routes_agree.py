@@ -20,6 +20,7 @@ gathering = pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
 # Motion.
 
 
+@pytest.mark.slow
 @every_route
 @every_method
 @pytest.mark.parametrize("name", SCENES)

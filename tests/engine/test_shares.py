@@ -148,6 +148,7 @@ TOUCHING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
 @pytest.mark.parametrize(
     "name", [pytest.param(one, marks=() if one == "grains" else pytest.mark.slow) for one in TOUCHING]

@@ -151,6 +151,7 @@ def test_single_precision_agrees(plain_device):
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_beside_a_skin_other_surfaces_feel_the_same(device):
     # A box, whose vertices are particles, by itself and in one system with a ball.
     block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0).rotate(0.4, axis=(1, 2, 0)).named("block")
@@ -208,6 +209,7 @@ def test_of_a_closed_body_and_an_open_one_each_feels_its_own(device):
     np.testing.assert_allclose(found[floor], 0.0, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_bound_knows_a_skin_of_gas(plain_device):
     # A gas of stiffness γ p / V for its volume: the rate of Σ |∂V/∂x|²/m, by differences of the volume.
     system, outside = BODIES["cylinder"](), 1e6

@@ -58,6 +58,7 @@ def largest_change_of_energy(simulation: Simulation) -> float:
     return worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_bounce_keeps_the_energy(shape, plain_device):
     coarse, fine = (largest_change_of_energy(thrown(SHAPES[shape], plain_device, substeps=n)) for n in (64, 256))
@@ -134,6 +135,7 @@ def test_a_block_lies_where_its_weight_is_borne(plain_device):
     assert borne == pytest.approx(27 * 0.1 * 9.82, rel=1e-3)  # float32
 
 
+@pytest.mark.slow
 def test_hard_and_soft_obstacles_act_together(plain_device):
     body = System(position=[[0.0, 0, 0.2], [1.0, 0, 0.2]], mass=1.0)
     hard, soft = Box((1, 0, -0.25), (0.5, 0.5, 0.5)), Box((0, 0, -0.25), (0.5, 0.5, 0.5), stiffness=K)
@@ -178,6 +180,7 @@ def test_it_may_be_entered_at_the_start(plain_device):
     assert simulation.measure().energy == pytest.approx(stored - 9.82 * 0.005, rel=10 * EPS64)
 
 
+@pytest.mark.slow
 def test_messages_about_hard_obstacles_count_all():
     soft = Plane(offset=-1.0, stiffness=100.0)
     body = System(position=[[3.0, 0, 0], [4.0, 0, 0]], mass=1.0)

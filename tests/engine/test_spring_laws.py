@@ -110,6 +110,7 @@ def test_forces_follow_the_law(device, body, precision, name):
     assert np.abs(found - expected).max() < 20 * PRECISIONS[precision] * size
 
 
+@pytest.mark.slow
 @every_law
 def test_energy_is_the_integral_of_the_force(plain_device, name):
     system = BODIES["box"].replace(spring=LAWS[name][0])

@@ -70,6 +70,7 @@ def test_a_body_rests_on_a_post_thinner_than_its_spacing(device, width, high):
     assert simulation.measure().kinetic_energy < 1e-4 * body.mass.sum() * G * 0.05
 
 
+@pytest.mark.slow
 def test_without_touch_it_goes_down_on_both_sides(plain_device):
     simulation = Simulation(block(), colliders=[post(0.08), *AWAY], fps=FPS, device=plain_device)
     simulation.step(80)
@@ -249,6 +250,7 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(device):
 # --- Where there is any ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("colliders", "contact", "expected"),
     [

@@ -45,6 +45,7 @@ def test_a_stretched_block_has_the_stress_of_hookes_law(device):
     assert found[6] == pytest.approx(2 * shear * strain, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "precision"),
     [*((name, "float64") for name in BODIES if name != "block"), ("block", "float32-compensated")],

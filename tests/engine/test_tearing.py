@@ -156,6 +156,7 @@ def test_nothing_comes_from_tearing(device):
     np.testing.assert_array_equal(np.isinf(simulation.snapshot().broken_at), ~simulation.snapshot().broken)
 
 
+@pytest.mark.slow
 def test_automatic_substeps_bear_it():
     simulation = Simulation(bursting(), device="cpu", gravity=0.0)
     twin = Simulation(bursting(), device="cpu", gravity=0.0, force_algorithm="gather")
@@ -211,6 +212,7 @@ def test_what_is_broken_stays_so_through_changes():
     assert (simulation.snapshot().broken_at[before.broken] == before.broken_at[before.broken]).all()
 
 
+@pytest.mark.slow
 def test_a_chain_breaks_at_its_weak_link(device):
     # At rest the link k from the top bears what hangs on it; a sudden load bears up to twice that.
     row = chain(9, 0.1, mass=0.1, stiffness=500.0, damping=2.0).pin(0)
@@ -247,6 +249,7 @@ def test_strains_of_what_is_broken_are_none(device):
     np.testing.assert_array_equal(broken_at, simulation.snapshot().broken_at)
 
 
+@pytest.mark.slow
 def test_what_yields_tears_too(plain_device):
     # Springs give way up to a third; from the length that they have then, a tenth more breaks them.
     body = bursting(yield_strain=0.02, relaxation_time=0.005, largest_plastic_strain=0.3, break_strain=0.1)

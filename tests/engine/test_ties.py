@@ -44,6 +44,7 @@ def in_columns(monkeypatch) -> None:
     monkeypatch.setattr(per_stage, "columns", choose)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_a_stencil_has_the_forces_of_its_ties(plain_device, dim):
     tied = moving(pair(dim))
@@ -70,6 +71,7 @@ def test_ties_obey_the_dampers_law(plain_device):
     np.testing.assert_allclose(*forces, rtol=0, atol=64 * EPS64 * np.abs(forces[0]).max())
 
 
+@pytest.mark.slow
 def test_columns_feel_ties(plain_device, in_columns):
     tied = pair()
     made = Dynamics(assemble(tied, device="cpu", force_algorithm="stencil"))

@@ -65,6 +65,7 @@ def crowd() -> System:
     return whole
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::msdwarp.checks.StartWarning")  # some start in each other
 @pytest.mark.parametrize("contact", [Contact(), Contact(self_contact=True, thickness=0.02)], ids=["bodies", "all"])
 def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
@@ -202,6 +203,7 @@ def turn_around(length: wp.array(dtype=int), numbers: wp.array2d(dtype=int)):
         numbers[p, last - e] = number
 
 
+@pytest.mark.slow
 def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
     # Four boxes that are thrown together: where they meet, points touch several.
     one = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.2)
@@ -291,6 +293,7 @@ def test_routes_agree(plain_device, precision):
         np.testing.assert_allclose(found[force_algorithm], found["scatter"], rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "precision"),
     [
@@ -347,6 +350,7 @@ def test_a_method_of_stages_moves_within_a_substep(plain_device):
     assert v[0] < 0 < v[1]  # they have met
 
 
+@pytest.mark.slow
 def test_scenes_that_share_a_kernel_run_beside_each_other():
     # Of kernels that are alike to the letter Warp keeps one, which has the types of the scene that was first. What
     # begins a run does not see obstacles: with other obstacles it is the same.

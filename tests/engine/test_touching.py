@@ -296,6 +296,7 @@ def folded(thickness: float) -> System:
     return flat.replace(position=np.stack([x, flat.position[:, 1], radius * (1 - np.cos(turn))], axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("self_contact", [False, True])
 def test_a_folded_sheet_keeps_off_itself(device, self_contact):
     thickness = 0.02
@@ -319,6 +320,7 @@ def test_a_folded_sheet_keeps_off_itself(device, self_contact):
         assert apart.min() > 0.8 * thickness
 
 
+@pytest.mark.slow
 def test_a_change_leaves_a_folded_sheet_off_itself():
     thickness = 0.02
     upper = folded(thickness).position[:, 2] > 2.5 * thickness

@@ -202,6 +202,7 @@ def test_nothing_leaves_a_wedge_by_its_walls(device, order, angle):
     assert min((now @ n).min() for n in out) > -1e-9  # 1e-10 of the inradius, and roundings of 1 m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_a_bat_that_flies_past_takes_a_ball_along(device, e):
     # 1 cm thick and 50 cm on in a substep: the ball, at rest, is met as the bat's speed against a bat at rest.
@@ -245,6 +246,7 @@ def test_rest_on_what_is_thinner_than_a_substeps_fall(device, moves):
     np.testing.assert_allclose(now.velocity, 0.0, rtol=0, atol=8 * EPS64 / H)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
 def test_what_starts_inside_is_put_out_where_it_ends(device):
     # As ever: a sweep knows no entry. The way ends 4 mm above the lower face.

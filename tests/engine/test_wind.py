@@ -58,6 +58,7 @@ def test_particles_fall_at_theirs(device):
     np.testing.assert_allclose(simulation.frame().velocity[:, 2], expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_particle_speeds_up_as_the_closed_form_says(plain_device):
     # v = v_t tanh(g t / v_t); RK4's error at h = 1/600 s, h g / v_t = 0.002, is far below 1e-9.
     body = System(position=np.zeros((1, 3)), mass=0.02)
@@ -70,6 +71,7 @@ def test_a_particle_speeds_up_as_the_closed_form_says(plain_device):
     assert simulation.frame().velocity[0, 2] == pytest.approx(-v * math.tanh(G * 0.5 / v), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("area", [None, 0.01])
 def test_what_moves_with_the_air_feels_nothing(device, area):
     cloth = sheet((4, 4), 0.1, mass=0.01, stiffness=0.0).rotate(0.4, axis=(1, 2, 0))
@@ -113,6 +115,7 @@ def in_wind(velocity, device, **how):
     return Simulation(body, loads=[Wind(velocity, area=0.01)], gravity=0.0, device=device, **how)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gust", GUSTS, ids=["of time", "of place"])
 def test_the_step_is_stable_in_a_gust_to_come(plain_device, gust):
     steady, gusty = (in_wind(velocity, plain_device) for velocity in ((60.0, 0, 0), gust))
@@ -181,6 +184,7 @@ def gale(x: Any, t: Any):
     return type(x)(type(t)(50.0), type(t)(0.0), type(t)(0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity", [(50.0, 0, 0), gale])
 def test_the_bound_knows_the_resistance(plain_device, velocity):
     # ∂F/∂v = ρ C_d A |u| on a particle; the bound of the rate may be twice that over its mass.

@@ -16,6 +16,7 @@ def meeting(**options) -> Simulation:
     return Simulation(system, colliders=[Plane()], contact=Contact(), device="cpu", fps=600, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("compress", "precision"), [(False, "float32"), (True, "float32-compensated"), (False, "float64")]
 )

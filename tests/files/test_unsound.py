@@ -204,6 +204,7 @@ def test_a_pipe_is_not_waited_for(tmp_path):
             read(tmp_path / "pipe")
 
 
+@pytest.mark.slow
 def test_what_there_is_once_has_checksums(tmp_path, path):
     scene = ({"look": {}}, {"image": np.arange(5000)})
     write(path, SYSTEMS["box"], 3, attributes={"note": "x"}, scene=scene, force=True)

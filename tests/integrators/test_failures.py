@@ -180,6 +180,7 @@ def test_box_with_6_neighbours_shears_line_by_line(shape):
     assert zero_modes(box(shape, neighbours=26)) == 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 def test_block_without_diagonals_collapses(dim):
     # The report's figures 7 and 8, a little askew so that it has a side to fall to.

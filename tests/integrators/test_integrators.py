@@ -48,6 +48,7 @@ def run(
     return simulation.snapshot()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "damping", "order", "counts"),
     [
@@ -186,6 +187,7 @@ def test_oscillator_keeps_its_discrete_energy(device, integrator):
         assert (1 - share) / (1 + share) < problems.energy(now) / energy < (1 + share) / (1 - share)
 
 
+@pytest.mark.slow
 @kick_drift
 def test_energy_of_a_tumbling_body_does_not_drift(device, integrator):
     # hω = 0.12 for the fastest mode: energy wanders by a share of hω/2 or (hω)²/4 about its mean, however

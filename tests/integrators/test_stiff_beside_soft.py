@@ -12,6 +12,7 @@ def heavy(mass: float = 0.2) -> System:
     return ball(0.25, 0.1, mass=mass, stiffness=1.0, damping=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [0.001, 0.2, 3.0])
 def test_it_has_the_step_of_the_other(mass):
     stiff = match_stiffness(heavy(mass), FOAM)

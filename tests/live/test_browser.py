@@ -37,6 +37,7 @@ def view():
     opened.close()
 
 
+@pytest.mark.slow
 def test_it_listens_to_this_machine_alone(view):
     page = view.screens[0]
     assert page.address.startswith("http://127.0.0.1:")
@@ -64,6 +65,7 @@ def test_two_views_have_ports_of_their_own():
         page.close()
 
 
+@pytest.mark.slow
 def test_a_client_is_sent_the_body_as_it_moves(view):
     with client(view) as socket_:
         until(lambda: view.screens[0].watched)
@@ -124,6 +126,7 @@ def test_a_client_may_leave_while_it_is_sent_something(view):
     runs(view)
 
 
+@pytest.mark.slow
 def test_controls_follow_what_keys_and_clients_do(view):
     gui = view.screens[0]._server.gui
 

@@ -181,6 +181,7 @@ def test_positions_on_the_device_give_the_same_picture(place):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dim", [1, 2])
 def test_positions_on_the_device_are_lifted_into_space(dim):
     body = msd.chain(5, dim=1) if dim == 1 else msd.sheet((4, 4), dim=2)

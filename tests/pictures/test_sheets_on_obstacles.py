@@ -66,6 +66,7 @@ def laid(kind: str, size: int, shift: float = 0.0) -> tuple[msd.Scene, np.ndarra
     return msd.Scene(system=cloth.replace(position=position), colliders=[obstacle], look=look), position
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("kind", LAID)
 @pytest.mark.parametrize("size", [12, pytest.param(24, marks=pytest.mark.slow)])

@@ -70,6 +70,7 @@ def test_forces_and_dampers_move_and_turn_nothing(plain_device, dim):
     assert measured.measure().effect_energy == pytest.approx(energy(system.angles, system.position), rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shortening", [0.1, 0.3, 0.6])
 def test_a_rod_pushed_together_is_the_elastica(plain_device, shortening):
     # With hinged ends: Δ/L = 2 (1 − E/K), w/L = k/K, with elliptic integrals of modulus k (Love, 1927, 263).
@@ -86,6 +87,7 @@ def test_a_rod_pushed_together_is_the_elastica(plain_device, shortening):
     assert deflection == pytest.approx(modulus / ellipk(modulus**2), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_cantilever_bends_as_a_beam(device):
     count, force = 41, 1e-3
     spacing = LENGTH / (count - 1)

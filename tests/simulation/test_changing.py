@@ -75,6 +75,7 @@ def test_gravity_of_time_can_be_a_size_and_leaves_what_is_pinned(device):
     np.testing.assert_array_equal(of_time.frame().position[1], [1.0, 0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=str)
 def test_gravity_changes_in_flight(method, plain_device):
     # Half a second under g, then half of one under g'. Symplectic Euler starts at v rather than at v − h a/2: h/2
@@ -101,6 +102,7 @@ def bouncing(device, **more) -> Simulation:
     return Simulation(block, colliders=[Plane(offset=-0.3)], precision="float64", device=device, **more)
 
 
+@pytest.mark.slow
 def test_a_change_of_gravity_is_what_building_anew_gives(device):
     # Bit for bit: the kernels are the same, and so are the velocities that they start from.
     quick, schedule = bouncing(device), bouncing(device, schedule=[at(0.2, gravity=(0, 3.0, 5.0))])
@@ -157,6 +159,7 @@ def test_another_force_takes_over_in_place(device, method):
     np.testing.assert_allclose(simulation.frame().velocity, expected, rtol=0, atol=200 * 8 * EPS64)
 
 
+@pytest.mark.slow
 def test_other_wind_takes_over_in_place_and_other_loads_altogether(device):
     group = [0]
     how = {"gravity": 0.0, "integrator": RK4(), **options(device)}
@@ -180,6 +183,7 @@ def test_other_wind_takes_over_in_place_and_other_loads_altogether(device):
     np.testing.assert_allclose(simulation.frame().velocity[:, 1], [0.1, 0.04], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_was_there_stays_as_it_is(device):
     # A drive that has moved on does not begin anew where it is.
     drive = PrescribedMotion([0], lambda t: (t, 0.0, 0.0))
@@ -199,6 +203,7 @@ def meeting() -> System:
 CONTACT = Contact(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
 
 
+@pytest.mark.slow
 def test_bodies_still_touch_when_loads_change(device):
     # In place, and by building anew: they bounce by 0.45 s, and do not pass through each other.
     simulation = Simulation(

@@ -58,6 +58,7 @@ PAIRS = [  # of one stage; with what a substep leaves to the next; of several, a
 PAIRS = [one if k < 2 else pytest.param(*one, marks=pytest.mark.slow) for k, one in enumerate(PAIRS)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "precision"), PAIRS)
 def test_it_goes_on_as_if_it_had_never_stopped(device, name, precision):
     integrator = INTEGRATORS[name]
@@ -127,6 +128,7 @@ def test_a_checkpoint_goes_to_another_device_and_back(force_algorithm):
     assert_same(there, here)
 
 
+@pytest.mark.slow
 def test_checkpoints_have_the_names_of_the_first_version():
     # Files hold them: whoever renames a field reads files of before by other names, and writes these.
     die = box((2, 2, 2), 0.1, stiffness=100.0)

@@ -59,6 +59,7 @@ def in_order(device: str, force_algorithm: str) -> None:
         pytest.skip("on a GPU atomics settle who adds first: nothing repeats to the last bit")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "force_algorithm", ["gather", *(pytest.param(one, marks=pytest.mark.slow) for one in ("scatter", "stencil"))]
 )
@@ -162,12 +163,14 @@ def test_worlds_of_other_bodies(plain_device, name, force_algorithm):
     assert_each_is_as_alone(Ensemble(system, WORLDS, **how, **own), 15)
 
 
+@pytest.mark.slow
 def test_an_odd_number_of_substeps(plain_device):
     how = {"device": plain_device, "force_algorithm": "gather", "allow_unstable": True}
     for substeps in (5, 1):
         assert_each_is_as_alone(Ensemble(block(), WORLDS, substeps=substeps, **how, stiffness=[50.0, 60.0]), 9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", ["auto", None])
 def test_constant_forces_act_in_all_worlds(plain_device, threads):
     top = block().position[:, 2] > 0.2
@@ -193,6 +196,7 @@ def test_a_scene_brings_its_surroundings(plain_device):
     assert_each_is_as_alone(ensemble, 10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
 def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device, force_algorithm):
     # One world is so stiff that its step is far too long; another has a start that is beyond all numbers.
@@ -250,6 +254,7 @@ def test_a_world_goes_on_alone_from_its_checkpoint(plain_device, method, precisi
         np.testing.assert_array_equal(alone.rest_length, ensemble.system_of(world).rest_length)
 
 
+@pytest.mark.slow
 def test_a_reset_brings_back_what_has_yielded_and_the_work_done(plain_device):
     system = block().replace(yield_strain=0.002, relaxation_time=0.02)
     how = {"colliders": [Plane()], "loads": [Force((0.3, 0.0, 0.5))], "device": plain_device}
@@ -351,6 +356,7 @@ def test_worlds_by_number():
             ensemble.system_of(wrong)
 
 
+@pytest.mark.slow
 def test_a_world_whose_energy_grows_is_told_from_one_that_is_not_finite(plain_device):
     # Four substeps are stable for the first stiffness. For the other the fastest modes are beyond the limit by so
     # little that energy is noticed long before numbers overflow.

@@ -36,6 +36,7 @@ def ensemble(device: str, **options) -> Ensemble:
     return Ensemble(body, WORLDS, **(given | how | options))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
 def test_sums_are_those_of_the_frames(plain_device, precision):
     observed = ensemble(plain_device, precision=precision).run(
@@ -88,6 +89,7 @@ def test_energies_are_those_of_simulations(plain_device):
                 alone.step(9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32-compensated", "float64"])
 def test_probes_measure_in_each_world_what_they_do_alone(plain_device, precision):
     quantities = ("position", "velocity", "force", "strain")

@@ -47,6 +47,7 @@ def derivatives(method: str, algorithm: str, device: str) -> dict[str, np.ndarra
     return simulation(block(), **options).gradient(loss, FRAMES, by=NAMES).derivatives
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("method", METHODS)
 def test_derivatives_are_those_of_central_differences(name, method, plain_device):
@@ -54,6 +55,7 @@ def test_derivatives_are_those_of_central_differences(name, method, plain_device
     check(block(), name, found, integrator=METHODS[method], force_algorithm="gather", device=plain_device)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["scatter", "stencil", "large stencil"])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.each_value
@@ -72,6 +74,7 @@ def test_all_algorithms_have_the_same_derivatives(algorithm, method, plain_devic
         np.testing.assert_allclose(found[1][name], found[0][name], rtol=0, atol=1e-10 * scale)
 
 
+@pytest.mark.slow
 def test_threads_share_the_way_back(monkeypatch):
     # With a soft obstacle, a force, a gas and muscles, whose adjoints are divided among threads, too.
     body, found = block(), []
@@ -91,6 +94,7 @@ def test_threads_share_the_way_back(monkeypatch):
         np.testing.assert_array_equal(again[name], found[1][name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_derivatives_by_strain_sum_to_that_by_its_amplitude(method, plain_device):
     def run(amplitude: float, by: tuple[str, ...]) -> msd.Gradient:
@@ -107,6 +111,7 @@ def test_derivatives_by_strain_sum_to_that_by_its_amplitude(method, plain_device
     assert (found[-1, 0] != 0) == (method == "leapfrog")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_derivatives_by_forces_are_those_of_forces_that_are_added(method, plain_device):
     options = {"integrator": METHODS[method], "device": plain_device}
@@ -143,6 +148,7 @@ def test_a_fall_has_the_derivatives_of_its_closed_form(method, plain_device):
     np.testing.assert_allclose(found["mass"], [0.0], rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_derivative_through_a_bounce_converges_to_the_truth(plain_device):
     def height(drop: float) -> float:
         """Return the height after 0.45 s, by another method."""
@@ -185,6 +191,7 @@ def test_a_run_goes_on_as_if_nothing_had_been_asked(plain_device):
     np.testing.assert_array_equal(first.frame().position, second.frame().position)
 
 
+@pytest.mark.slow
 def test_a_gradient_from_the_middle_has_the_frames_of_the_run(plain_device):
     loads = [msd.PrescribedMotion([30, 35], lambda t: (0.02 * math.sin(30 * t), 0.1 * t, 0.0))]
     # The sums of a gather are repeatable.
@@ -221,6 +228,7 @@ def test_frames_that_memory_cannot_hold_are_refused(monkeypatch):
         simulation(block(), device="cpu").gradient(loss, 10**6)
 
 
+@pytest.mark.slow
 def test_float32_has_the_gradient_of_float64(plain_device):
     found = [
         Simulation(block(), gravity=GRAVITY, precision=precision, substeps=12, device=plain_device)

@@ -82,6 +82,7 @@ def test_derivatives_by_numbers_are_those_of_central_differences(effect, plain_d
         check(body, name, gradient, **options)
 
 
+@pytest.mark.slow
 def test_a_method_of_several_stages_has_derivatives_by_numbers(plain_device):
     loads = [msd.Wind((3.0, 1.0, -2.0), area=0.01), msd.Force(lambda t: (0.0, 40 * t, 0.0))]
     how = {"fps": 180.0, "substeps": 4, "integrator": RK4(), "device": plain_device}
@@ -183,6 +184,7 @@ def test_a_force_moves_by_what_is_left_of_the_time(plain_device):
     assert not found["loads[0].force"][:, :2].any()
 
 
+@pytest.mark.slow
 def test_a_turn_in_the_plane_moves_a_point_along_its_circle(plain_device):
     # x = u + cos θ / 2 at the end, with u and θ then: ∂x/∂u = 1, and ∂x/∂θ = −sin θ / 2.
     body = System(position=[[0.0, 5.0], [0.0, 0.0], [1.0, 0.0]], mass=1.0)
@@ -195,6 +197,7 @@ def test_a_turn_in_the_plane_moves_a_point_along_its_circle(plain_device):
     assert not by_motion[:-1].any()
 
 
+@pytest.mark.slow
 def test_derivatives_by_numbers_repeat_to_the_last_bit(plain_device):
     floor, wind = Plane((0.1, 0, 1), -0.1, **SOFT), msd.Wind(lambda t: (3.0, 10 * t, -2.0), area=0.01)
     names = ["colliders[0].friction", "colliders[0].offset", "loads[0].velocity", "loads[0].drag", "strain"]

@@ -59,6 +59,7 @@ def squares(found: msd.Frames) -> tuple[float, np.ndarray, np.ndarray]:
     return float((found.position[-1] ** 2).sum() + 0.1 * (found.velocity[-1] ** 2).sum()), by_x, by_v
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_the_tape_of_warp(plain_device):
     body, frames = block(), 3
     body = body.replace(mass=np.where(np.isfinite(body.mass), body.mass, 0.03))
@@ -103,6 +104,7 @@ def rates(x, v, ends, start):
     return force / start["mass"][:, None] + start["gravity"]
 
 
+@pytest.mark.slow
 def test_gradients_by_rk4_are_those_of_complex_numbers(plain_device):
     body, frames = block(), 3
     body = body.replace(mass=np.where(np.isfinite(body.mass), body.mass, 0.03))
@@ -135,6 +137,7 @@ def test_gradients_by_rk4_are_those_of_complex_numbers(plain_device):
             assert terms.sum() == pytest.approx(wanted, rel=0, abs=tolerance * np.linalg.norm(terms))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "algorithm"),
     [

@@ -47,6 +47,7 @@ def test_derivatives_are_those_of_central_differences(method, effects, plain_dev
         check(block(), name, found[name], **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "algorithm"), [(RK4(), "stencil"), pytest.param(RKC2(4), "scatter", marks=pytest.mark.slow)]
 )

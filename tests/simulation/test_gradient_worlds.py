@@ -97,6 +97,7 @@ def ensemble_of(case: str, device: str = "cpu", **more) -> Ensemble:
     return Ensemble(scene, WORLDS, **(how | options | more))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", EACH)
 def test_each_world_has_the_gradient_of_its_run(case, plain_device):
     names, ensemble, frames = [*NAMES, "force"], ensemble_of(case, plain_device), 3
@@ -120,6 +121,7 @@ def test_each_world_has_the_gradient_of_its_run(case, plain_device):
             np.testing.assert_allclose(of_all[world], of_one, rtol=0, atol=tolerance, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", EACH)
 def test_states_that_do_not_fit_are_taken_again_to_the_last_bit(case, monkeypatch, plain_device):
     names = [*NAMES, "force"]
@@ -154,6 +156,7 @@ def test_derivatives_of_worlds_are_those_of_central_differences(plain_device):
     np.testing.assert_allclose(terms.sum(axis=1), (up - down) / (2 * STEP), rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_float32_worlds_of_a_lattice_have_the_gradient_of_their_runs(plain_device):
     body = msd.box((4, 3, 3), 0.1, stiffness=300.0, damping=0.3)
     ensemble = Ensemble(body, 4, stiffness=[250.0, 350.0], integrator=Leapfrog(), device=plain_device)

@@ -34,6 +34,7 @@ def test_gradients_pass_the_check_of_jax(compiled, plain_device):
     test_util.check_grads(jax.jit(run) if compiled else run, arrays, **CHECK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_gradients_of_worlds_pass_the_check_of_jax(compiled, plain_device):
     def run(*given):
@@ -53,6 +54,7 @@ def test_frames_of_worlds_are_those_of_the_ensemble(plain_device):
     np.testing.assert_array_equal(velocity[:, -1], ensemble.frame().velocity)
 
 
+@pytest.mark.slow
 def test_a_world_that_diverges_leaves_the_derivatives_of_others_alone(plain_device):
     def end(stiffness):
         how = {**ROWS, "stiffness": stiffness, "allow_unstable": True, "device": plain_device}

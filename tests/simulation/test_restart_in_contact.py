@@ -99,6 +99,7 @@ def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, thr
     assert untouched(old)
 
 
+@pytest.mark.slow
 def test_no_frame_of_an_ensemble_writes_into_lists_that_were_replaced(plain_device):
     ensemble = Ensemble(sheets(0.15), 2, device=plain_device)
     ensemble.step(2)

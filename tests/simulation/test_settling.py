@@ -132,6 +132,7 @@ def test_a_stack_settles_in_contact(plain_device):
     assert np.abs(simulation.frame().position - before).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_cells_are_in_equilibrium_too(plain_device):
     system = cantilever(0.45)
     simulation = Simulation(system, device=plain_device, precision="float64")

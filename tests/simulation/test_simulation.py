@@ -29,6 +29,7 @@ def block(**changes) -> System:
     return system.rotate(0.5, axis=(1, 1, 0.3)).translate((0, 0, 0.25)).replace(**changes)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it is put back hard
 @every_integrator
 def test_pinned_particles_never_move(device, integrator):

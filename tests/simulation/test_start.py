@@ -134,6 +134,7 @@ def test_far_from_the_origin_touching_is_as_exact_as_places_are():
     simulate(System(position=[[1e4, 0.0, 1e4 - 1e-3]]), Plane(offset=1e4)).step()
 
 
+@pytest.mark.slow
 def test_what_is_pinned_may_be_inside():
     row = chain(3, spacing=0.1).pin(0).translate((0.0, 0.0, 0.05))
     simulate(row, Sphere(tuple(row.position[0]), 0.05)).step()
@@ -160,6 +161,7 @@ def test_a_divergence_of_what_started_inside_says_so():
     assert "stretching" not in str(told.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("apart", "self_contact", "told"),
     [

@@ -43,6 +43,7 @@ def simulated(device, system=None, **more):
     return Simulation(block() if system is None else system, **options | more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "precision"), EACH, ids=str)
 def test_what_is_thrown_goes_on_as_from_a_start_with_that_velocity(device, method, precision):
     how = {"integrator": method, "precision": precision}
@@ -93,6 +94,7 @@ def test_velocities_may_be_a_function_of_those_there_are(device):
     np.testing.assert_allclose(after, before + np.array([1.0, 0, 0]), rtol=0, atol=1e-12)  # roundings of some m/s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loads", [[], [Force(lambda t: (0.0, 1.0, 0.0))]], ids=["alone", "loaded"])
 @pytest.mark.parametrize("speed", [300.0, 0.0])
 @pytest.mark.each_value
@@ -159,6 +161,7 @@ def test_energy_from_nowhere_is_still_found(device):
     assert energy < 27 * 9.82 + added
 
 
+@pytest.mark.slow
 def test_what_is_held_keeps_its_velocity(device):
     system = block().pin([0])
     drive = PrescribedMotion([26], lambda t: (0.5 * t, 0.0, 0.0))
@@ -171,6 +174,7 @@ def test_what_is_held_keeps_its_velocity(device):
     np.testing.assert_array_equal(velocity[1:26], np.tile([0.0, 2.0, 0.0], (25, 1)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -168,6 +168,7 @@ def same(one, other):
         np.testing.assert_array_equal(values, others[name], err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_a_batch_of_frames_is_those_frames_one_by_one(name, as_on_a_gpu, monkeypatch):
     body, around = SCENES[name]

@@ -135,6 +135,7 @@ def assert_worlds_equal_runs(name: str, method, device: str, **more) -> Ensemble
 QUICK = ("surfaces", "yielding")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in SCENES]
 )

@@ -27,6 +27,7 @@ def assert_found(found, tolerance):
 EXACT = 1e-6
 
 
+@pytest.mark.slow
 def test_a_hung_block_tells_its_stiffness_and_damping():
     found = fit(hung(*FAR), tracked(hung(), 0.5), BOTH, **HOW)
     assert_found(found, EXACT)
@@ -79,6 +80,7 @@ def test_with_noise_values_lie_within_three_standard_deviations(scene, seeds):
     assert outside == 0
 
 
+@pytest.mark.slow
 def test_what_cannot_be_seen_is_named_and_stays():
     # In free fall no spring is stretched.
     falling = Scene(system=hung().system.replace(mass=0.05))

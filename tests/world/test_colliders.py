@@ -94,6 +94,7 @@ def test_solid_that_does_not_fit_is_named(dim, collider, message):
         Simulation(System(position=np.zeros((1, dim))), colliders=[collider], device="cpu")
 
 
+@pytest.mark.slow
 def test_a_motion_that_fails_on_the_way_is_named():
     body = System(position=[[0.0, 0, 1]])
     fails = Sphere((0, 0, 0), 0.5, motion=lambda t: (math.sqrt(0.05 - t), 0, 0))
