@@ -91,7 +91,7 @@ class Running:
         """Return the times at which springs broke [s], shape [connection_count]; None if none can break."""
         if not self.scene.system.tears:  # avoids copying other changed fields
             return None
-        return self._simulation.stepping.changed_fields().get("broken_at")
+        return self._simulation.assembly.changed_fields().get("broken_at")
 
     def seek(self, k: int) -> None:
         """Do nothing, since a simulation has only the current frame."""

@@ -1,29 +1,28 @@
 """Recording launches as a graph that is replayed by one call."""
 
 import gc
-import os
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
+from .turns import collecting, deferring_signals, waiting
+
 CAPTURE_LOCK = threading.Lock()
 """Held while a graph is recorded: no thread may then wait for a device."""
 PATIENCE = 1.0
 """Longest wait for a collection of garbage [s]: one of its finalizers could itself wait for this thread."""
-_collecting = list[int]()
-"""The thread that collects garbage now."""
 
 
 def record(launch: Callable[[], None], device: Any, **how: Any) -> Any:
     """Return a graph of a function's launches on a device; keyword arguments are passed to `wp.ScopedCapture`.
 
     No garbage is collected meanwhile, by any thread: that could free the memory of a dropped simulation, which
-    spoils a recording.
+    spoils a recording. Nor is a signal's handler called: what it raises could leave Warp's recording open.
     """
     import warp as wp
 
-    with CAPTURE_LOCK:
+    with deferring_signals(), CAPTURE_LOCK:
         collects = gc.isenabled()
         gc.disable()
         try:
@@ -39,14 +38,5 @@ def record(launch: Callable[[], None], device: Any, **how: Any) -> Any:
 def _wait_for_collection() -> None:
     """Wait while another thread collects garbage: as it frees memory, Python lets other threads run."""
     end = time.monotonic() + PATIENCE
-    while _collecting and _collecting[0] != threading.get_ident() and time.monotonic() < end:
+    while collecting and collecting[0] not in {threading.get_ident(), *waiting} and time.monotonic() < end:
         time.sleep(1e-4)
-
-
-def _note_collection(phase: str, info: dict[str, int]) -> None:
-    _collecting[:] = [threading.get_ident()] if phase == "start" else []
-
-
-gc.callbacks.append(_note_collection)
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_collecting.clear)

@@ -3,6 +3,7 @@
 import _signal  # pyright: ignore[reportMissingImports]  # the functions of `signal` make enums, in 30 µs
 import contextlib
 import functools
+import gc
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -10,8 +11,10 @@ from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
-_turn, _next, _mine = threading.RLock(), threading.Lock(), threading.local()
-"""Locks held by the thread whose turn it is, and by the next one; whether this thread has the turn."""
+_turn, _next, _mine = threading.RLock(), threading.RLock(), threading.local()
+"""Locks held by the thread whose turn it is, and by the next one; whether this thread is about to fork."""
+collecting, waiting = list[int](), set[int]()
+"""The thread that collects garbage now; the threads that wait for a turn within a collection."""
 _dropped = list[Any]()
 """Objects to release when a turn ends."""
 PATIENCE = 60.0
@@ -27,21 +30,38 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def taking_turns(*args: P.args, **kwargs: P.kwargs) -> T:
-        if getattr(_mine, "turn", False):
+        if _turn._is_owned():  # type: ignore[attr-defined]  # as `threading.Condition` asks
             return function(*args, **kwargs)
         try:
-            with _next:  # waiting threads come before the one that just had its turn
-                _turn.acquire()
-            _mine.turn = True
+            _wait_for_turn()
             return function(*args, **kwargs)
         finally:
-            if getattr(_mine, "turn", False):
-                _free_dropped()
-            _mine.turn = False
-            with contextlib.suppress(RuntimeError):  # interrupted before the turn came
-                _turn.release()
+            try:
+                _end_turn()
+            except BaseException:  # of a signal: other threads would wait for ever
+                _end_turn()
+                raise
 
     return taking_turns
+
+
+def _wait_for_turn() -> None:
+    me, is_collecting = threading.get_ident(), bool(collecting)  # a finalizer, which others need not wait for
+    if is_collecting:
+        waiting.add(me)
+    try:
+        with _next:  # waiting threads come before the one that just had its turn
+            _turn.acquire()
+    finally:
+        if is_collecting:
+            waiting.discard(me)
+
+
+def _end_turn() -> None:
+    """End this thread's turn, if it has come; twice is once."""
+    if _turn._is_owned():  # type: ignore[attr-defined]
+        _free_dropped()
+        _turn.release()
 
 
 def exclusive(method: Callable[P, T]) -> Callable[P, T]:
@@ -85,13 +105,41 @@ def completing() -> Iterator[list[int]]:
             usual(number, frame)
         pressed.append(number)
 
-    _signal.signal(_signal.SIGINT, note)
     try:
+        _signal.signal(_signal.SIGINT, note)
         yield pressed
     finally:
         _signal.signal(_signal.SIGINT, usual)
         if pressed:
             raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def deferring_signals() -> Iterator[None]:
+    """Call the handlers of signals after a block instead of within it."""
+    if threading.current_thread() is not threading.main_thread():  # Python calls them in the main thread alone
+        yield
+        return
+    usual = {number: one for number in range(1, _signal.NSIG) if callable(one := _signal.getsignal(number))}
+    came = list[tuple[int, Any]]()
+    try:
+        for number in usual:
+            _signal.signal(number, lambda number, frame: came.append((number, frame)))
+        yield
+    finally:
+        try:
+            _handle_by(usual)
+        except BaseException:  # of one that has its handler again
+            _handle_by(usual)
+            raise
+        for number, frame in came:
+            usual[number](number, frame)
+
+
+def _handle_by(handlers: dict[int, Any]) -> None:
+    """Set the handlers of signals."""
+    for number, handler in handlers.items():
+        _signal.signal(number, handler)
 
 
 class ReleasedInTurn:
@@ -102,11 +150,11 @@ class ReleasedInTurn:
 
     def __del__(self) -> None:
         _dropped.append(self.__dict__)
-        if not getattr(_mine, "turn", False) and _turn.acquire(blocking=False):
+        if not _turn._is_owned():  # type: ignore[attr-defined]
             try:
-                _free_dropped()
+                _turn.acquire(blocking=False)
             finally:
-                _turn.release()
+                _end_turn()
 
 
 def _free_dropped() -> None:
@@ -117,7 +165,7 @@ def _free_dropped() -> None:
 
 def _wait_to_fork() -> None:
     """Take the turn before a fork: the new process would get another thread's work half done."""
-    if not getattr(_mine, "turn", False) and _next.acquire(timeout=PATIENCE):
+    if not _turn._is_owned() and _next.acquire(timeout=PATIENCE):  # type: ignore[attr-defined]
         try:
             _mine.forks = _turn.acquire(timeout=PATIENCE)
         finally:
@@ -134,8 +182,15 @@ def _end_fork() -> None:
 def _forget_turns() -> None:
     """Create new locks in a forked process, which does not inherit other threads."""
     global _turn, _next
-    _mine.forks, _turn, _next = False, threading.RLock(), threading.Lock()
+    _mine.forks, _turn, _next = False, threading.RLock(), threading.RLock()
+    collecting.clear()
+    waiting.clear()
 
 
+def _note_collection(phase: str, info: dict[str, int]) -> None:
+    collecting[:] = [threading.get_ident()] if phase == "start" else []
+
+
+gc.callbacks.append(_note_collection)
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_wait_to_fork, after_in_parent=_end_fork, after_in_child=_forget_turns)

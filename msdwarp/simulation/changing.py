@@ -157,7 +157,7 @@ class Changing(PresentWorld):
             system = self.snapshot()
             self._reload(system, {"colliders": given})
             if message := caught(system, given):
-                warnings.warn(message, checks.StartWarning, stacklevel=3)
+                warnings.warn(message, checks.StartWarning, stacklevel=4)
             return
         if loads is None and contact is None:
             self._apply(change)
@@ -216,7 +216,7 @@ class Changing(PresentWorld):
             time=self.time,
         )
         if not found.converged:
-            warnings.warn(str(found), checks.SettleWarning, stacklevel=3)
+            warnings.warn(str(found), checks.SettleWarning, stacklevel=4)
         self._reload(system, {})
         self._press(contacts)
         return found

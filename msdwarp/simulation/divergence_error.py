@@ -3,12 +3,14 @@
 `engine/diagnostics/divergence_monitor.py` detects divergence; in ensembles `kernels/reductions/frozen_worlds.py`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies import System
+from ..engine import rate_bounds
+from ..integrators import Integrator, choose_forced
 
 INSIDE_MATTERS = 1.0
 """Until this time [s] an initial overlap with an obstacle or body is assumed to cause a divergence."""
@@ -54,6 +56,18 @@ class SimulationDiverged(RuntimeError):
     def __init__(self, message: str, **details: float | None) -> None:
         super().__init__(message)
         vars(self).update(details)
+
+
+def divergence_of(
+    simulation: Any, method: Integrator, inside: str | None, gained: float | None = None
+) -> SimulationDiverged:
+    """Return the error for a simulation's last frame, after going back to its start; see `describe`."""
+    now, too_far = simulation, simulation.stepping.too_far
+    divergence = now.stepping.locate_divergence()
+    rates = rate_bounds(now.system, now.assembly, now.state)
+    needed = max(now.choice.least, choose_forced(rates, method, now.fps, 1).least)
+    system = now.system.replace(**now.assembly.changed_fields())
+    return describe(system, divergence, now.time, now.dt, now.substeps, needed, inside, gained, too_far)
 
 
 def describe(

@@ -157,7 +157,7 @@ class PresentWorld(Present):
     @property
     def rest_length(self) -> NDArray:
         """Current rest lengths of the connections [m], including plastic deformation."""
-        return self.stepping.changed_fields().get("rest_length", self.system.rest_length)
+        return self.assembly.changed_fields().get("rest_length", self.system.rest_length)
 
     @property
     def held_back(self) -> float:
@@ -191,4 +191,4 @@ class PresentWorld(Present):
     def snapshot(self) -> System:
         """Return the system with its current positions, velocities and parameters."""
         _, position, velocity = self.frame()
-        return self.system.replace(position=position, velocity=velocity, **self.stepping.changed_fields())
+        return self.system.replace(position=position, velocity=velocity, **self.assembly.changed_fields())

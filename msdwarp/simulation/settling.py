@@ -133,7 +133,7 @@ def settled(
             if not NEAR * stepping.choice.substeps <= choice.substeps <= stepping.choice.substeps:
                 stepping = stepping.with_choice(choice)
     assert tolerance is not None
-    changed = stepping.changed_fields()
+    changed = stepping.assembly.changed_fields()
     result = system.replace(position=stepping.frame(time).position, velocity=still, **changed)
     return result, Settled(residual, tolerance, taken), assembly.contacts()
 

@@ -22,7 +22,7 @@ from ..engine import (
     threads_for,
     warn_of_start,
 )
-from ..integrators import SAFETY, Integrator, StepChoice, choose_forced
+from ..integrators import SAFETY, Integrator, StepChoice
 from ..runtime import completing, exclusive, in_turn
 from ..world import (
     Change,
@@ -40,7 +40,7 @@ from ..world import (
 from . import checkpoint
 from .arguments import frame_count, in_order
 from .changing import Changing, check_supports, check_supports_contact
-from .divergence_error import SimulationDiverged, describe
+from .divergence_error import divergence_of
 from .gradient import Differentiable
 from .readings import Readings
 from .settling import Settled
@@ -275,6 +275,8 @@ class Simulation(Changing, Differentiable):
                         break
             finally:  # after an exception or an interrupt, the next frame may have been launched
                 self.stepping.discard_ahead()
+                if self.stepping.end > self.time:  # of a signal, before the frame was counted
+                    self._count_frame()
 
     def _step(self, continues: bool) -> None:
         """Advance by a frame; `continues`: another frame follows immediately."""
@@ -284,6 +286,10 @@ class Simulation(Changing, Differentiable):
             self._update_choice()
         interrupted = self._refresh or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
         self._advance((self.frame_index + 1) / self.fps if continues and not interrupted else None)
+        self._count_frame()
+
+    def _count_frame(self) -> None:
+        """Count the frame that has been taken."""
         if self.substeps != self.substep_history[-1][1]:
             self.substep_history.append((self.time, self.substeps))
         self.frame_index += 1
@@ -292,19 +298,19 @@ class Simulation(Changing, Differentiable):
         found = {} if self._step_controller is None else self._step_controller.warnings
         for kind in found.keys() - self._warned:
             self._warned.add(kind)
-            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=4)
+            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=5)
 
     def _advance(self, next_time: float | None) -> None:
         """Advance by a frame; `next_time` [s] is as for `Stepping.advance`."""
         if self._step_controller is None:
             if not self.stepping.advance(self.time, next_time):
-                raise self._divergence()
+                raise divergence_of(self, self._method, self._inside)
             return
         try:
             self.stepping = self._step_controller.advance(self.stepping, self.time, self._stable_choice, next_time)
         except StepControlFailed as failure:
             self.stepping = failure.stepping
-            raise self._divergence(failure.gained) from None
+            raise divergence_of(self, self._method, self._inside, failure.gained) from None
 
     def _stable_choice(self) -> StepChoice:
         """Return the substeps for the current state; raise UnstableStep if no number is stable."""
@@ -317,15 +323,6 @@ class Simulation(Changing, Differentiable):
             self.stepping = self._step_controller.follow(self.stepping, choice)
         elif choice.substeps != self.substeps:
             self.stepping = self.stepping.with_choice(choice)
-
-    def _divergence(self, gained: float | None = None) -> SimulationDiverged:
-        """Return the error for the last frame, after going back to its start."""
-        too_far, divergence = self.stepping.too_far, self.stepping.locate_divergence()
-        rates = rate_bounds(self.system, self.assembly, self.state)
-        needed = max(self.choice.least, choose_forced(rates, self._method, self.fps, 1).least)
-        system = self.system.replace(**self.stepping.changed_fields())
-        causes = self._inside, gained, too_far
-        return describe(system, divergence, self.time, self.dt, self.substeps, needed, *causes)
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the current frame and every frame of the next `duration` seconds.

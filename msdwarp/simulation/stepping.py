@@ -34,7 +34,7 @@ from ..engine import (
     weight,
 )
 from ..integrators import Integrator, StepChoice
-from ..runtime import in_turn, record
+from ..runtime import record
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .divergence_error import Divergence
 from .pinned_staging import PinnedStaging, to_host
@@ -79,7 +79,8 @@ class Stepping:
         self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
         self._time, self._frame_start, own = time, time, self.integrator
         stages = own.stage_times, own.weights, own.lag, own.lagging
-        dynamics.begin(Steps(choice.fps, choice.substeps, *stages, still))
+        self._steps = Steps(choice.fps, choice.substeps, *stages, still)
+        dynamics.begin(self._steps)
         dynamics.hold(time)
         self._staging = PinnedStaging()
         swings = np.array([replace(one, substeps=choice.substeps).energy_swing for one in choices])
@@ -131,16 +132,27 @@ class Stepping:
     def with_choice(self, choice: StepChoice) -> Self:
         """Return a `Stepping` with other substeps, which replaces this one and continues from its state."""
         own = self.integrator
-        if own.staggered or not self.at_start:
-            most = own.lag * choice.limit if choice.limit > 0 else math.inf
-            self._velocities.change_lag(own.lag * choice.step, most)
-        options = self._options | {"baseline": self.watch.baseline, "time": self._time}
-        return type(self)(self.dynamics, self.state, choices=[choice], **options)
+        self.backup.save()
+        self._frame_start = self._time
+        try:
+            if own.staggered or not self.at_start:
+                most = own.lag * choice.limit if choice.limit > 0 else math.inf
+                self._velocities.change_lag(own.lag * choice.step, most)
+            options = self._options | {"baseline": self.watch.baseline, "time": self._time}
+            return type(self)(self.dynamics, self.state, choices=[choice], **options)
+        except BaseException:  # of a signal's handler
+            self.go_back()
+            raise
 
     @property
     def at_start(self) -> bool:
         """Whether velocities are still those given by the user, before any substep."""
         return self._time == 0.0
+
+    @property
+    def end(self) -> float:
+        """The time of the state [s]; that of the caller, unless a signal kept it from counting the last frame."""
+        return self._time
 
     def launch_substeps_by(self, launch: Callable[[int], None]) -> None:
         """Have `launch`, a function of their number, launch the substeps of later frames."""
@@ -208,14 +220,16 @@ class Stepping:
         may launch it before testing the current frame. Omit `next_time` if the caller acts between the two
         frames, since functions of time may then return other values.
         """
-        if not self._tracks.advance():
-            self._take_frame(time, self._tracks.current)
-        fps, track = self.choice.fps, self._tracks.current
-        self._frame_start, self._time = time, (round(time * fps) + 1) / fps
         try:
+            if not self._tracks.advance():
+                self._take_frame(time, self._tracks.current)
+            fps, track = self.choice.fps, self._tracks.current
+            self._frame_start, self._time = time, (round(time * fps) + 1) / fps
             return self._judge(time, next_time, track)
-        except BaseException:  # such as sys.exit() in a function of time: the caller does not count this frame
-            self.go_back()
+        except BaseException:  # of a function of time or a signal's handler: the caller does not count this frame
+            if self._tracks.current.time == time:
+                self._frame_start = time
+                self.go_back()
             raise
 
     def _judge(self, time: float, next_time: float | None, track: Track) -> bool:
@@ -251,7 +265,7 @@ class Stepping:
     def discard_ahead(self) -> None:
         """Undo a frame that was launched ahead."""
         if self._tracks.ahead is not None:
-            self._tracks.ahead.backup.restore()
+            self._tracks.ahead.restore()
             self._tracks.ahead = None
             self.dynamics.hold(self._time)
 
@@ -275,11 +289,12 @@ class Stepping:
                 graphs[kind].replay()
             else:
                 wp.capture_launch(graphs[kind])
+            track.found.mark()
+            track.time = time
         except BaseException:  # of a signal meanwhile
-            track.backup.restore()
+            track.restore()
             self.dynamics.hold(self._time)
             raise
-        track.found.mark()
 
     def _forget_outdated(self) -> None:
         """Drop graphs with replaced arrays, arguments or kernels."""
@@ -297,9 +312,11 @@ class Stepping:
         self.watch.compare_with(Baseline.of(self.assembly, self.state))
 
     def go_back(self) -> None:
-        """Go back to the start of the last frame."""
+        """Go back to the start of the last frame, even if a `Stepping` with other substeps has gone on from it."""
+        if self.dynamics.steps is not self._steps:
+            self.dynamics.begin(self._steps)
         self._tracks.ahead = None
-        self.backup.restore()
+        self._tracks.current.restore()
         self.begin_at(self._frame_start)
 
     def _launch_frame(self, track: Track) -> None:
@@ -349,16 +366,11 @@ class Stepping:
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
         """Return the last frame's readings by probe name: evenly spaced rows, the last row at the frame's end."""
-        found = {}
-        for sensors in filter(None, (self._frame_sensors, self._substep_sensors)):
-            found |= sensors.read()
-        return found
+        both = filter(None, (self._frame_sensors, self._substep_sensors))
+        return {name: rows for sensors in both for name, rows in sensors.read().items()}
 
     def locate_divergence(self) -> Divergence:
-        """Return where the last frame diverged, and go back to its start.
-
-        The frame is simulated again, with a check after each substep.
-        """
+        """Simulate the last frame again, and check each substep; return where it diverged, and go back."""
         self.go_back()
         self.dynamics.begin_frame(self._frame_start)
         found, good, substep = self._tracks.current.found, to_host(self.state.x), 0
@@ -384,8 +396,3 @@ class Stepping:
             position = position.astype(np.float64) - self.state.compensation.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
         return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))
-
-    @in_turn
-    def changed_fields(self) -> dict[str, NDArray]:
-        """Return the fields of the system that substeps have changed, except positions and velocities."""
-        return {name: array for effect in self.assembly.all for name, array in effect.changed_fields().items()}

@@ -182,19 +182,34 @@ class StepController:
         `Stepping.advance`. Raises StepControlFailed, with the state of the last attempt, if no number of substeps
         is enough.
         """
-        if self.rechoose:
-            stepping.discard_ahead()
-            self.rechoose = False
-            with suppress(UnstableStep):  # otherwise keep the old substeps
-                stepping = self.follow(stepping, stable_choice())
-        usual, rises = self.refinement, list[float]()
-        # If checks are rare, balances are needed only near the next check: in this frame or the one after.
-        stepping.sum_balance = self.interval < OFTEN or self.since + 2 >= self.interval
-        fine = stepping.advance(time, next_time)
-        self.since += 1
-        if fine and not self._is_due(stepping):
-            return stepping
-        start = None
+        before, first, moved = vars(self).copy(), stepping, False
+        try:
+            if self.rechoose:
+                stepping.discard_ahead()
+                with suppress(UnstableStep):  # otherwise keep the old substeps
+                    stepping = self.follow(stepping, stable_choice())
+                self.rechoose, moved = False, stepping is not first
+            # If checks are rare, balances are needed only near the next check: in this frame or the one after.
+            stepping.sum_balance = self.interval < OFTEN or self.since + 2 >= self.interval
+            fine = stepping.advance(time, next_time)
+            self.since += 1
+            if fine and not self._is_due(stepping):
+                return stepping
+            moved = True
+            return self._checked(stepping, fine, time, stable_choice)
+        except StepControlFailed:
+            raise
+        except BaseException:  # of a signal's handler, for example: the caller goes on with the same `Stepping`
+            vars(self).update(before)
+            if moved or first.end > time:
+                first.go_back()
+            raise
+
+    def _checked(
+        self, stepping: Stepping, fine: bool, time: float, stable_choice: Callable[[], StepChoice]
+    ) -> Stepping:
+        """Check the frame that begins at `time` [s]; repeat it with more substeps until its energy is fine."""
+        usual, rises, start = self.refinement, list[float](), None
         while True:
             balance = stepping.balance_of_frame() if fine else None
             if balance is not None and self._is_acceptable(balance):

@@ -20,6 +20,12 @@ class Track:
         # Recorded graphs of the frame, by whether they sum the energy balance, and by search intervals:
         self.graphs: dict[tuple, Any] = {}
         self.sums_balance = False  # whether the last launched frame did
+        self.time: float | None = None  # when the last launched frame began [s]; None once it is undone
+
+    def restore(self) -> None:
+        """Restore the state at the frame's start."""
+        self.backup.restore()
+        self.time = None
 
 
 class Tracks:

@@ -94,7 +94,8 @@ class Change:
         for name, value in values.items():
             old = getattr(system, name)
             where = chosen if name in OF_PARTICLES else joined
-            new: Any = checks.array(name, value(old[where]) if callable(value) else value)
+            given: Any = value(old[where]) if callable(value) else value
+            new = checks.array(name, given)
             fields[name] = new
             if not where.all():
                 fields[name] = np.array(old)

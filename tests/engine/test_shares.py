@@ -48,7 +48,7 @@ def outcome(system, threads, frames=4, **options):
     assert simulation.threads == threads
     for _ in range(frames):
         simulation.step()
-    frame, changed = simulation.frame(), simulation.stepping.changed_fields()
+    frame, changed = simulation.frame(), simulation.assembly.changed_fields()
     return [frame.position, frame.velocity, *changed.values()]
 
 

@@ -217,7 +217,7 @@ def test_what_is_dropped_in_nobodys_turn_is_freed_at_once(plain_device):
 
 def is_taken():
     """Tell whether it is this thread's turn, or that of the one that it draws for."""
-    free = not getattr(turns._mine, "turn", False) and turns._turn.acquire(blocking=False)
+    free = not turns._turn._is_owned() and turns._turn.acquire(blocking=False)
     if free:
         turns._turn.release()
     return not free

@@ -224,6 +224,11 @@ class Assembly:
             found = [others | part for others, part in zip(found, parts, strict=True)]
         return found
 
+    @in_turn
+    def changed_fields(self) -> dict[str, NDArray]:
+        """Return the fields of the system that substeps have changed, except positions and velocities."""
+        return {name: array for effect in self.all for name, array in effect.changed_fields().items()}
+
     def take_over(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
         """Copy the work and the state of each effect from `other`, the assembly before a change of the scene.
 
