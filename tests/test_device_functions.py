@@ -51,6 +51,11 @@ def twice(strain: Any):
     return 2.0 * strain
 
 
+@wp.kernel
+def a_kernel(x: wp.array(dtype=float)):
+    x[wp.tid()] = 0.0
+
+
 @wp.func
 def as_vector(strain: Any):
     return wp.vec3(float(strain))
@@ -89,6 +94,7 @@ def test_a_force_that_cannot_be_compiled_changes_nothing(function, message):
             lambda: Simulation(BODY, loads=[Wind(air, area=0.1)], device="cpu"),
             r"loads\[0\]\.velocity is air\(x\); it must be a wp.func \(x: vec3f, t: float32\)",
         ),
+        (lambda: Simulation(BODY, loads=[Force(a_kernel)], device="cpu"), r"loads\[0\]\.force is .*a wp.func"),
         (lambda: OwnSpring(twice), r"function cannot be compiled for \(strain: float64\)"),
         (lambda: OwnSpring(as_vector), r"function returns vec3f for \(strain: float32\); it must return float32"),
     ],

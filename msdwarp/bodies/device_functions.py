@@ -21,9 +21,12 @@ def check_law(name: str, function: Any, arguments: tuple[str, ...], returned: st
 
 def check_types(name: str, function: Any, arguments: dict[str, type], returned: type) -> None:
     """Raise ValueError unless a `wp.func` can be compiled for these types of arguments, and returns `returned`."""
+    import warp as wp
     from warp.types import type_repr, types_equal
 
     taken = ", ".join(f"{one}: {type_repr(kind)}" for one, kind in arguments.items())
+    if not isinstance(function, wp.Function):
+        raise ValueError(f"{name} is {checks.repr_short(function)}; it must be a wp.func ({taken})")
     overload = function.get_overload(list(arguments.values()), {})
     if overload is None:
         own = ", ".join(function.adj.arg_types)
@@ -35,7 +38,7 @@ def check_types(name: str, function: Any, arguments: dict[str, type], returned: 
     except Exception as error:  # Warp raises errors of its own, and passes on those of the function's expressions
         reason = error.args[0] if error.args else checks.message(error)
         raise ValueError(f"{name} cannot be compiled for ({taken}): {reason}") from error
-    given = [type_repr(one.type) for one in overload.adj.return_var or ()]
-    if len(given) != 1 or not types_equal(overload.adj.return_var[0].type, returned):
-        is_given = ", ".join(given) or "nothing"
+    given = [one.type for one in overload.adj.return_var or ()]
+    if len(given) != 1 or not types_equal(given[0], returned):
+        is_given = ", ".join(map(type_repr, given)) or "nothing"
         raise ValueError(f"{name} returns {is_given} for ({taken}); it must return {type_repr(returned)}")

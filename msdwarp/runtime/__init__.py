@@ -5,6 +5,7 @@ from .messages import start_warp as start_warp, verbose as verbose
 from .recording import CAPTURE_LOCK as CAPTURE_LOCK, record as record
 from .turns import (
     ReleasedInTurn as ReleasedInTurn,
+    calling as calling,
     completing as completing,
     exclusive as exclusive,
     in_turn as in_turn,

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from .turns import collecting, deferring_signals, waiting
+from .turns import deferring_signals, is_collecting, is_collecting_here, waiting
 
 CAPTURE_LOCK = threading.Lock()
 """Held while a graph is recorded: no thread may then wait for a device."""
@@ -38,5 +38,5 @@ def record(launch: Callable[[], None], device: Any, **how: Any) -> Any:
 def _wait_for_collection() -> None:
     """Wait while another thread collects garbage: as it frees memory, Python lets other threads run."""
     end = time.monotonic() + PATIENCE
-    while collecting and collecting[0] not in {threading.get_ident(), *waiting} and time.monotonic() < end:
+    while is_collecting() and not is_collecting_here() and not waiting and time.monotonic() < end:
         time.sleep(1e-4)

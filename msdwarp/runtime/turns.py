@@ -6,6 +6,7 @@ import functools
 import gc
 import os
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import Any, ParamSpec, TypeVar
 
@@ -13,8 +14,10 @@ P = ParamSpec("P")
 T = TypeVar("T")
 _turn, _next, _mine = threading.RLock(), threading.RLock(), threading.local()
 """Locks held by the thread whose turn it is, and by the next one; whether this thread is about to fork."""
-collecting, waiting = list[int](), set[int]()
-"""The thread that collects garbage now; the threads that wait for a turn within a collection."""
+_phases, _latest, _own = OrderedDict[str, None](start=None, stop=None), dict[str, Any](), threading.local()
+"""Collections of garbage: the phases, the last one last; what was told of each, in any and in each thread."""
+waiting = list[None]()
+"""Not empty while a finalizer, within a collection, waits for a turn."""
 _dropped = list[Any]()
 """Objects to release when a turn ends."""
 PATIENCE = 60.0
@@ -46,15 +49,15 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def _wait_for_turn() -> None:
-    me, is_collecting = threading.get_ident(), bool(collecting)  # a finalizer, which others need not wait for
-    if is_collecting:
-        waiting.add(me)
+    held_up = is_collecting_here()  # a finalizer, for which nobody must wait
+    if held_up:
+        waiting.append(None)
     try:
         with _next:  # waiting threads come before the one that just had its turn
             _turn.acquire()
     finally:
-        if is_collecting:
-            waiting.discard(me)
+        if held_up:
+            waiting.clear()
 
 
 def _end_turn() -> None:
@@ -65,26 +68,29 @@ def _end_turn() -> None:
 
 
 def exclusive(method: Callable[P, T]) -> Callable[P, T]:
-    """Return a method that takes a turn; RuntimeError if its object is within another such method.
-
-    A function of time, a finalizer or a signal's handler could call one while a frame is half done.
-    """
+    """Return a method that takes a turn; RuntimeError if its object is within another such method."""
 
     @in_turn
     @functools.wraps(method)
     def alone(*args: P.args, **kwargs: P.kwargs) -> T:
-        own: dict[str, Any] = args[0].__dict__
-        if busy := own.get("_busy"):
-            raise RuntimeError(
-                f"{method.__name__} is called within {busy}, as by a function of time; call it afterwards"
-            )
-        try:
-            own["_busy"] = method.__name__
-            return method(*args, **kwargs)
-        finally:
-            own["_busy"] = None
+        return calling(args[0], method.__name__, method, *args, **kwargs)
 
     return alone
+
+
+def calling(owner: Any, name: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """Call a function, within which no exclusive method of its owner may be called; `name` is for the message.
+
+    A function of time, a finalizer or a signal's handler could call one while a frame is half done.
+    """
+    own: dict[str, Any] = owner.__dict__
+    if busy := own.get("_busy"):
+        raise RuntimeError(f"{name} is called within {busy}, as by a function of time; call it afterwards")
+    try:
+        own["_busy"] = name
+        return function(*args, **kwargs)
+    finally:
+        own["_busy"] = None
 
 
 @contextlib.contextmanager
@@ -109,7 +115,11 @@ def completing() -> Iterator[list[int]]:
         _signal.signal(_signal.SIGINT, note)
         yield pressed
     finally:
-        _signal.signal(_signal.SIGINT, usual)
+        try:
+            _signal.signal(_signal.SIGINT, usual)
+        except BaseException:  # of the handler of another signal, which this calls first
+            _signal.signal(_signal.SIGINT, usual)
+            raise
         if pressed:
             raise KeyboardInterrupt
 
@@ -183,14 +193,22 @@ def _forget_turns() -> None:
     """Create new locks in a forked process, which does not inherit other threads."""
     global _turn, _next
     _mine.forks, _turn, _next = False, threading.RLock(), threading.RLock()
-    collecting.clear()
+    _phases.move_to_end("stop")  # the thread that was collecting is none of this process
     waiting.clear()
 
 
-def _note_collection(phase: str, info: dict[str, int]) -> None:
-    collecting[:] = [threading.get_ident()] if phase == "start" else []
+def is_collecting() -> bool:
+    """Return whether any thread collects garbage now."""
+    return next(reversed(_phases)) == "start"
 
 
-gc.callbacks.append(_note_collection)
+def is_collecting_here() -> bool:
+    """Return whether this thread collects garbage now, so that a finalizer calls."""
+    return is_collecting() and getattr(_own, "start", None) is _latest.get("start")
+
+
+# These are in C, and take the phase and a new dictionary. An exception of a signal's handler would be lost in a
+# callback in Python, where Python calls handlers after each collection: Ctrl-C would often do nothing.
+gc.callbacks += [_phases.move_to_end, _latest.__setitem__, _own.__setattr__]
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_wait_to_fork, after_in_parent=_end_fork, after_in_child=_forget_turns)

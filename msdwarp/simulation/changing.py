@@ -28,6 +28,7 @@ from ..world import (
 from .properties import PresentWorld
 from .settling import Settled, settled
 from .substep_controller import StepController
+from .undoing import undoing
 
 
 class Changing(PresentWorld):
@@ -157,7 +158,7 @@ class Changing(PresentWorld):
             system = self.snapshot()
             self._reload(system, {"colliders": given})
             if message := caught(system, given):
-                warnings.warn(message, checks.StartWarning, stacklevel=4)
+                warnings.warn(message, checks.StartWarning, stacklevel=5)
             return
         if loads is None and contact is None:
             self._apply(change)
@@ -216,7 +217,7 @@ class Changing(PresentWorld):
             time=self.time,
         )
         if not found.converged:
-            warnings.warn(str(found), checks.SettleWarning, stacklevel=4)
+            warnings.warn(str(found), checks.SettleWarning, stacklevel=5)
         self._reload(system, {})
         self._press(contacts)
         return found
@@ -243,14 +244,9 @@ class Changing(PresentWorld):
 
     def _reload(self, system: System, other: dict[str, Any]) -> None:
         """Upload a system again, with changed surroundings."""
-        before = self._surroundings
-        with completing():
-            self._surroundings = before | other
-            try:
-                self._load(system)
-            except Exception:
-                self._surroundings = before
-                raise
+        with completing(), undoing(self):
+            self._surroundings = self._surroundings | other
+            self._load(system)
 
     def _set_gravity(self, gravity: Any) -> None:
         """Change constant gravity in place."""

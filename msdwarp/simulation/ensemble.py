@@ -14,7 +14,7 @@ from .. import checks
 from ..bodies import System
 from ..engine import Assembly, Dynamics, State, WorldStatus, assemble_worlds, starting_state, world_rates
 from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
-from ..runtime import completing, exclusive, in_turn
+from ..runtime import calling, completing, exclusive, in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
 from .arguments import frame_count
 from .changing import check_supports_contact
@@ -157,7 +157,6 @@ class Ensemble(Differentiable):
     @exclusive
     def reset(self) -> None:
         """Go back to the start."""
-        self.frame_index = 0
         assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
         state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
         choices = list[StepChoice]()
@@ -167,7 +166,7 @@ class Ensemble(Differentiable):
             except UnstableStep as error:
                 raise UnstableStep(f"in world {k} {error}") from error
         how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}
-        self.stepping = Stepping(Dynamics(assembly), state, self._method, choices, **how)
+        self.stepping, self.frame_index = Stepping(Dynamics(assembly), state, self._method, choices, **how), 0
 
     def _parameter_of(self, name: str, world: int) -> NDArray[np.float64]:
         """Return a world's entry of a parameter."""
@@ -230,7 +229,7 @@ class Ensemble(Differentiable):
             if frame % every == 0:
                 times.append(self.time)
                 for one in observed:
-                    one.look()
+                    calling(self, "run", one.look)
         return dataset(self, observed, times)
 
     @property

@@ -21,6 +21,8 @@ OBSERVED = [one for one in UNITS if one not in (CONTACT_FORCE, BODY_CONTACT_FORC
 """Quantities that probes of an ensemble may measure."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
 AXES = ("x", "y", "z")
+COORDINATES = ("world", "frame", "axis", "particle", "time", "status", "diverged_at")
+"""What every result has beside the observed quantities."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ class Observation:
     @in_turn
     def look(self) -> None:
         """Append the current value."""
-        value = np.asarray(self._measure())
+        value = np.array(self._measure())  # a copy: a function may return the same array again
         if self.values and value.shape != self.values[0].shape:
             raise ValueError(
                 f"observe[{self.name!r}] returned shape {value.shape}, and {self.values[0].shape} before; it must "
@@ -85,6 +87,8 @@ def observations(ensemble: Any, observe: Mapping[str, Any]) -> list[Observation]
     found = []
     for name, what in checks.mapping("observe", observe).items():
         checks.instance("a name in observe", name, str, "'top'")
+        if name in COORDINATES:
+            raise ValueError(f"a name in observe is {name!r}; the result has {', '.join(COORDINATES)} anyway")
         try:
             found.append(_observation(ensemble, name, what))
         except ValueError as error:
@@ -128,7 +132,7 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
                 values = np.asarray(given)
             except ValueError:  # its rows differ in length
                 values = np.asarray(None)
-            if values.dtype.kind not in "biufc":
+            if values.dtype.kind not in "biufc" or np.ma.is_masked(given):
                 raise ValueError(
                     f"observe[{name!r}] returned {checks.repr_short(given)}; it must be numbers in an array"
                 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..engine import Assembly, State, without_adjoint
 from ..integrators import Leapfrog, SymplecticEuler
-from ..runtime import in_turn
+from ..runtime import calling, in_turn
 from ..world import Actuator
 from .gradient_run import Differentiated, Frames
 from .properties import Present
@@ -130,7 +130,7 @@ class Differentiable(Present):
             raise ValueError(f"loss is {checks.repr_short(loss)}; it must be a function of the frames")
         by = checks.sequence("by", by, str, "'stiffness'")
         run, found = self.differentiated(frames, by)
-        told, both, stopped = loss(found), [], run.stopped
+        told, both, stopped = calling(self, "gradient", loss, found), [], run.stopped
         if not isinstance(told, tuple) or len(told) != 3:
             raise ValueError(
                 f"loss returned {checks.repr_short(told)}; it must return a tuple of its value, and its "

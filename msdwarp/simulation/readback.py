@@ -58,12 +58,11 @@ class Readback(ReleasedInTurn):
 
     def take(self) -> "Taken":
         """Return the current frame, still in transfer to the host; wait while `depth` frames are in use."""
-        buffers = self._fill(self._free.get())
-        return Taken(self._simulation, buffers, self._free)
+        return self._taken(self._free.get())
 
     @in_turn
-    def _fill(self, buffers: "_Buffers | None") -> "_Buffers":
-        """Start the copy of the current frame, into new buffers if None are given, and return them."""
+    def _taken(self, buffers: "_Buffers | None") -> "Taken":
+        """Start the copy of the current frame, into new buffers if None are given."""
         if buffers is None:
             buffers = _Buffers(self._simulation.model, self._strain, self._contact_forces)
         stepping = self._simulation.stepping  # read again, because a change of the simulation replaces it
@@ -83,7 +82,7 @@ class Readback(ReleasedInTurn):
             stepping.contact_forces.write_force(arrays["contact_force"])
         if self._stream is not None:
             buffers.send(self._stream)
-        return buffers
+        return Taken(self._simulation, buffers, self._free)
 
     def _order_of(self, model: Model) -> wp.array | None:
         """Return the index in the system of each connection on the device; None if the order is the same."""

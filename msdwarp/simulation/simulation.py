@@ -46,6 +46,7 @@ from .readings import Readings
 from .settling import Settled
 from .stepping import Stepping
 from .substep_controller import StepControlFailed, StepController
+from .undoing import undoing
 
 
 class Simulation(Changing, Differentiable):
@@ -212,17 +213,18 @@ class Simulation(Changing, Differentiable):
     @exclusive
     def reset(self) -> None:
         """Go back to time 0, with the initial state and parameters."""
-        self.frame_index = 0
-        self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-        self._due, self._warned = list(self._schedule), set[type[Warning]]()
-        self._surroundings |= {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
-        self._active_loads = self._given
-        automatic = self._forced is None and math.isfinite(self._energy_limit)
-        self._step_controller = StepController() if automatic else None
-        self._load(self._initial)
-        self._press(self._pressed)
-        self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
-        """Pairs of a time [s] and the substeps per frame from this time on."""
+        with undoing(self):
+            self.frame_index = 0
+            self.readings = Readings(self._surroundings["probes"], self._initial.dim)
+            self._due, self._warned = list(self._schedule), set[type[Warning]]()
+            given = {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
+            self._surroundings, self._active_loads = {**self._surroundings, **given}, self._given
+            automatic = self._forced is None and math.isfinite(self._energy_limit)
+            self._step_controller = StepController() if automatic else None
+            self._load(self._initial)
+            self._press(self._pressed)
+            self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
+            """Pairs of a time [s] and the substeps per frame from this time on."""
 
     def _load(self, system: System, choice: StepChoice | None = None) -> None:
         """Upload a system, and prepare to advance it by the given substeps, or by newly chosen ones."""
@@ -298,7 +300,7 @@ class Simulation(Changing, Differentiable):
         found = {} if self._step_controller is None else self._step_controller.warnings
         for kind in found.keys() - self._warned:
             self._warned.add(kind)
-            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=5)
+            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=6)
 
     def _advance(self, next_time: float | None) -> None:
         """Advance by a frame; `next_time` [s] is as for `Stepping.advance`."""
@@ -377,21 +379,22 @@ class Simulation(Changing, Differentiable):
         reusable = self._step_controller is None and self.frame_index == 0
         reusable = reusable and system is self.system and choice == self.choice
         reusable = reusable and loads is self._surroundings["loads"] and gravity is self._surroundings["gravity"]
-        self._surroundings |= {"loads": loads, "gravity": gravity}
-        self._active_loads = self._given
-        self._step_controller = self._step_controller and StepController()
-        self.frame_index = frame_index
-        self.readings = Readings(self._surroundings["probes"], system.dim)
-        if reusable:  # in a sweep, an upload for each restored world would take as long as a new simulation
-            self.stepping.begin_at(self.time)
-        else:
-            self._load(system, choice)
-        self._due = self._schedule[changes:]
-        checkpoint.restore_arrays(self.stepping, arrays)
-        for effect in self.assembly.all:
-            effect.make_room(self.state.x, self.state.v)
-        self.substep_history = chosen or [(0.0, self.substeps)]
-        if baseline is not None:
-            self.stepping.watch.compare_with(baseline)
-        if controller is not None:  # older checkpoints have no controller: it starts here
-            self._step_controller = controller
+        with undoing(self):
+            self._surroundings = self._surroundings | {"loads": loads, "gravity": gravity}
+            self._active_loads = self._given
+            self._step_controller = self._step_controller and StepController()
+            self.frame_index = frame_index
+            self.readings = Readings(self._surroundings["probes"], system.dim)
+            if reusable:  # in a sweep, an upload for each restored world would take as long as a new simulation
+                self.stepping.begin_at(self.time)
+            else:
+                self._load(system, choice)
+            self._due = self._schedule[changes:]
+            checkpoint.restore_arrays(self.stepping, arrays)
+            for effect in self.assembly.all:
+                effect.make_room(self.state.x, self.state.v)
+            self.substep_history = chosen or [(0.0, self.substeps)]
+            if baseline is not None:
+                self.stepping.watch.compare_with(baseline)
+            if controller is not None:  # older checkpoints have no controller: it starts here
+                self._step_controller = controller

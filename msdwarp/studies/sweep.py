@@ -24,6 +24,7 @@ from .sweep_points import (
     MISSING,
     RESULTS,
     RUNS,
+    WORDS,
     Point,
     Row,
     Setup,
@@ -110,6 +111,13 @@ def sweep(
     values = checked_grid(grid)
     fixed = dict(checks.mapping("parameters", parameters or {}))
     watched = dict(checks.mapping("observe", observe or {}))
+    for key, function in watched.items():
+        if key in (*WORDS, "seconds", *values):
+            raise ValueError(f"a name in observe is {key!r}; the results have a column of that name anyway")
+        if not callable(function):
+            raise ValueError(
+                f"observe[{key!r}] is {checks.repr_short(function)}; it must be a function of the simulation"
+            )
     check_names(build, values, fixed, options)
     checks.one_of("keep", keep, ("summary", "run"))
     known = inspect.signature(build).parameters

@@ -155,7 +155,10 @@ def final_numbers(
         each = {f"{name}_{k}": value for k, value in enumerate(values.ravel())}
         numbers |= each if values.ndim else {name: values}
     for name, function in observe.items():
-        numbers[name] = checks.array(f"what observe[{name!r}] returns", function(simulation)).reshape(())
+        given = checks.array(f"what observe[{name!r}] returns", function(simulation))
+        if given.size != 1:
+            raise ValueError(f"observe[{name!r}] returned {given.size} numbers; it must return one")
+        numbers[name] = given.reshape(())
     return {name: float(value) for name, value in numbers.items()}
 
 

@@ -19,9 +19,13 @@ def flat(value: Any) -> NDArray[np.float64]:
     try:
         array = np.asarray(value)
     except ValueError:  # parts of different lengths
+        if not isinstance(value, tuple):
+            raise ValueError(f"{checks.repr_short(value)} has rows of different lengths") from None
         return np.concatenate([flat(one) for one in value])
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{checks.repr_short(value)} are not numbers")
+    if np.ma.is_masked(value):
+        raise ValueError(f"{checks.repr_short(value)} has masked entries")
     return array.astype(np.float64).ravel()
 
 

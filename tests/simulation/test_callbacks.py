@@ -1,11 +1,12 @@
 """Functions that a simulation calls: those that call back, return nothing, or depend on a state of the run."""
 
+import math
 import re
 
 import numpy as np
 import pytest
 
-from msdwarp import Ensemble, Plane, Scene, Simulation, System, at, box
+from msdwarp import Ensemble, Force, Leapfrog, Plane, Scene, Simulation, System, at, box
 
 BODY = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.1).translate((0.0, 0.0, 0.2))
 
@@ -96,3 +97,125 @@ def test_what_is_observed_keeps_its_shape():
     message = re.escape("observe['q'] returned shape (2, 1), and (2,) before; it must always be the same")
     with pytest.raises(ValueError, match=message):
         worlds.run(0.05, observe={"q": lambda x, v: np.zeros(next(shapes))})
+
+
+@pytest.mark.parametrize("call", ["restore", "reset", "change"])
+def test_what_fails_in_a_function_leaves_everything(call):
+    # Restored and reset, it had the time asked for and the state of before, and went on to wrong numbers.
+    broken = []
+
+    def force(t):
+        if broken:
+            raise KeyError("no data")
+        return (0.0, 0.0, 0.1)
+
+    one, usual = (Simulation(BODY, loads=[Force(force)], colliders=[Plane()], device="cpu") for _ in range(2))
+    one.step(3)
+    kept = one.checkpoint()
+    one.step(3)
+    usual.step(6)
+    calls = {
+        "restore": lambda: one.restore(*kept),
+        "reset": one.reset,
+        "change": lambda: one.change(stiffness=300.0),
+    }
+    broken.append(True)
+    with pytest.raises(ValueError, match=r"loads\[0\]\.force has no value .* KeyError: 'no data'"):
+        calls[call]()
+    broken.clear()
+    assert one.frame_index == 6
+    for _ in range(3):
+        np.testing.assert_array_equal(one.frame().position, usual.frame().position)
+        one.step()
+        usual.step()
+    calls[call]()  # it can be called again
+    assert one.frame_index == {"restore": 3, "reset": 0, "change": 9}[call]
+
+
+def test_a_change_that_fails_at_its_end_is_undone():
+    # The last to call gravity is the sum of energies, when everything has been uploaded.
+    counted = [0, 10**9]
+
+    def gravity(t):
+        counted[0] += 1
+        if counted[0] > counted[1]:
+            raise KeyError("no data")
+        return (0.0, 0.0, -9.82 + 0.1 * math.sin(5 * float(np.max(t))))
+
+    one = Simulation(BODY, gravity=gravity, colliders=[Plane()], device="cpu")
+    one.step(4)
+    before, counted[0] = one.frame(), 0
+    kept = one.checkpoint()
+    one.change(stiffness=300.0)
+    calls = counted[0]
+    assert calls > 1
+    one.restore(*kept)
+    for limit in range(calls):
+        counted[:] = [0, limit]
+        with pytest.raises(ValueError, match="no data"):
+            one.change(stiffness=200.0)
+        assert one.snapshot().stiffness.max() == 400.0
+    counted[1] = 10**9
+    np.testing.assert_array_equal(one.frame().position, before.position)
+
+
+def test_worlds_that_cannot_be_reset_stay_where_they_are():
+    broken = []
+
+    def force(t):
+        if broken:
+            raise KeyError("no data")
+        return (0.0, 0.0, 0.1)
+
+    worlds = Ensemble(Scene(system=BODY, loads=[Force(force)]), 2, device="cpu")
+    worlds.step(3)
+    before = worlds.frame()
+    broken.append(True)
+    with pytest.raises(ValueError, match="no data"):
+        worlds.reset()
+    assert worlds.frame_index == 3
+    np.testing.assert_array_equal(worlds.frame().position, before.position)
+
+
+def test_an_observer_may_return_the_same_array_again():
+    out = np.zeros(2)
+
+    def lowest(x, v):
+        x[:, :, 2].min(axis=1, out=out)
+        return out
+
+    scene = Scene(system=BODY)
+    again = Ensemble(scene, 2, device="cpu").run(0.1, observe={"low": lowest})
+    other = Ensemble(scene, 2, device="cpu").run(0.1, observe={"low": lambda x, v: x[:, :, 2].min(axis=1)})
+    np.testing.assert_array_equal(again["low"].values, other["low"].values)
+    assert np.ptp(other["low"].values[0]) > 0
+
+
+def test_an_observer_and_a_loss_cannot_step():
+    worlds = Ensemble(Scene(system=BODY), 2, device="cpu")
+    with pytest.raises(RuntimeError, match="step is called within run"):
+        worlds.run(0.1, observe={"t": lambda x, v: (worlds.step(), np.zeros(2))[1]})
+    simulation = Simulation(BODY, integrator=Leapfrog(), device="cpu")
+    with pytest.raises(RuntimeError, match="step is called within gradient"):
+        simulation.gradient(lambda frames: simulation.step(), frames=2, by=("stiffness",))
+    assert simulation.frame_index == 0
+
+
+@pytest.mark.parametrize("name", ["time", "world", "status"])
+def test_the_names_of_coordinates_are_not_for_what_is_observed(name):
+    worlds = Ensemble(Scene(system=BODY), 2, device="cpu")
+    with pytest.raises(ValueError, match=f"a name in observe is '{name}'; the result has"):
+        worlds.run(0.1, observe={name: "energy"})
+    assert worlds.frame_index == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([[0.1, 0.2], [0.3]], "rows of different lengths"),
+        (np.ma.masked_array([0.1, 2.0, 0.3], [0, 1, 0]), "masked"),
+    ],
+)
+def test_ragged_and_masked_values_are_refused(given, message):
+    with pytest.raises(ValueError, match=rf"loads\[0\]\.force has no value .*{message}"):
+        Simulation(BODY, loads=[Force(lambda t: given)], device="cpu")

@@ -8,6 +8,8 @@ import pytest
 import warp as wp
 
 from msdwarp import Leapfrog, Simulation, System, Trajectory, TrajectoryWriter, at, box, chain
+from msdwarp.runtime import turns
+from msdwarp.simulation import readback as readback_module
 from msdwarp.simulation.readback import Readback
 
 ROUNDING = {"float32": problems.EPS32, "float32-compensated": problems.EPS32, "float64": 4 * problems.EPS64}
@@ -197,3 +199,17 @@ def test_a_dropped_frame_makes_room_and_its_arrays_stay(plain_device):
 def test_only_a_simulation_is_read_back():
     with pytest.raises(ValueError, match="simulation is None; it must be a Simulation"):
         Readback(None)
+
+
+def test_a_frame_is_given_its_time_in_the_turn_that_copies_it(device, monkeypatch):
+    # Read after the turn, the time could be that of a frame which another thread has stepped to.
+    simulation, owned = start(device), []
+
+    class Watched(readback_module.Taken):
+        def __init__(self, *arguments):
+            owned.append(turns._turn._is_owned())
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(readback_module, "Taken", Watched)
+    Readback(simulation).take().release()
+    assert owned == [True]

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,36 @@ def test_a_turn_ends_whenever_a_signal_comes(usr1):
         other.start()
         other.join(60)
         assert len(found) == 1, f"the turn was kept after event {nth} of {count}"
+
+
+@needs_signals
+def test_ctrl_c_is_handled_as_before_whenever_a_signal_comes(usr1):
+    simulation = thrown()
+    where = sys.setprofile, ("call", "c_return"), turns.__file__
+    count = signalled(simulation.step, 0, *where)
+    for nth in range(1, count + 1):
+        signalled(simulation.step, nth, *where)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, f"after event {nth} of {count}"
+
+
+@needs_signals
+def test_no_signal_is_lost_in_a_collection(usr1):
+    # What a handler raises within a callback of the collector written in Python is printed, and forgotten.
+    signal.signal(signal.SIGALRM, raises)
+    kept = [[k] for k in range(200_000)]
+
+    def collect():
+        signal.setitimer(signal.ITIMER_REAL, 1e-3)
+        gc.collect()
+        time.sleep(0.5)  # if the collection took less
+
+    try:
+        for _ in range(3):
+            with pytest.raises(Late):
+                collect()
+    finally:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    assert len(kept) == 200_000
 
 
 @needs_signals
