@@ -79,15 +79,16 @@ def exclusive(method: Callable[P, T]) -> Callable[P, T]:
 
 
 def calling(owner: Any, name: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """Call a function, within which no exclusive method of its owner may be called; `name` is for the message.
+    """Call a function, within which its thread may call no exclusive method of its owner; `name` is for messages.
 
     A function of time, a finalizer or a signal's handler could call one while a frame is half done.
     """
-    own: dict[str, Any] = owner.__dict__
-    if busy := own.get("_busy"):
-        raise RuntimeError(f"{name} is called within {busy}, as by a function of time; call it afterwards")
+    own, me = owner.__dict__, threading.get_ident()
+    within, thread = own.get("_busy") or ("", 0)
+    if thread == me:
+        raise RuntimeError(f"{name} is called within {within}, as by a function of time; call it afterwards")
     try:
-        own["_busy"] = name
+        own["_busy"] = name, me
         return function(*args, **kwargs)
     finally:
         own["_busy"] = None
@@ -199,7 +200,7 @@ def _forget_turns() -> None:
 
 def is_collecting() -> bool:
     """Return whether any thread collects garbage now."""
-    return next(reversed(_phases)) == "start"
+    return list(_phases)[-1] == "start"  # in one call, in which no other thread can begin
 
 
 def is_collecting_here() -> bool:
