@@ -23,7 +23,7 @@ _folders: set[Path] = set()
 """Folders of scripts that have been run as scenes."""
 
 
-def message_of(error: Exception) -> str | None:
+def message_of(error: BaseException) -> str | None:
     """Return the message of an error for a user; None for an error within msdwarp, which needs a traceback."""
     if isinstance(error, CycloptsError):
         command = error.app.name[0] if error.app is not None else "msdwarp"

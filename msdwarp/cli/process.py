@@ -60,7 +60,7 @@ def finish(command: Callable[[], Any]) -> NoReturn:
 
     Unknown flags are such errors.
     """
-    from .error_messages import message_of, printable, printable_lines, user_message
+    from .error_messages import message_of, printable, printable_lines
 
     for number in heard(*signals.ALL):
         signal.signal(number, signals.ask)
@@ -74,14 +74,9 @@ def finish(command: Callable[[], Any]) -> NoReturn:
     except Interrupted as interruption:
         print(printable_lines(str(interruption)), file=sys.stderr)
         code = interruption.code
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         text = message_of(error)
-        if text is None:
-            raise
-        print(f"error: {printable_lines(text)}", file=sys.stderr)
-        code = 1
-    except SystemExit as end:
-        if (text := user_message(end)) is None:  # of a message or of --help
+        if text is None:  # a fault of ours, or the end of --help
             raise
         print(f"error: {printable_lines(text)}", file=sys.stderr)
         code = 1
