@@ -160,7 +160,9 @@ class ReleasedInTurn:
     """
 
     def __del__(self) -> None:
-        _dropped.append(self.__dict__)
+        own = self.__dict__
+        _dropped.append(own.copy())
+        own.clear()  # it lives until after this method, and what it holds would be freed after the turn
         if not _turn._is_owned():  # type: ignore[attr-defined]
             try:
                 _turn.acquire(blocking=False)

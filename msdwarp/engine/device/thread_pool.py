@@ -53,6 +53,7 @@ class _Pool:
                 error = caught
             frame.ended = True
             frame.done.put(error)
+            del frame, error  # they would keep a dropped simulation's memory until the next frame
 
     def _replay(self, frame: _Frame) -> None:
         others = range(1, len(frame.graphs))
@@ -72,6 +73,7 @@ class _Pool:
         while True:
             frame, k = graphs.get()
             frame.replay(k)
+            del frame
 
 
 def _begin(function: Callable[..., None], *arguments: Any) -> None:
