@@ -12,7 +12,17 @@ from .. import checks
 from ..bodies import check_types
 from ..engine import GroupMeans, Sensors, measure
 from ..runtime import in_turn
-from ..world import BODY_CONTACT_FORCE, CONTACT_FORCE, FORCE, FRAME, POSITION, UNITS, VELOCITY, Probe
+from ..world import (
+    BODY_CONTACT_FORCE,
+    CONTACT_FORCE,
+    FORCE,
+    FRAME,
+    POSITION,
+    UNITS,
+    VELOCITY,
+    Probe,
+    observed_values,
+)
 
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
@@ -127,21 +137,7 @@ def _observation(ensemble: Any, name: str, what: Any) -> Observation:
 
         def of_frame() -> NDArray:
             _, position, velocity = ensemble.frame()
-            given = what(position, velocity)
-            try:
-                values = np.asarray(given)
-            except ValueError:  # its rows differ in length
-                values = np.asarray(None)
-            if values.dtype.kind not in "biufc" or np.ma.is_masked(given):
-                raise ValueError(
-                    f"observe[{name!r}] returned {checks.repr_short(given)}; it must be numbers in an array"
-                )
-            if values.shape[:1] != (ensemble.worlds,):
-                raise ValueError(
-                    f"observe[{name!r}] returned shape {values.shape}; the first axis must be that of the "
-                    f"{ensemble.worlds} worlds"
-                )
-            return values
+            return observed_values(name, what, position, velocity)
 
         return Observation(name, (), "", of_frame)
     checks.one_of("it", what, WORDS)

@@ -51,7 +51,7 @@ from .probes import (
     probe_columns as probe_columns,
     probes_by as probes_by,
 )
-from .scene import Scene as Scene
+from .scene import Scene as Scene, observed_values as observed_values
 from .schedule import Change as Change, at as at
 from .stored_scene import (
     known_until as known_until,

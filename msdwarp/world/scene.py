@@ -158,15 +158,10 @@ class Scene:
     def observed(self, position: NDArray, velocity: NDArray) -> dict[str, NDArray]:
         """Return the quantities of `observe` for one world; both arguments have shape [particle_count, d].
 
-        Raises ValueError if a function does not return an array with one world along its first axis.
+        Raises ValueError if a function does not return numbers with one world along the first axis.
         """
-        found = {name: np.asarray(of(position[None], velocity[None])) for name, of in self.observe.items()}
-        for name, values in found.items():
-            if values.shape[:1] != (1,):
-                raise ValueError(
-                    f"observe[{name!r}] returned shape {values.shape}; the first axis must be of worlds"
-                )
-        return {name: values[0] for name, values in found.items()}
+        now = position[None], velocity[None]
+        return {name: observed_values(name, of, *now)[0] for name, of in self.observe.items()}
 
     @property
     def ground(self) -> Plane | None:
@@ -175,6 +170,26 @@ class Scene:
         planes = [one for one in self.colliders if isinstance(one, Plane) and one.motion is None]
         upwards = [plane for plane in planes if plane.unit_normal(dim)[-1] > 0]
         return max(upwards, key=lambda plane: plane.unit_normal(dim)[-1], default=None)
+
+
+def observed_values(name: str, function: Any, position: NDArray, velocity: NDArray) -> NDArray:
+    """Return what a function of `observe` returns for worlds, of shape [worlds, ...].
+
+    Raises ValueError unless that is an array of numbers whose first axis is that of the worlds.
+    """
+    given = function(position, velocity)
+    try:
+        values = np.asarray(given)
+    except ValueError:  # its rows differ in length
+        values = np.asarray(None)
+    if values.dtype.kind not in "biufc" or np.ma.is_masked(given):
+        raise ValueError(f"observe[{name!r}] returned {checks.repr_short(given)}; it must be numbers in an array")
+    if values.shape[:1] != position.shape[:1]:
+        raise ValueError(
+            f"observe[{name!r}] returned shape {values.shape}; the first axis must be that of the "
+            f"{counted(len(position), 'world')}"
+        )
+    return values
 
 
 def _listed(title: str, several: Sequence[object]) -> list[str]:

@@ -73,7 +73,16 @@ def test_what_cannot_be_observed_is_said(observe, said):
         Scene(system=chain(3), observe=observe)
 
 
-def test_a_function_must_tell_of_worlds():
-    scene = Scene(system=chain(3), observe={"top": lambda position, velocity: 3.0})
-    with pytest.raises(ValueError, match="first axis must be of worlds"):
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (3.0, "first axis must be that of the 1 world"),
+        (None, r"observe\['top'\] returned None; it must be numbers in an array"),
+        (["up"], "it must be numbers in an array"),
+        (np.ma.masked_all(1), "it must be numbers in an array"),
+    ],
+)
+def test_a_function_must_return_numbers_of_worlds(given, said):
+    scene = Scene(system=chain(3), observe={"top": lambda position, velocity: given})
+    with pytest.raises(ValueError, match=said):
         scene.observed(scene.system.position, scene.system.velocity)
