@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
@@ -34,6 +35,11 @@ def tip(position, velocity):
 def observed(*, stiffness: float = 100.0) -> Scene:
     """Return the same scene, of which the tip is observed."""
     return replace(build(stiffness=stiffness), observe={"height": tip})
+
+
+def exiting(*, stiffness: float = 100.0) -> Scene:
+    """Return the same scene, unless it is too stiff."""
+    return build(stiffness=stiffness) if stiffness < 200.0 else sys.exit("too stiff")
 
 
 def tip_height(simulation: Simulation) -> float:

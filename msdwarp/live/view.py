@@ -147,7 +147,7 @@ class View(Commands):
                     self._pause(True)
                     break
                 taken += 1
-        except Exception as error:  # such as a full disk
+        except (Exception, SystemExit) as error:  # such as a full disk, or a function of time
             self._failed(error)
         self._frames_taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:

@@ -52,7 +52,7 @@ def run_in_ensembles(tasks: Mapping[int, Task], refused: dict[int, str], *, fixe
             if setup.scene.probes and setup.observe:
                 raise ValueError("what is observed may ask for all readings of its probes")
             key = _digest_of_shared(setup)
-        except Exception as error:  # a scene may raise any error; the separate run reports it in full
+        except (Exception, SystemExit) as error:  # a scene may raise any; the separate run reports it in full
             refused[number] = str(error)
             continue
         several = alike.setdefault(key, [])

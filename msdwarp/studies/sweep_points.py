@@ -131,7 +131,7 @@ def _row(simulate: Simulate, folder: Path, keeps_files: bool) -> Row:
             row: Row = {"status": DONE, "message": "", **simulate(folder, keeps_files)}
         except SimulationDiverged as error:
             row = {"status": DIVERGED, "message": str(error), "time_s": error.time}
-        except Exception as error:  # scenes may raise any error
+        except (Exception, SystemExit) as error:  # scenes may raise any error
             row = {"status": FAILED, "message": checks.message(error)}
     if heard and row["status"] == DONE:
         row["message"] = "; ".join(dict.fromkeys(str(one.message) for one in heard))

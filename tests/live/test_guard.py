@@ -2,7 +2,9 @@
 
 import http.client
 import math
+import re
 import socket
+import sys
 from contextlib import suppress
 from types import SimpleNamespace
 
@@ -323,10 +325,11 @@ def test_a_scene_that_cannot_be_drawn_leaves_the_other_one(monkeypatch):
     assert len(view.shown.drawing.points) == len(shown.drawing.points)
 
 
-def test_a_frame_that_fails_pauses_the_view(monkeypatch):
+@pytest.mark.parametrize("fails", [lambda: 1 / 0, sys.exit])
+def test_a_frame_that_fails_pauses_the_view(monkeypatch, fails):
     view = View(source(), [])
-    monkeypatch.setattr(view.source, "advance", lambda: 1 / 0)
+    monkeypatch.setattr(view.source, "advance", fails)
     view._clock -= 1.0
     view._advance()
     assert view.paused
-    assert "ZeroDivisionError" in view.notice
+    assert re.match("ZeroDivisionError|SystemExit", view.notice)

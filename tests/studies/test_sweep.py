@@ -97,6 +97,13 @@ def test_what_goes_wrong_is_a_row_and_the_others_go_on(tmp_path):
     assert told == [(1, 1)]
 
 
+def test_a_scene_that_exits_is_a_row_too(tmp_path):
+    # It ended the sweep, and with it the program.
+    found = msd.sweep(swept.exiting, {"stiffness": [100.0, 300.0]}, tmp_path, **HERE)
+    assert found["status"].values.tolist() == ["done", "failed"]
+    assert found["message"].values[1] == "SystemExit: too stiff"
+
+
 def test_runs_are_kept_whole_if_asked_for(tmp_path):
     found = msd.sweep(swept.build, {"count": [3, 4]}, tmp_path, keep="run", **HERE)
     for count in (3, 4):
