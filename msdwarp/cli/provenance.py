@@ -176,7 +176,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
     elif spring != LINEAR_SPRING:
         yield repr(spring).encode()
     if callable(scene.gravity):
-        yield gravity_at(scene.gravity, times, dim).tobytes()
+        yield _of_times(lambda: gravity_at(scene.gravity, times, dim))
     for collider in scene.colliders:
         left_out = {"motion"} if collider.stiffness is not None else {"motion", "stiffness", "ramp", "dissipation"}
         held = {one.name: getattr(collider, one.name) for one in fields(collider) if one.name not in left_out}
@@ -191,7 +191,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         elif isinstance(one, Actuator):
             chosen = one.connections(scene.system)
             yield chosen.tobytes() + one.delays(scene.system, chosen).tobytes()
-            yield one.at(times).tobytes()
+            yield _of_times(lambda of=one: of.at(times))
         else:
             yield from _of_load(one, scene, times)
     for change in scene.schedule:
@@ -199,7 +199,8 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         if change.unpin is not None:
             yield repr(("release", np.asarray(change.unpin).tolist())).encode()
         if change.gravity is not None:
-            yield gravity_at(change.gravity, np.linspace(change.time, scene.duration, 9), dim).tobytes()
+            late = np.linspace(change.time, scene.duration, 9)
+            yield _of_times(lambda given=change.gravity, late=late: gravity_at(given, late, dim))
         changed = change.foreseen.applied_to(scene.system)
         for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()
@@ -207,8 +208,15 @@ def _parts(scene: Scene) -> Iterator[bytes]:
 
 def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[bytes]:
     for time in times:
-        for part in pose(float(time)):
-            yield np.asarray(part, dtype=float).tobytes()
+        yield _of_times(lambda at=float(time): np.concatenate([np.ravel(part) for part in pose(at)], dtype=float))
+
+
+def _of_times(values: Callable[[], NDArray]) -> bytes:
+    """Return the bytes of a function's values; it may fail in a scene's duration, but after the end of a run."""
+    try:
+        return values().tobytes()
+    except Exception:
+        return b"undefined"
 
 
 _FIRST_NAMES = {"Contact": "Touch", "EnclosedGas": "Gas", "surface_colliders": "obstacles"}
@@ -236,7 +244,7 @@ def _of_load(load: Load, scene: Scene, times: NDArray) -> Iterator[bytes]:
         elif is_device_function(value):
             yield str(value.adj.source).encode()
         elif callable(value):
-            yield sampled(value, times).tobytes()
+            yield _of_times(lambda of=value: sampled(of, times))
         elif isinstance(value, np.ndarray | tuple | list):
             yield np.asarray(value, dtype=float).tobytes()
         else:

@@ -221,6 +221,10 @@ class Run:
         # Poses of moving obstacles are stored at the frames and over the scene's duration.
         frames = np.unique(np.linspace(0, last, min(last + 1, _MOST_POSES)).round()) / options.fps
         times = [*frames, *np.linspace(0, scene.duration, _POSES)]
+        try:
+            stored = None if behind else scene_as_stored(scene, times)
+        except Exception:  # of a motion that is defined for this run only
+            stored = scene_as_stored(scene, frames)
         return TrajectoryWriter(
             path,
             scene.system,
@@ -232,7 +236,7 @@ class Run:
             contact_forces=options.sums_contact,
             attributes=self.made_by,
             readings={name: (one.every, one.columns(scene.system.dim)) for name, one in scene.probes.items()},
-            scene=None if behind else scene_as_stored(scene, times),
+            scene=stored,
             behind=behind,
         )
 

@@ -51,6 +51,29 @@ def test_a_mistake_in_a_script_is_told_by_its_line(msdwarp, tmp_path, script, li
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "around",
+    [
+        "gravity=path",
+        "loads=[Force(path)]",
+        "loads=[PrescribedMotion([0], path)]",
+        "loads=[Actuator(lambda t: path(t)[0])]",
+        "colliders=[Plane(motion=path)]",
+        "schedule=[at(0.02, gravity=path)]",
+    ],
+)
+def test_a_function_may_end_with_a_run_that_is_shorter_than_its_scene(msdwarp, tmp_path, around):
+    (tmp_path / "own.py").write_text(
+        "from msdwarp import Actuator, Force, Plane, PrescribedMotion, Scene, at, box\n\n"
+        "def path(t):\n    assert t < 0.5\n    return (0.0, 0.0, -0.1 * t)\n"
+        f"def build():\n    body = box((2, 2, 2), 0.1).translate((0.0, 0.0, 1.0))\n"
+        f"    return Scene(system=body, duration=2.0, {around})\n"
+    )
+    code, _, err = msdwarp("run", "own.py", *UNDRAWN)
+    assert (code, err) == (0, "")
+
+
 def test_a_wrong_annotation_is_told(msdwarp, tmp_path):
     (tmp_path / "own.py").write_text('def build(*, size: "Nobody" = 3):\n    return None\n')
     code, _, err = msdwarp("run", "own.py", *UNDRAWN)
