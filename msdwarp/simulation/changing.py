@@ -28,7 +28,7 @@ from ..world import (
 from .properties import PresentWorld
 from .settling import Settled, settled
 from .substep_controller import StepController
-from .undoing import undoing
+from .undoing import undoing, undoing_in_place
 
 
 class Changing(PresentWorld):
@@ -265,16 +265,13 @@ class Changing(PresentWorld):
         self.model.check_range(velocity, "velocity")
         chosen = change.particles(self.system) & ~held
         energy = self._energy()
-        self.stepping.set_velocity(velocity, chosen)
-        added = self._energy() - energy
-        if resists(self.assembly):  # forces that depend on speed may now have a larger derivative
-            try:
+        with completing(), undoing(self), undoing_in_place(self.stepping):
+            self.stepping.set_velocity(velocity, chosen)
+            added = self._energy() - energy
+            if resists(self.assembly):  # forces that depend on speed may now have a larger derivative
                 self._update_choice()
-            except UnstableStep:
-                self.stepping.set_velocity(before.astype(np.float64), chosen)
-                raise
-        if self._step_controller is not None:
-            self._step_controller.add_energy(self.stepping, added)
+            if self._step_controller is not None:
+                self._step_controller.add_energy(self.stepping, added)
 
     def _energy(self) -> float:
         """Return the energy that the method conserves [J]; 0 without a step controller, which alone needs it.

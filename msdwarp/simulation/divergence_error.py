@@ -59,15 +59,25 @@ class SimulationDiverged(RuntimeError):
 
 
 def divergence_of(
-    simulation: Any, method: Integrator, inside: str | None, gained: float | None = None
+    simulation: Any, method: Integrator, inside: str | None, failure: Any = None
 ) -> SimulationDiverged:
-    """Return the error for a simulation's last frame, after going back to its start; see `describe`."""
-    now, too_far = simulation, simulation.stepping.too_far
-    divergence = now.stepping.locate_divergence()
-    rates = rate_bounds(now.system, now.assembly, now.state)
-    needed = max(now.choice.least, choose_forced(rates, method, now.fps, 1).least)
-    system = now.system.replace(**now.assembly.changed_fields())
-    return describe(system, divergence, now.time, now.dt, now.substeps, needed, inside, gained, too_far)
+    """Return the error for a simulation's last frame, after going back to its start; see `describe`.
+
+    `failure` is that of the controller of substeps, whose last attempt is described.
+    """
+    now, first, gained = simulation, simulation.stepping, None
+    try:
+        if failure is not None:
+            now.stepping, gained = failure.stepping, failure.gained
+        too_far, divergence = now.stepping.too_far, now.stepping.locate_divergence()
+        rates = rate_bounds(now.system, now.assembly, now.state)
+        needed = max(now.choice.least, choose_forced(rates, method, now.fps, 1).least)
+        system = now.system.replace(**now.assembly.changed_fields())
+        return describe(system, divergence, now.time, now.dt, now.substeps, needed, inside, gained, too_far)
+    finally:
+        if failure is not None:  # with the substeps of the last good frame
+            now.stepping = first
+            first.go_back()
 
 
 def describe(
@@ -101,7 +111,10 @@ def describe(
         stretched = f", whose connection {connection} was at strain {strain:.3g} before"
     advice = f"at least {needed} substeps a frame are stable there" if needed else "no step is stable here"
     if 0 < needed <= substeps:
-        advice += f", so strong stretching must have come on within the frame: try {2 * substeps}"
+        advice += (
+            f", so stretching or contact must have come on within the frame (try {2 * substeps}), or a force is "
+            "not finite"
+        )
     if too_far:
         advice = f"a particle moves by {too_far:.3g} m in a substep, and contact would miss bodies on its way"
         advice += ": take more substeps, or raise fps"

@@ -86,7 +86,10 @@ def settled(
     parts = scaled_parts(vars(system), 1.0, 0.0)
     still = np.zeros_like(system.velocity)
     undamped = system.replace(velocity=still, damping=0.0, damper=LINEAR, **parts)
-    at_rest = {name: [held_at(one, time) for one in surroundings[name]] for name in ("colliders", "loads")}
+    at_rest = {
+        name: [held_at(f"{name}[{k}]", one, time) for k, one in enumerate(surroundings[name])]
+        for name in ("colliders", "loads")
+    }
     assembly = assemble(
         undamped, **{**surroundings, **at_rest, "precision": "float64", "probes": {}}, settles=True
     )
@@ -151,12 +154,16 @@ def check_near(system: System, position: NDArray) -> None:
         )
 
 
-def held_at(one: Collider | Load, time: float) -> Any:
-    """Return an obstacle or a load that stays where its motion has it at `time` [s]."""
+def held_at(name: str, one: Collider | Load, time: float) -> Any:
+    """Return an obstacle or a load that stays where its motion has it at `time` [s]; `name` is for messages."""
     if isinstance(one, Attachment):
-        return one if one.carried_by is None else replace(one, carried_by=held_at(one.carried_by, time))
+        by = one.carried_by
+        return one if by is None else replace(one, carried_by=held_at(f"{name}.carried_by", by, time))
     motion = getattr(one, "motion", None)
     if motion is None:
         return one
-    place = motion(time)
+    try:
+        place = motion(time)
+    except Exception as error:
+        raise ValueError(f"{name}.motion has no place at {time:g} s: {checks.message(error)}") from error
     return replace(one, motion=lambda _: place)

@@ -311,8 +311,7 @@ class Simulation(Changing, Differentiable):
         try:
             self.stepping = self._step_controller.advance(self.stepping, self.time, self._stable_choice, next_time)
         except StepControlFailed as failure:
-            self.stepping = failure.stepping
-            raise divergence_of(self, self._method, self._inside, failure.gained) from None
+            raise divergence_of(self, self._method, self._inside, failure) from None
 
     def _stable_choice(self) -> StepChoice:
         """Return the substeps for the current state; raise UnstableStep if no number is stable."""

@@ -39,6 +39,7 @@ from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .divergence_error import Divergence
 from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
+from .undoing import undoing_in_place
 
 
 class Stepping:
@@ -132,17 +133,17 @@ class Stepping:
     def with_choice(self, choice: StepChoice) -> Self:
         """Return a `Stepping` with other substeps, which replaces this one and continues from its state."""
         own = self.integrator
-        self.backup.save()
-        self._frame_start = self._time
-        try:
+        with undoing_in_place(self):
             if own.staggered or not self.at_start:
                 most = own.lag * choice.limit if choice.limit > 0 else math.inf
                 self._velocities.change_lag(own.lag * choice.step, most)
             options = self._options | {"baseline": self.watch.baseline, "time": self._time}
             return type(self)(self.dynamics, self.state, choices=[choice], **options)
-        except BaseException:  # of a signal's handler
-            self.go_back()
-            raise
+
+    def keep(self) -> None:
+        """Have `go_back` return to the present state."""
+        self.backup.save()
+        self._frame_start = self._time
 
     @property
     def at_start(self) -> bool:

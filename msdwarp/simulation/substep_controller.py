@@ -180,7 +180,7 @@ class StepController:
 
         `stable_choice` returns the substeps that stability requires in the current state. `next_time` is as for
         `Stepping.advance`. Raises StepControlFailed, with the state of the last attempt, if no number of substeps
-        is enough.
+        is enough; the caller then goes back to the frame's start.
         """
         before, first, moved = vars(self).copy(), stepping, False
         try:
@@ -197,11 +197,9 @@ class StepController:
                 return stepping
             moved = True
             return self._checked(stepping, fine, time, stable_choice)
-        except StepControlFailed:
-            raise
-        except BaseException:  # of a signal's handler, for example: the caller goes on with the same `Stepping`
+        except BaseException as error:  # or of a function of time: the caller goes on with the same `Stepping`
             vars(self).update(before)
-            if moved or first.end > time:
+            if not isinstance(error, StepControlFailed) and (moved or first.end > time):
                 first.go_back()
             raise
 

@@ -21,3 +21,16 @@ def undoing(simulation: Any) -> Iterator[None]:
             for name in vars(one).keys() - kept.keys():
                 del vars(one)[name]
         raise
+
+
+@contextmanager
+def undoing_in_place(stepping: Any) -> Iterator[None]:
+    """Go back to the present state and baseline of a `Stepping` if a block that writes to its arrays fails."""
+    baseline = stepping.watch.baseline
+    stepping.keep()
+    try:
+        yield
+    except BaseException:  # of a function of time, or of a signal's handler
+        stepping.watch.compare_with(baseline)
+        stepping.go_back()
+        raise

@@ -64,7 +64,7 @@ class PrescribedMotion(Load):
         def at_rest(time: Any) -> NDArray[np.float64]:
             return np.zeros(system.dim)
 
-        return Driven(self.on, self.motion or at_rest, self.about, held, start, centre)
+        return Driven(self.on, at_rest if self.motion is None else self.motion, self.about, held, start, centre)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

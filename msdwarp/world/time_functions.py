@@ -20,12 +20,12 @@ def flat(value: Any) -> NDArray[np.float64]:
         array = np.asarray(value)
     except ValueError:  # parts of different lengths
         if not isinstance(value, tuple):
-            raise ValueError(f"{checks.repr_short(value)} has rows of different lengths") from None
+            raise ValueError(f"it returned {checks.repr_short(value)}, whose rows differ in length") from None
         return np.concatenate([flat(one) for one in value])
     if array.dtype.kind not in "biuf":
-        raise ValueError(f"{checks.repr_short(value)} are not numbers")
+        raise ValueError(f"it returned {checks.repr_short(value)}; it must return numbers")
     if np.ma.is_masked(value):
-        raise ValueError(f"{checks.repr_short(value)} has masked entries")
+        raise ValueError(f"it returned {checks.repr_short(value)}, which has masked entries")
     return array.astype(np.float64).ravel()
 
 

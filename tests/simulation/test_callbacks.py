@@ -2,11 +2,27 @@
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 
-from msdwarp import Ensemble, Force, Leapfrog, Plane, Scene, Simulation, System, at, box
+from msdwarp import (
+    Ensemble,
+    Force,
+    Leapfrog,
+    Plane,
+    PrescribedMotion,
+    Scene,
+    Simulation,
+    SimulationDiverged,
+    SymplecticEuler,
+    System,
+    Wind,
+    at,
+    box,
+)
 
 BODY = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.1).translate((0.0, 0.0, 0.2))
 
@@ -159,6 +175,82 @@ def test_a_change_that_fails_at_its_end_is_undone():
     np.testing.assert_array_equal(one.frame().position, before.position)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog()], ids=repr)
+def test_velocities_that_an_interrupt_leaves_half_changed_are_undone(method):
+    # The velocities stayed, the energies to compare with did not: the next step diverged.
+    called, last = [], [math.inf]
+
+    def wind(t):
+        called.append(t)
+        if len(called) > last[0]:
+            raise KeyboardInterrupt
+        return (4.0, 0.0, 0.0)
+
+    one, usual = (Simulation(BODY, loads=[Wind(wind)], integrator=method, device="cpu") for _ in range(2))
+    one.step(2)
+    usual.step(2)
+    kept = one.checkpoint()
+    called.clear()
+    one.change(velocity=(0.0, 0.0, 1.0))
+    calls = len(called)
+    assert calls > 1
+    one.restore(*kept)
+    for last[0] in range(calls):
+        called.clear()
+        with pytest.raises(KeyboardInterrupt):
+            one.change(velocity=(0.0, 0.0, 1.0))
+        np.testing.assert_array_equal(one.frame().velocity, usual.frame().velocity)
+    last[0] = math.inf
+    for each in (one, usual):
+        each.step(2)
+    np.testing.assert_array_equal(one.frame().velocity, usual.frame().velocity)
+
+
+@wp.func
+def broken_late(x: Any, v: Any, t: Any, i: int):
+    if t > type(t)(0.07):
+        return x * wp.log(type(t)(-1.0))
+    return x * type(t)(0.0)
+
+
+@pytest.mark.slow
+def test_a_frame_that_diverges_leaves_the_state_and_the_substeps_of_the_last():
+    # Velocities of symplectic Euler belong to the middle of a substep: with more substeps they were others.
+    one = Simulation(BODY, loads=[Force(broken_late)], integrator=SymplecticEuler(), device="cpu")
+    one.step(4)
+    before, substeps = one.frame(), one.substeps
+    for _ in range(2):
+        with pytest.raises(SimulationDiverged, match="or a force is not finite"):
+            one.step()
+        assert (one.frame_index, one.substeps) == (4, substeps)
+        np.testing.assert_array_equal(one.frame().position, before.position)
+        np.testing.assert_array_equal(one.frame().velocity, before.velocity)
+
+
+def test_a_motion_may_be_an_empty_container_too():
+    class Path(list):
+        def __call__(self, t):
+            return 0.0, 0.0, 0.5 * t
+
+    one = Simulation(BODY, loads=[PrescribedMotion([0], Path())], device="cpu")
+    start = one.frame().position[0, 2]
+    one.step(6)
+    assert one.frame().position[0, 2] - start == pytest.approx(0.05, rel=1e-5)  # rounding to float32
+
+
+def test_what_fails_in_a_motion_is_named_where_it_settles():
+    broken = []
+
+    def motion(t):
+        return (0.0, 0.0, 0.0) if not broken else 1 / 0
+
+    one = Simulation(BODY, colliders=[Plane(motion=motion)], device="cpu")
+    broken.append(True)
+    with pytest.raises(ValueError, match=r"colliders\[0\]\.motion has no place at 0 s: ZeroDivisionError"):
+        one.settle()
+
+
 def test_worlds_that_cannot_be_reset_stay_where_they_are():
     broken = []
 
@@ -212,7 +304,7 @@ def test_the_names_of_coordinates_are_not_for_what_is_observed(name):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ([[0.1, 0.2], [0.3]], "rows of different lengths"),
+        ([[0.1, 0.2], [0.3]], "whose rows differ in length"),
         (np.ma.masked_array([0.1, 2.0, 0.3], [0, 1, 0]), "masked"),
     ],
 )
