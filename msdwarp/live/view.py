@@ -147,7 +147,10 @@ class View(Commands):
                     self._pause(True)
                     break
                 taken += 1
-        except (Exception, SystemExit) as error:  # such as a full disk, or a function of time
+        except BaseException as error:  # such as a full disk, or of a function of time
+            in_main = threading.current_thread() is threading.main_thread()
+            if in_main and not isinstance(error, (Exception, SystemExit)):  # Ctrl-C
+                raise
             self._failed(error)
         self._frames_taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:

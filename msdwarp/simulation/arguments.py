@@ -38,8 +38,11 @@ def given_substeps(substeps: int | str) -> int | None:
 def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) -> list[Change]:
     """Return changes sorted by time; raise ValueError if one cannot be applied to this system and these loads."""
     changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
-    for change in changes:
-        change.foreseen.applied_to(system)  # raise before anything runs
+    for k, change in enumerate(changes):
+        try:
+            change.foreseen.applied_to(system)  # raise before anything runs
+        except ValueError as error:
+            raise ValueError(f"schedule[{k}] cannot be made: {error}") from error
     changes = sorted(changes, key=lambda change: change.time)
     for change in changes:
         loads = change.released_from(loads, system)

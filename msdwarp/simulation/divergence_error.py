@@ -112,8 +112,8 @@ def describe(
     advice = f"at least {needed} substeps a frame are stable there" if needed else "no step is stable here"
     if 0 < needed <= substeps:
         advice += (
-            f", so stretching or contact must have come on within the frame (try {2 * substeps}), or a force is "
-            "not finite"
+            ", so a force or a law is not finite there, or stretching or contact came on within the frame: then "
+            f"try {2 * substeps}"
         )
     if too_far:
         advice = f"a particle moves by {too_far:.3g} m in a substep, and contact would miss bodies on its way"

@@ -180,5 +180,6 @@ def at(
         mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for the group, or functions
         of the old values, such as rest_length=lambda length: 1.2 * length. velocity [m/s]: a vector, one for each
         particle of the group, shape [n, d], or a function; velocities of pinned and driven particles stay.
+        Functions are also tried when a simulation is made, except those of velocities.
     """
     return Change(time, group, set_rest_shape, parameters, unpin, gravity)

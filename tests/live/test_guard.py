@@ -5,6 +5,7 @@ import math
 import re
 import socket
 import sys
+import threading
 from contextlib import suppress
 from types import SimpleNamespace
 
@@ -325,11 +326,25 @@ def test_a_scene_that_cannot_be_drawn_leaves_the_other_one(monkeypatch):
     assert len(view.shown.drawing.points) == len(shown.drawing.points)
 
 
-@pytest.mark.parametrize("fails", [lambda: 1 / 0, sys.exit])
+def interrupt():
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("fails", [lambda: 1 / 0, sys.exit, interrupt])
 def test_a_frame_that_fails_pauses_the_view(monkeypatch, fails):
     view = View(source(), [])
     monkeypatch.setattr(view.source, "advance", fails)
     view._clock -= 1.0
-    view._advance()
+    thread = threading.Thread(target=view._advance)
+    thread.start()
+    thread.join()
     assert view.paused
-    assert re.match("ZeroDivisionError|SystemExit", view.notice)
+    assert re.match("ZeroDivisionError|SystemExit|KeyboardInterrupt", view.notice)
+
+
+def test_ctrl_c_ends_a_view_in_the_main_thread(monkeypatch):
+    view = View(source(), [])
+    monkeypatch.setattr(view.source, "advance", interrupt)
+    view._clock -= 1.0
+    with pytest.raises(KeyboardInterrupt):
+        view._advance()

@@ -221,7 +221,7 @@ def test_a_frame_that_diverges_leaves_the_state_and_the_substeps_of_the_last():
     one.step(4)
     before, substeps = one.frame(), one.substeps
     for _ in range(2):
-        with pytest.raises(SimulationDiverged, match="or a force is not finite"):
+        with pytest.raises(SimulationDiverged, match="so a force or a law is not finite there"):
             one.step()
         assert (one.frame_index, one.substeps) == (4, substeps)
         np.testing.assert_array_equal(one.frame().position, before.position)
