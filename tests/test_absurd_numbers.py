@@ -120,7 +120,7 @@ def test_an_absurd_number_is_refused_by_the_name_of_its_argument(maker, name, le
     with pytest.raises(ValueError, match=rf"\b{name}\b.*(is|must be|are) ") as told:
         make(value_of(name, maker, value))
     first = re.match(
-        r"^(loads\[0\]\.)?(colliders\[0\]\.)?(\w[\w ]*?)(\[[\d, ]+\])* (is|must|has)", str(told.value)
+        r"^((?:loads|schedule)\[0\]\.)?(colliders\[0\]\.)?(\w[\w ]*?)(\[[\d, ]+\])* (is|must|has)", str(told.value)
     )
     assert first, told.value
     assert first[3] == name, told.value

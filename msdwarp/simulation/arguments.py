@@ -42,7 +42,7 @@ def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) 
         try:
             change.foreseen.applied_to(system)  # raise before anything runs
         except ValueError as error:
-            raise ValueError(f"schedule[{k}] cannot be made: {error}") from error
+            raise ValueError(f"schedule[{k}].{error}") from error
     changes = sorted(changes, key=lambda change: change.time)
     for change in changes:
         loads = change.released_from(loads, system)
