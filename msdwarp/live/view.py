@@ -131,7 +131,7 @@ class View(Commands):
                 COMMANDS[command](self, **values)
             except SimulationDiverged as error:
                 self._failed(error)
-            except (Exception, SystemExit) as error:  # also a script's: no request may end the view
+            except _errors() as error:  # also a script's: no request may end the view
                 self._notify(checks.message(error, SimulationDiverged))
 
     def _advance(self) -> bool:
@@ -147,10 +147,7 @@ class View(Commands):
                     self._pause(True)
                     break
                 taken += 1
-        except BaseException as error:  # such as a full disk, or of a function of time
-            in_main = threading.current_thread() is threading.main_thread()
-            if in_main and not isinstance(error, (Exception, SystemExit)):  # Ctrl-C
-                raise
+        except _errors() as error:  # such as a full disk, or of a function of time
             self._failed(error)
         self._frames_taken += taken
         if self._frames_due(time.perf_counter()) > BEHIND * self.source.fps * self.speed + 1:
@@ -199,3 +196,9 @@ class View(Commands):
             self.readings.append(reading)
         for screen in self.screens:
             screen.tell()
+
+
+def _errors() -> tuple[type[BaseException], ...]:
+    """Return what a user's function may raise without ending a view; only the main thread gets a real Ctrl-C."""
+    in_main = threading.current_thread() is threading.main_thread()
+    return (Exception, SystemExit) if in_main else (BaseException,)
