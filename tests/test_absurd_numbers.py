@@ -124,6 +124,7 @@ def test_an_absurd_number_is_refused_by_the_name_of_its_argument(maker, name, le
     )
     assert first, told.value
     assert first[3] == name, told.value
+    assert (first[1] == "schedule[0].") == (maker == "at")
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import traceback
+import weakref
 
 import numpy as np
 import pytest
@@ -208,7 +209,7 @@ def test_what_is_dropped_in_anothers_turn_is_freed_when_that_ends(plain_device, 
 
 
 @pytest.mark.parametrize("kind", HOLDERS)
-def test_what_is_dropped_in_nobodys_turn_is_freed_at_once_in_a_turn(plain_device, kind, monkeypatch):
+def test_what_is_dropped_in_nobodys_turn_is_freed_in_a_turn(plain_device, kind, monkeypatch):
     # Another thread could begin to record a graph meanwhile.
     owned, free = [], wp.array.__del__
     holder = HOLDERS[kind](Scene(system=chain(3), colliders=[Plane()]), plain_device)
@@ -218,6 +219,14 @@ def test_what_is_dropped_in_nobodys_turn_is_freed_at_once_in_a_turn(plain_device
     monkeypatch.undo()
     assert owned
     assert all(owned)
+
+
+def test_what_is_dropped_in_nobodys_turn_is_freed_at_once(plain_device):
+    simulation = Simulation(chain(3), device=plain_device)
+    state = weakref.ref(simulation.state)
+    del simulation
+    gc.collect()
+    assert state() is None
 
 
 def is_taken():
