@@ -1,5 +1,7 @@
 """The vector type of kernels, and their declaration."""
 
+import zlib
+
 import warp as wp
 
 
@@ -15,6 +17,25 @@ def kernel(function, **options):
     Kernels with equal source code and equal terms share one cache entry.
     """
     return wp.kernel(function, module="unique", enable_backward=False, **options)
+
+
+def unrolled(function, constants: object = None):
+    """Declare `function` as a Warp function with `wp.static` values that depend on the variable of a loop.
+
+    Warp finds these values only when it generates code, and until then leaves them out of the hash by which it
+    knows a kernel again. So functions that differ in nothing else would share a kernel, and a kernel would be
+    compiled again in a process that had loaded others from the cache. Here code is generated at once.
+
+    `constants` are numbers in the function, of which Warp's hash has the digits of float32 only: they become part
+    of its name.
+    """
+    name = None
+    if constants is not None:
+        digest = zlib.crc32(repr(constants).encode())
+        name = f"{function.__qualname__.replace('.<locals>.', '__locals__')}_{digest:08x}"
+    declared = wp.func(function, name=name)
+    declared.build(None)
+    return declared
 
 
 def as_function(of):

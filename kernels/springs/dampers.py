@@ -5,6 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from ..basis import unrolled
+
 Law = tuple[str, float]
 """Name of a law, and the speed at which it becomes linear [m/s], or 0."""
 LINEAR: Law = ("linear", 0.0)
@@ -19,7 +21,7 @@ def damper_force(scalar: type, law: Any):
     """
     name, speed = law if isinstance(law, tuple) else LINEAR
 
-    @wp.func
+    @functools.partial(unrolled, constants=law)
     def force(rate: scalar, damping: scalar) -> scalar:
         if wp.static(name == "quadratic"):
             return damping * wp.min(wp.abs(rate), scalar(speed)) * rate

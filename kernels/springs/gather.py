@@ -9,6 +9,7 @@ import functools
 
 import warp as wp
 
+from ..basis import unrolled
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
@@ -66,7 +67,7 @@ def gather(
         if tears:
             breaking: Breaks
 
-    @wp.func
+    @unrolled
     def force_at(forces: Gathered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         x_i = load(x, i)
         v_i = V()

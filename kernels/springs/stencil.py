@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import vector
+from ..basis import unrolled, vector
 from ..compensation import state_types
 from ..records import records
 from .force_algorithm import ForceAlgorithm, difference
@@ -191,7 +191,7 @@ def stencil(
     kinds = (dim, scalar, laws, compensated, steps)
     remaining_force = after_breaking(kinds, uniform, Forces, breaking) if tears else None
 
-    @wp.func
+    @unrolled
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         mask = forces.mask[i]
         if wp.static(layout) < 0:  # never true, see stencil_layout
@@ -306,7 +306,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     def field(r: int, p: int, a: int, d: int, name: str) -> int:
         return getattr(neighbour(r, p, a, d), name, 0)
 
-    @wp.func
+    @unrolled
     def forces_at(forces: Lattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> Column:
         own_x = Column()
         own_v = Column()

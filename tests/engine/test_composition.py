@@ -1,5 +1,6 @@
 """Kernels hold only what a scene needs, as the C++ that is generated for them shows."""
 
+import ast
 import csv
 import hashlib
 import re
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 import warp as wp
 
+import msdwarp.kernels
 from msdwarp import (
     Box,
     Capsule,
@@ -116,6 +118,26 @@ def test_threads_of_a_single_world_are_counted_in_one_dimension():
 
 def test_only_a_pinned_particle_is_tested_for(sources):
     assert sources["full"].count(" == ") == sources["plain"].count(" == ") + 1
+
+
+def is_of_loop(node: ast.AST, variable: str) -> bool:
+    """Return whether a node is a `wp.static` of a loop's variable."""
+    names = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.static" and variable in names
+
+
+def test_functions_with_values_of_loops_are_declared_as_unrolled():
+    found = {"wp.func": 0, "unrolled": 0}
+    for path in Path(msdwarp.kernels.__path__[0]).rglob("*.py"):
+        for one in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            declared = ast.unparse(one.decorator_list[0]) if getattr(one, "decorator_list", []) else ""
+            loops = [node for node in ast.walk(one) if isinstance(node, ast.For)]
+            if declared in found and any(
+                is_of_loop(n, ast.unparse(loop.target)) for loop in loops for n in ast.walk(loop)
+            ):
+                found[declared] += 1
+    assert found["unrolled"] >= 5
+    assert found["wp.func"] == 0
 
 
 def test_statements_are_all_found(sources):

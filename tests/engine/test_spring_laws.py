@@ -1,6 +1,7 @@
 """Laws of springs: their forces, energies and stable steps, by each algorithm; and what is refused."""
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import warp as wp
 from tangles import PRECISIONS, evaluate, moving, tangle
 
 from msdwarp import (
+    CoulombDamper,
     Ensemble,
     ExponentialSpring,
     Frame,
@@ -73,9 +75,9 @@ def strained(system: System) -> tuple[np.ndarray, ...]:
     return i, j, axis, length, length / system.rest_length - 1, (dv * axis).sum(axis=1)
 
 
-def expected_forces(system: System, name: str) -> np.ndarray:
+def expected_forces(system: System, name: str, stress: Callable | None = None) -> np.ndarray:
     i, j, axis, _, strain, rate = strained(system)
-    stress = LAWS[name][1]
+    stress = stress or LAWS[name][1]
     damping = system.damping * rate * ((strain > 0) | (name != "tension"))
     pull = (system.stiffness * system.rest_length * stress(strain) + damping)[:, None] * axis
     total = np.zeros_like(system.position)
@@ -111,6 +113,30 @@ def test_forces_follow_the_law(device, body, precision, name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("last", [0.0, 2.0, 500.0])
+def test_laws_that_differ_in_the_last_coefficient_alone_have_their_own_forces(plain_device, last):
+    # Warp took one kernel for all of them, the one that was compiled first, by whichever process.
+    system = BODIES["box"].replace(spring=PolynomialSpring((1.0, -0.5, last)))
+    found = evaluate(system, plain_device, "float64")
+    expected = expected_forces(system, "polynomial", lambda e: e - 0.5 * e**2 + last * e**3)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())  # rounding
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [
+        (PolynomialSpring((1.0, 0.5)), PolynomialSpring((1.0, 0.5 + 1e-9))),
+        (ExponentialSpring(5.0), ExponentialSpring(5.0 + 1e-9)),
+        (CoulombDamper(0.4), CoulombDamper(0.4 + 1e-9)),
+    ],
+)
+def test_laws_that_differ_in_the_tenth_digit_have_their_own_forces(plain_device, laws):
+    # Warp rounds constants to float32 before it compares kernels.
+    field = "damper" if isinstance(laws[0], CoulombDamper) else "spring"
+    one, other = (evaluate(BODIES["box"].replace(**{field: law}), plain_device, "float64") for law in laws)
+    assert 1e-12 < np.abs(other - one).max() / np.abs(one).max() < 1e-7
+
+
 @every_law
 def test_energy_is_the_integral_of_the_force(plain_device, name):
     system = BODIES["box"].replace(spring=LAWS[name][0])

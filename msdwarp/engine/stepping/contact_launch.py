@@ -9,7 +9,7 @@ from ...kernels.integrators import MOST_THREADS, ContactNumbers, ContactParts, p
 from ..collision.body_contact import BodyContact
 from .dynamics import Dynamics
 from .persistent import CLUSTER
-from .stages import Stage
+from .stages import Stage, stages_for
 
 AHEAD = 2.0
 """Lists are made again unless valid for this many substeps at present speeds; one would suffice."""
@@ -54,7 +54,8 @@ class ContactLaunch:
         kinds = effect.overlapping_at_start, effect.limits_now, planes is not None
         parts, threads = ContactParts(*kinds, effect.lanes(triangles=True)), CLUSTER * MOST_THREADS
         kernel = persistent_contact(dynamics.composition, self._method, parts, CLUSTER)
-        inputs = [dynamics.scene, self._steps, substeps, model.connection_count, threads, first + 1]
+        stages = stages_for(kernel, self._steps)
+        inputs = [dynamics.scene, stages, substeps, model.connection_count, threads, first + 1]
         inputs += [*effect.on_device, pairs, numbers, neighbors.buffer, neighbors.flags, effect.nothing]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 

@@ -25,6 +25,7 @@ from ..device.launcher import Launcher
 from ..device.thread_pool import replay_together
 from ..model.model import Model
 from .assemble import Assembly
+from .stages import stages_for
 
 LEAST_SHARE = 5_000
 """Minimal number of springs per thread: about 50 µs of work, so that barriers cost little."""
@@ -78,13 +79,13 @@ class CpuPartition(Launcher):
         """Launch the first thread's part of `count` stages, and store the others' parts for later."""
         assert self.is_recording
         kernel = self.kernel(method)
-        copy = scene(self._composition)()
+        copy, own = scene(self._composition)(), stages_for(kernel, steps)
         copy.assign(data)  # the original changes from launch to launch
 
         def launch(k: int) -> None:
             if self._sums[k] is not None:
                 copy.forces.f = self._sums[k]
-            wp.launch(kernel, 1, [copy, steps, count, self._parts[k]], device=self._barrier.device)
+            wp.launch(kernel, 1, [copy, own, count, self._parts[k]], device=self._barrier.device)
 
         self._launch(launch)
 

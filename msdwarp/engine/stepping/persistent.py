@@ -6,6 +6,7 @@ import warp as wp
 
 from ...kernels.integrators import MOST_THREADS
 from ..model.model import Model
+from .stages import stages_for
 from .world_differences import power_of_two
 
 MOST_IN_ONE_BLOCK = 350
@@ -21,7 +22,13 @@ def launch_persistent(
 ) -> None:
     """Launch `stages` stages, in the order of `steps`, by `blocks` blocks of `threads` threads."""
     total = blocks * threads
-    inputs = [scene, steps, stages, model.connection_count, threads if model.in_worlds else total]
+    inputs = [
+        scene,
+        stages_for(kernel, steps),
+        stages,
+        model.connection_count,
+        threads if model.in_worlds else total,
+    ]
     wp.launch(kernel, total, inputs, device=model.device, block_dim=threads)
 
 

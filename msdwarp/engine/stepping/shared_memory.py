@@ -12,6 +12,7 @@ from ..model.model import Model
 from ..model.state import Instant, State
 from ..springs.force_algorithms import MANY_NEIGHBOURS
 from .dynamics import Dynamics
+from .stages import stages_for
 from .world_differences import power_of_two, threads_at_a_time
 
 LEAST_BYTES = 1024
@@ -50,7 +51,8 @@ class Chip(NamedTuple):
         kernel: Any = on_chip_worlds(
             dynamics.composition, method, self.threads, resident, self.size, self.in_columns
         )
-        inputs = [dynamics.scene, self.steps, stages, self.addresses, self.words, self.spacing, self.margin]
+        inputs = [dynamics.scene, stages_for(kernel, self.steps), stages]
+        inputs += [self.addresses, self.words, self.spacing, self.margin]
         threads, device = dynamics.model.worlds * self.threads, dynamics.model.device
         wp.launch(kernel, threads, inputs, device=device, block_dim=self.threads)
 

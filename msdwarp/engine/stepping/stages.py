@@ -39,10 +39,24 @@ class StageArrays:
 
     def array_of(self, step: Any, kernel: Any, device: Any) -> wp.array:
         """Return the struct of a stage as an array of shape [2, 1], the argument of kernels of many stages."""
-        # Warp shares one kernel among identical sources. So the type of its argument may come from another
-        # composition, with the same fields.
-        Step: Any = kernel.adj.args[1].type.dtype
         raw = bytes(step.__ctype__())
         if raw not in self._kept:  # NumPy copies it, since Warp would record the copy
             self._kept[raw] = np.frombuffer(2 * raw, dtype=np.uint8).copy()
-        return wp.array(ptr=self._kept[raw].ctypes.data, dtype=Step, shape=(2, 1), device=device)
+        return wp.array(ptr=self._kept[raw].ctypes.data, dtype=_type_in(kernel), shape=(2, 1), device=device)
+
+
+def stages_for(kernel: Any, stages: wp.array) -> wp.array:
+    """Return an array of structs of stages as the type of a kernel's second argument."""
+    Step = _type_in(kernel)
+    if stages.dtype is Step:
+        return stages
+    return wp.array(ptr=stages.ptr, dtype=Step, shape=stages.shape, device=stages.device)
+
+
+def _type_in(kernel: Any) -> Any:
+    """Return the struct of stages in a kernel's second argument.
+
+    Warp shares one kernel among identical sources, such as those of a law of springs that is defined twice. So the
+    struct may come from another composition, with the same fields.
+    """
+    return kernel.adj.args[1].type.dtype
