@@ -356,17 +356,22 @@ def keep_apart(scalar: type, blocks: int):
                         n += threads
                     if phase == wp.static(PHASES - 1):
                         end(pairs, grid_thread(), threads)
-                elif cut < 0 and phase % 3 == 1:
-                    while n < pairs.pushing_count[0]:
-                        act(pairs, x, x_out, per_unit, apart, particles, phase, pairs.pushing[n])
-                        n += threads
-                elif cut <= 0 and pairs.exceeded[0] == 0:
-                    while n < watched:
-                        act(pairs, x, x_out, per_unit, apart, particles, phase, pairs.watched[n])
-                        n += threads
                 else:
-                    while n < count:
-                        act(pairs, x, x_out, per_unit, apart, particles, phase, n)
+                    pushes = cut < 0 and phase % 3 == 1
+                    watches = not pushes and cut <= 0 and pairs.exceeded[0] == 0
+                    end_of_list = count
+                    if pushes:
+                        end_of_list = pairs.pushing_count[0]
+                    elif watches:
+                        end_of_list = watched
+                    while n < end_of_list:
+                        k = n
+                        if pushes:
+                            k = pairs.pushing[n]
+                        elif watches:
+                            k = pairs.watched[n]
+                        # The only call: compilers copy this long function to each, for ten seconds on a GPU.
+                        act(pairs, x, x_out, per_unit, apart, particles, phase, k)
                         n += threads
                 if phase < last:
                     wait()
