@@ -7,7 +7,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..records import records
 from ..springs.spring_laws import Laws
-from ..springs.stencil import stencil_layout, stencil_rows
+from ..springs.stencil import stencil_rows
 from .springs import Wanted, adding, derivatives, keeping
 
 BLOCK = 256
@@ -46,7 +46,7 @@ def stencil_adjoint(
     derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
     add = adding(dim, scalar, by_mass, by_gravity)
     rows, neighbours = stencil_rows(steps)
-    most, layout = max(map(len, neighbours)), stencil_layout(1, rows, neighbours)
+    most = max(map(len, neighbours))
 
     def field(r: int, n: int, name: str) -> int:
         return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
@@ -81,8 +81,6 @@ def stencil_adjoint(
     ):
         i = wp.tid()
         mask = table.mask[i]
-        if wp.static(layout) < 0:  # never true, see stencil_layout
-            return
         x_i = load(x, i)
         phi_i = load(phi, i)
         v_i = V()

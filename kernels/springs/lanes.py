@@ -16,7 +16,7 @@ from .force_algorithm import ForceAlgorithm, difference
 from .gather import SLICE
 from .law import spring_damper
 from .spring_laws import Laws
-from .stencil import stencil_layout, stencil_rows
+from .stencil import stencil_rows
 
 MOST_NEIGHBOURS = 32
 """Maximal number of neighbours, so that a mask has a bit for each."""
@@ -76,7 +76,7 @@ def stencil_of_lanes(
     separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     rows, neighbours = stencil_rows(steps)
     each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
-    damped, layout = laws.damper is not None, stencil_layout(lanes, rows, neighbours)
+    damped = laws.damper is not None
     rounds = -(-len(each) // lanes)
     Shifts, count = wp.types.vector(len(rows), int), len(each)
     each += [(0, 0)] * (rounds * lanes - count)  # padding, for neighbours that are never read
@@ -90,8 +90,6 @@ def stencil_of_lanes(
     @unrolled
     def force_at(forces: SharedLattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         lane = lane_here()
-        if wp.static(layout) < 0:  # never true, see stencil_layout
-            return V()
         mask = forces.mask[i]
         x_i = load(x, i)
         v_i = V()

@@ -1,7 +1,6 @@
 """The stencil, a force algorithm for lattices: it computes the indices of neighbours, without a table."""
 
 import functools
-import zlib
 from typing import Any, NamedTuple
 
 import warp as wp
@@ -38,15 +37,6 @@ def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[i
         found.setdefault((-y, -z), []).append(Neighbour(-x, d, 1 << (d + len(steps))))
     rows = tuple(sorted(found, key=lambda row: row[::-1]))
     return rows, [sorted(found[row]) for row in rows]
-
-
-def stencil_layout(together: int, rows: tuple, neighbours: list) -> int:
-    """Return a hash of all constants compiled into a stencil's loops, and of the length `together` of a column.
-
-    Warp distinguishes kernels by their source and by `wp.static` values, except values that depend on a loop
-    variable. Without this hash in the source, Warp would confuse two stencils with equally many rows.
-    """
-    return zlib.crc32(repr((together, rows, neighbours)).encode()) >> 1
 
 
 @functools.cache
@@ -158,7 +148,6 @@ def stencil(
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
     most = max(map(len, neighbours))
-    layout = stencil_layout(COLUMN, rows, neighbours)
 
     def field(r: int, n: int, name: str) -> int:
         return getattr(neighbours[r][n], name) if n < len(neighbours[r]) else 0
@@ -194,8 +183,6 @@ def stencil(
     @unrolled
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         mask = forces.mask[i]
-        if wp.static(layout) < 0:  # never true, see stencil_layout
-            return V()
         x_i = load(x, i)
         v_i = V()
         dv = V()
@@ -288,7 +275,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     found = {(row, n.along): n for row, ns in zip(rows, neighbours, strict=True) for n in ns}
     Column = wp.types.matrix((COLUMN, dim), scalar)
     Masks = wp.types.vector(COLUMN, wp.uint32)
-    layout, tears = stencil_layout(COLUMN, rows, neighbours), breaking is not None
+    tears = breaking is not None
     _, is_suspect, _ = breaking or (None, None, None)
     remaining_force = after_breaking(kinds, True, Lattice, breaking) if tears else None
 
@@ -315,8 +302,6 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
         masks = Masks()
         if wp.static(tears):
             suspects = Masks()
-        if wp.static(layout) < 0:  # never true, see stencil_layout
-            return total
         for d in range(wp.static(COLUMN)):
             own = i + d * forces.stride
             own_x[d] = load(x, own)
