@@ -159,6 +159,8 @@ def fit(
     checks.one_of("precision", precision, DIFFERENCE)
     checks.between("tolerance", tolerance, 1e-15, 1.0)
     checks.count("starts", starts, 1)
+    if not callable(report):
+        raise ValueError(f"report is {checks.repr_short(report)}; it must be a function of a line of text")
     if loss != "linear" and noise is None:
         raise ValueError(f"loss is {loss!r}; noise must be given then, which says what is a large difference")
     sought = parameters_of(scene, parameters, bounds)

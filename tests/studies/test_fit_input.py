@@ -14,6 +14,7 @@ POINTS = TrackedPoints([0.1, 0.2], [0, 1], np.zeros((2, 3)))
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
+        ({"report": None}, "report is None; it must be a function of a line of text"),
         ({"parameters": ["colour"]}, "a name in parameters is 'colour'; it must be one of 'stiffness'"),
         ({"parameters": []}, "parameters is"),
         ({"parameters": ["mass", "mass"]}, "each must be named once"),
