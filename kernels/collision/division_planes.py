@@ -370,7 +370,7 @@ def keep_apart(scalar: type, blocks: int):
                             k = pairs.pushing[n]
                         elif watches:
                             k = pairs.watched[n]
-                        # The only call: compilers copy this long function to each, for ten seconds on a GPU.
+                        # The only call: compilers copy this long function to each, which takes 10 s for a GPU.
                         act(pairs, x, x_out, per_unit, apart, particles, phase, k)
                         n += threads
                 if phase < last:

@@ -21,14 +21,8 @@ def launch_persistent(
     kernel: Any, model: Model, scene: Any, steps: wp.array, stages: int, blocks: int, threads: int
 ) -> None:
     """Launch `stages` stages, in the order of `steps`, by `blocks` blocks of `threads` threads."""
-    total = blocks * threads
-    inputs = [
-        scene,
-        stages_for(kernel, steps),
-        stages,
-        model.connection_count,
-        threads if model.in_worlds else total,
-    ]
+    total, given = blocks * threads, stages_for(kernel, steps)
+    inputs = [scene, given, stages, model.connection_count, threads if model.in_worlds else total]
     wp.launch(kernel, total, inputs, device=model.device, block_dim=threads)
 
 
