@@ -1,5 +1,6 @@
 """Checks of users' functions that are compiled into kernels (`wp.func`)."""
 
+import zlib
 from typing import Any
 
 from .. import checks
@@ -38,23 +39,29 @@ def check_types(name: str, function: Any, arguments: dict[str, type], returned: 
     except Exception as error:  # Warp raises errors of its own, and passes on those of the function's expressions
         reason = error.args[0] if error.args else checks.message(error)
         raise ValueError(f"{name} cannot be compiled for ({taken}): {reason}") from error
-    _keep_statics(overload, set())
+    _hash_all_constants(overload, set())
     given = [one.type for one in overload.adj.return_var or ()]
     if len(given) != 1 or not types_equal(given[0], returned):
         is_given = ", ".join(map(type_repr, given)) or "nothing"
         raise ValueError(f"{name} returns {is_given} for ({taken}); it must return {type_repr(returned)}")
 
 
-def _keep_statics(overload: Any, seen: set[Any]) -> None:
-    """Have the hash of a kernel include values of `wp.static` that depend on the variable of a loop.
+def _hash_all_constants(overload: Any, seen: set[Any]) -> None:
+    """Have the hash of a kernel include all constants in a generic function, and in those that it calls.
 
-    Warp finds them when it generates code for an overload, but hashes the generic function. So two laws that
-    differ in these values alone would share a kernel, as `msdwarp.kernels.basis.unrolled` explains.
+    Warp hashes the generic function. It finds values of `wp.static` that depend on the variable of a loop when it
+    generates code for an overload, and of numbers it hashes the digits of float32. So two laws that differ in
+    nothing else would share a kernel; see `msdwarp.kernels.basis.unrolled`.
     """
     seen.add(overload)
-    if overload.generic_parent is not None:
-        overload.generic_parent.adj.deferred_static_expressions = overload.adj.deferred_static_expressions
-    for called in overload.adj.get_references()[2]:
+    adj, generic = overload.adj, overload.generic_parent
+    constants, _, functions = adj.get_references()
+    if generic is not None:
+        found = [*constants.items(), *adj.resolved_static_expressions.items(), *adj.deferred_static_expressions]
+        digits = repr([value for _, value in found if isinstance(value, float)])
+        digest = zlib.crc32(digits.encode()) >> 1  # 31 bits, an int for Warp
+        generic.adj.deferred_static_expressions = [*adj.deferred_static_expressions, ("digits", digest)]
+    for called in functions:
         for one in [] if called.is_builtin() else list(called.user_overloads.values()):
             if one not in seen:
-                _keep_statics(one, seen)
+                _hash_all_constants(one, seen)

@@ -122,12 +122,21 @@ def test_laws_that_differ_in_the_last_coefficient_alone_have_their_own_forces(pl
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())  # rounding
 
 
+def times(factor: float) -> OwnSpring:
+    @wp.func
+    def law(strain: Any):
+        return type(strain)(factor) * strain
+
+    return OwnSpring(law)
+
+
 @pytest.mark.parametrize(
     "laws",
     [
         (PolynomialSpring((1.0, 0.5)), PolynomialSpring((1.0, 0.5 + 1e-9))),
         (ExponentialSpring(5.0), ExponentialSpring(5.0 + 1e-9)),
         (CoulombDamper(0.4), CoulombDamper(0.4 + 1e-9)),
+        (times(0.5), times(0.5 + 1e-9)),
     ],
 )
 def test_laws_that_differ_in_the_tenth_digit_have_their_own_forces(plain_device, laws):
