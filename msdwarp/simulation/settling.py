@@ -23,8 +23,9 @@ SHARE_OF_WEIGHT = 1e-3
 """Default tolerance as a fraction of the mean weight of a particle."""
 SHARE_OF_START = 1e-4
 """Default tolerance without gravity, as a fraction of the largest force in the first frame."""
-SAFETY = 0.6
-"""Fraction of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`."""
+SAFETY, LEAST_SAFETY = 0.6, 0.03
+"""Fraction of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`. If springs stiffen
+so fast that settling diverges, it begins again with shorter substeps, down to the least fraction."""
 REFRESH = 8
 """Frames after which the stable substep is computed again."""
 FRAMES_TO_SEPARATE = 40
@@ -75,6 +76,7 @@ def settled(
     most: int,
     threads: int | str,
     time: float,
+    safety: float = SAFETY,
 ) -> tuple[System, Settled, dict[str, NDArray]]:
     """Return (system at rest in equilibrium, result, its contacts), under the loads at a `time` [s].
 
@@ -101,13 +103,13 @@ def settled(
     limit = method.stable_step(rates)
     if not math.isfinite(limit):
         raise ValueError("the system has no springs that hold a free particle; it must have some to settle")
-    fps = 1.0 / (SUBSTEPS * SAFETY * limit)
+    fps = 1.0 / (SUBSTEPS * safety * limit)
     first = FRAMES_TO_SEPARATE if assembly.release_overlaps_within(FRAMES_TO_SEPARATE / fps) else 0
     stepping = Stepping(
         Dynamics(assembly, threads=threads_for(assembly, threads)),
         state,
         method,
-        [choose_stable(rates, method, fps, safety=SAFETY)],
+        [choose_stable(rates, method, fps, safety=safety)],
         energy_limit=math.inf,
         blocks=None,
         still=True,
@@ -117,6 +119,17 @@ def settled(
     residual = math.inf
     while frame <= first or (taken < most and (tolerance is None or residual > tolerance)):
         if not stepping.advance(time):
+            if safety > LEAST_SAFETY:
+                shorter = 0.25 * safety
+                return settled(
+                    system,
+                    surroundings,
+                    tolerance=tolerance,
+                    most=most,
+                    threads=threads,
+                    time=time,
+                    safety=shorter,
+                )
             found = stepping.locate_divergence()
             raise SimulationDiverged(
                 f"settling diverged in substep {taken + found.substep}, at particle {found.particle}: a number is "
@@ -132,7 +145,7 @@ def settled(
             tolerance = fall if fall > 0.0 else SHARE_OF_START * fire.strongest_force
         if frame % REFRESH == 0:
             check_near(system, stepping.frame(time).position)
-            choice = choose_stable(rate_bounds(undamped, assembly, stepping.state), method, fps, safety=SAFETY)
+            choice = choose_stable(rate_bounds(undamped, assembly, stepping.state), method, fps, safety=safety)
             if not NEAR * stepping.choice.substeps <= choice.substeps <= stepping.choice.substeps:
                 stepping = stepping.with_choice(choice)
     assert tolerance is not None

@@ -12,6 +12,7 @@ from msdwarp import (
     Force,
     Material,
     Plane,
+    PolynomialSpring,
     PrescribedMotion,
     Probe,
     Scene,
@@ -100,6 +101,21 @@ def test_a_chain_hangs_in_the_shape_of_its_forces(device):
     pull = (1e4 * (length - 0.1) / length)[:, None] * links
     np.testing.assert_allclose(pull[:, 0], pull[0, 0], rtol=1e-5)
     np.testing.assert_allclose(np.diff(pull[:, 2]), 0.01 * G, rtol=1e-5)
+
+
+@pytest.mark.parametrize("cubic", [5.0, 60.0, 6000.0])
+def test_a_chain_settles_whose_springs_stiffen_fast(plain_device, cubic):
+    # The steps that are stable at the start were much too long at the end, and settling diverged.
+    law = PolynomialSpring((1.0, 0.0, cubic))
+    system = chain(5, 0.1, mass=0.05, stiffness=20.0).pin([0]).replace(spring=law)
+    simulation = Simulation(system, precision="float64", device=plain_device)
+    settled = simulation.settle()
+    assert settled.converged
+    length = np.linalg.norm(np.diff(simulation.frame().position, axis=0), axis=1)
+    strain = length / 0.1 - 1.0
+    below = 0.05 * G * np.arange(4, 0, -1)  # weight below each spring [N]
+    # The forces on all particles below a spring add up to what its force lacks.
+    np.testing.assert_allclose(20.0 * 0.1 * (strain + cubic * strain**3), below, atol=4 * settled.tolerance)
 
 
 @pytest.mark.slow
