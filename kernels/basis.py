@@ -19,15 +19,15 @@ def kernel(function, **options):
     return wp.kernel(function, module="unique", enable_backward=False, **options)
 
 
-def unrolled(function, constants: object = None):
-    """Declare `function` as a Warp function with `wp.static` values that depend on the variable of a loop.
+def fully_hashed(function, constants: object = None):
+    """Declare `function` as a Warp function all of whose constants count in the hash by which Warp knows kernels.
 
-    Warp finds these values only when it generates code, and until then leaves them out of the hash by which it
-    knows a kernel again. So functions that differ in nothing else would share a kernel, and a kernel would be
+    Warp finds values of `wp.static` that depend on the variable of a loop only when it generates code, and until
+    then its hash lacks them. So functions that differ in nothing else would share a kernel, and a kernel would be
     compiled again in a process that had loaded others from the cache. Here code is generated at once.
 
-    `constants` are numbers in the function, of which Warp's hash has the digits of float32 only: they become part
-    of its name.
+    `constants` are numbers in the function of which Warp's hash would have the digits of float32 only: they become
+    part of its name.
     """
     name = None
     if constants is not None:

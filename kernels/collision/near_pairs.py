@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, unrolled, vector
+from ..basis import fully_hashed, kernel, vector
 from ..partition import count_up, raise_to
 from ..records import records
 from ..threads import grid_thread
@@ -169,7 +169,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         near |= int(overlap(low, high, wp.min(c, a), wp.max(c, a))) << 5
         return near
 
-    @unrolled
+    @fully_hashed
     def tests_of(
         corner: wp.array(dtype=wp.vec3i), owned: wp.array(dtype=int), search: Search, mine: int, found: int
     ) -> wp.uint32:

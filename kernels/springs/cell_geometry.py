@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from ..basis import unrolled, vector
+from ..basis import fully_hashed, vector
 
 AROUND = (
     (1, 3, 4, 2, 7, 5),
@@ -119,7 +119,7 @@ def cell_geometry(dim: int, scalar: type, solid: bool, flat: bool):
                 result += (wp.abs(wp.dot(p, q)) + wp.dot(q, q)) / area
         return result
 
-    @unrolled
+    @fully_hashed
     def turning(points: Rows, is_flat: bool):
         result = Numbers()
         if wp.static(solid):

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import unrolled
+from ..basis import fully_hashed
 
 Law = tuple[str, float]
 """Name of a law, and the speed at which it becomes linear [m/s], or 0."""
@@ -21,7 +21,7 @@ def damper_force(scalar: type, law: Any):
     """
     name, speed = law if isinstance(law, tuple) else LINEAR
 
-    @functools.partial(unrolled, constants=law)
+    @functools.partial(fully_hashed, constants=law)
     def force(rate: scalar, damping: scalar) -> scalar:
         if wp.static(name == "quadratic"):
             return damping * wp.min(wp.abs(rate), scalar(speed)) * rate

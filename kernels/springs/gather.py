@@ -9,7 +9,7 @@ import functools
 
 import warp as wp
 
-from ..basis import unrolled
+from ..basis import fully_hashed
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
@@ -67,7 +67,7 @@ def gather(
         if tears:
             breaking: Breaks
 
-    @unrolled
+    @fully_hashed
     def force_at(forces: Gathered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         x_i = load(x, i)
         v_i = V()

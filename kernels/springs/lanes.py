@@ -8,7 +8,7 @@ import functools
 
 import warp as wp
 
-from ..basis import unrolled, vector
+from ..basis import fully_hashed, vector
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
@@ -87,7 +87,7 @@ def stencil_of_lanes(
         shift: Shifts  # index offset of each row of neighbours
         constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
 
-    @unrolled
+    @fully_hashed
     def force_at(forces: SharedLattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         lane = lane_here()
         mask = forces.mask[i]

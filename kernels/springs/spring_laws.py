@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import unrolled
+from ..basis import fully_hashed
 from .dampers import LINEAR
 
 AHEAD, INTERVALS = 0.1, 8
@@ -45,7 +45,7 @@ def spring_stress(scalar: type, law: Any):
     count = len(numbers)
     c = (*numbers, *(0.0,) * (5 - count)) if name == "polynomial" else (0.0,) * 5
 
-    @functools.partial(unrolled, constants=law)
+    @functools.partial(fully_hashed, constants=law)
     def stress(strain: scalar) -> scalar:
         result = strain
         if wp.static(name == "tension"):
@@ -71,7 +71,7 @@ def spring_energy(law: Any):
     name, *numbers = law if isinstance(law, tuple) else ("own",)
     first, second = (*numbers, 0.0, 0.0)[:2]
 
-    @functools.partial(unrolled, constants=law)
+    @functools.partial(fully_hashed, constants=law)
     def energy(strain: wp.float64) -> wp.float64:
         half = wp.float64(0.5)
         total = wp.float64(0.0)

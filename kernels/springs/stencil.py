@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import unrolled, vector
+from ..basis import fully_hashed, vector
 from ..compensation import state_types
 from ..records import records
 from .force_algorithm import ForceAlgorithm, difference
@@ -180,7 +180,7 @@ def stencil(
     kinds = (dim, scalar, laws, compensated, steps)
     remaining_force = after_breaking(kinds, uniform, Forces, breaking) if tears else None
 
-    @unrolled
+    @fully_hashed
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         mask = forces.mask[i]
         x_i = load(x, i)
@@ -293,7 +293,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
     def field(r: int, p: int, a: int, d: int, name: str) -> int:
         return getattr(neighbour(r, p, a, d), name, 0)
 
-    @unrolled
+    @fully_hashed
     def forces_at(forces: Lattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> Column:
         own_x = Column()
         own_v = Column()

@@ -51,7 +51,7 @@ def _hash_all_constants(overload: Any, seen: set[Any]) -> None:
 
     Warp hashes the generic function. It finds values of `wp.static` that depend on the variable of a loop when it
     generates code for an overload, and of numbers it hashes the digits of float32. So two laws that differ in
-    nothing else would share a kernel; see `msdwarp.kernels.basis.unrolled`.
+    nothing else would share a kernel; see `msdwarp.kernels.basis.fully_hashed`.
     """
     seen.add(overload)
     adj, generic = overload.adj, overload.generic_parent

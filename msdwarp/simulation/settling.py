@@ -120,16 +120,8 @@ def settled(
     while frame <= first or (taken < most and (tolerance is None or residual > tolerance)):
         if not stepping.advance(time):
             if safety > LEAST_SAFETY:
-                shorter = 0.25 * safety
-                return settled(
-                    system,
-                    surroundings,
-                    tolerance=tolerance,
-                    most=most,
-                    threads=threads,
-                    time=time,
-                    safety=shorter,
-                )
+                how: dict[str, Any] = {"tolerance": tolerance, "most": most, "threads": threads, "time": time}
+                return settled(system, surroundings, **how, safety=0.25 * safety)
             found = stepping.locate_divergence()
             raise SimulationDiverged(
                 f"settling diverged in substep {taken + found.substep}, at particle {found.particle}: a number is "

@@ -126,8 +126,8 @@ def is_of_loop(node: ast.AST, variable: str) -> bool:
     return isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.static" and variable in names
 
 
-def test_functions_with_values_of_loops_are_declared_as_unrolled():
-    found = {"wp.func": 0, "unrolled": 0}
+def test_functions_with_values_of_loops_are_declared_as_fully_hashed():
+    found = {"wp.func": 0, "fully_hashed": 0}
     for path in Path(msdwarp.kernels.__path__[0]).rglob("*.py"):
         for one in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             declared = ast.unparse(one.decorator_list[0]) if getattr(one, "decorator_list", []) else ""
@@ -136,7 +136,7 @@ def test_functions_with_values_of_loops_are_declared_as_unrolled():
                 is_of_loop(n, ast.unparse(loop.target)) for loop in loops for n in ast.walk(loop)
             ):
                 found[declared] += 1
-    assert found["unrolled"] >= 5
+    assert found["fully_hashed"] >= 5
     assert found["wp.func"] == 0
 
 

@@ -112,7 +112,6 @@ def test_forces_follow_the_law(device, body, precision, name):
     assert np.abs(found - expected).max() < 20 * PRECISIONS[precision] * size
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("last", [0.0, 2.0, 500.0])
 def test_laws_that_differ_in_the_last_coefficient_alone_have_their_own_forces(plain_device, last):
     # Warp took one kernel for all of them, the one that was compiled first, by whichever process.
@@ -146,6 +145,7 @@ def test_laws_that_differ_in_the_tenth_digit_have_their_own_forces(plain_device,
     assert 1e-12 < np.abs(other - one).max() / np.abs(one).max() < 1e-7
 
 
+@pytest.mark.slow
 @every_law
 def test_energy_is_the_integral_of_the_force(plain_device, name):
     system = BODIES["box"].replace(spring=LAWS[name][0])
