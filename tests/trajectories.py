@@ -3,13 +3,16 @@
 import io
 import os
 from contextlib import contextmanager
+from functools import partial
 
 import h5py
 import numpy as np
 import pytest
 
-from msdwarp import System, TrajectoryWriter, ball, box, chain, sheet
+from msdwarp import Scene, System, TrajectoryWriter, ball, box, chain, sheet
 from msdwarp.bodies.frame import Frame
+from msdwarp.cli.draw import drawn
+from msdwarp.cli.options import Pictures
 
 SYSTEMS = {
     "line": System(position=[[0.0], [1.0], [2.5]], connections=[[0, 1], [1, 2]]),
@@ -36,6 +39,11 @@ def write(path, system, count=5, dtype="float32", **options):
         for frame in frames(system, count, dtype):
             writer.write(frame)
     return path
+
+
+def drawing_of(trajectory, scene=None, **pictures):
+    """Return the function that draws frames of a trajectory for `export`."""
+    return partial(drawn, scene or Scene(system=trajectory.system), trajectory, Pictures(**pictures))
 
 
 def in_space(values):

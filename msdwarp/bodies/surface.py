@@ -108,6 +108,15 @@ class Surface:
         )
 
     @property
+    def particle_alone(self) -> NDArray[np.int32]:
+        """The particle that each vertex is, −1 if it is a mean of several, shape [vertex_count].
+
+        Bodies keep this beside others: a vertex that is a particle has it k times where others are means of k.
+        """
+        own = self._mixture[0]
+        return np.where((own == own[:, :1]).all(axis=1), own[:, 0], np.int32(-1))
+
+    @property
     def _mixture(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Particles and weights of each vertex, both of shape [vertex_count, k]."""
         if self.weights is None:

@@ -18,15 +18,15 @@ _FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2
 class Edges:
     """The connections along the edges of a system's surface triangles.
 
-    There are none if vertices are weighted means of particles, so such triangles never part.
+    There are none at vertices that are weighted means of particles, so such triangles never part.
     """
 
     def __init__(self, system: System) -> None:
         surface = system.surface
         self._of: NDArray[np.int64] = np.full((0 if surface is None else len(surface.triangles), 3), -1)
-        if surface is None or surface.weights is not None or not system.connection_count:
+        if surface is None or not system.connection_count:
             return
-        corners = surface.particle[surface.triangles]
+        corners = surface.particle_alone[surface.triangles]
         self._of = connection_between(system, np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1))
 
     def parted_at(self, broken_at: NDArray) -> NDArray:
@@ -79,11 +79,13 @@ class Bare(NamedTuple):
 
 
 def cells_of(system: System) -> NDArray[np.int64]:
-    """Return the corners of the cells of a system's lattice solids, shape [cell_count, 8].
+    """Return the corners of the cells of lattice solids whose surface is of particles, shape [cell_count, 8].
 
     A cell has a particle at each corner, and connections along x, y and z.
     """
     n, found = system.particle_count, [np.empty((0, 8), dtype=np.int64)]
+    own = np.zeros(0, np.int32) if system.surface is None else system.surface.particle_alone
+    outside = mask_of(own[own >= 0], n)
     for body in system.directions:
         if not {"x", "y", "z"} <= body.keys():
             continue
@@ -96,7 +98,9 @@ def cells_of(system: System) -> NDArray[np.int64]:
             for axis, step in zip((2, 1, 0), steps, strict=True):
                 if step:
                     corners[:, k] = following[axis, corners[:, k]]
-        found.append(corners[(corners < n).all(axis=1)])
+        corners = corners[(corners < n).all(axis=1)]
+        if outside[corners].any():
+            found.append(corners)
     return np.concatenate(found)
 
 
@@ -126,7 +130,7 @@ def laid_bare(system: System) -> Bare:
     cells become visible.
     """
     assert system.surface is not None
-    corners = system.surface.particle[system.surface.triangles].astype(np.int64)
+    corners = system.surface.particle_alone[system.surface.triangles].astype(np.int64)
     cells = cells_of(system)
     parted_at = cells_parted_at(system, cells)
     beside = _at_broken(system)  # where triangles have lost edges, or faces may become visible

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from rich.progress import Progress
 
 from .. import checks
 from ..bodies import lengths, stress, von_mises
-from ..files import FrameArray, Trajectory, UsdFrame, UsdMesh, finite_values, write_usd
+from ..files import DrawnFrame, DrawnMesh, FrameArray, Trajectory, finite_values
 from ..pictures import (
     Camera,
     ColourScale,
@@ -35,8 +36,6 @@ from .results import overlay_path, still_path
 from .signals import Interrupted, word
 
 Values = Callable[[int], NDArray[np.float64]]
-USD_VIEW = "1280x720"
-"""Picture size for which the camera in a USD file is placed; only the aspect ratio matters."""
 SCATTERED = 4.0
 """The start is small if the camera that sees all is so many times as far away as one that sees the start: it fills
 a quarter of the picture's width then. Of the built-in scenes with several bodies none reaches 2.5."""
@@ -68,12 +67,7 @@ def draw(
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
         fps, count = trajectory.fps if fps is None else fps, len(shown)
-        look = pictures.aimed(scene.look)
-        scene = _torn(scene, trajectory)
-        if pictures.colour == "strain" or (pictures.colour is None and look.strain):
-            look = replace(look, full_strain=_full_strain(scene, trajectory, pictures, shown))
-        scene = replace(scene, look=look)
-        colouring, values = _colouring(scene, trajectory, pictures.colour, shown)
+        scene, colouring, values = _dressed(scene, trajectory, pictures, shown)
         size = parse_resolution(pictures.resolution)
         seen = framed(scene, trajectory.positions, shown, size[0] / size[1])
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
@@ -144,58 +138,67 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
     return f"\nbodies scatter over {width:.2g} m; `msdwarp render` shows where they start with {flags}"
 
 
-def draw_usd(scene: Scene, trajectory: Trajectory, textures: Path, numbers: Sequence[int], path: Path) -> None:
-    """Write frames of a trajectory to a USD file: bodies, obstacles, ground and camera, as in pictures."""
-    scene = _torn(scene, trajectory)
-    size = parse_resolution(USD_VIEW)
-    stage = Stage(scene, framed(scene, trajectory.positions, numbers, size[0] / size[1]), size)
-    drawing = Drawing(scene, "strain" if scene.look.strain else "texture")
-    parts = [*drawing.body, *drawing.obstacles]
-    meshes = list[UsdMesh]()
-    for one in parts:
-        made_of = one.finish.reflectance
-        roughness = None if made_of == FINISHES["matt"] else made_of.roughness
-        faces = one.triangles - np.int32(one.vertices.start)
-        light = {"roughness": roughness, "metallic": made_of.metallic, "opacity": made_of.opacity}
-        meshes.append(UsdMesh(one.name, faces, one.uv, *one.finish[:3], moves=one.moves, **light))
-    floor = list[NDArray]()
-    if stage.ground is not None:
-        floor = [stage.ground.corners]
-        faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-        colour = np.array(checks.colour("ground", scene.look.ground))
-        meshes.append(UsdMesh("ground", faces, np.zeros((4, 2)), colour, None, 0.0, False))
+def drawn(
+    scene: Scene, trajectory: Trajectory, pictures: Pictures, numbers: Sequence[int], whole: bool
+) -> tuple[Iterator[DrawnFrame], dict[str, Any]]:
+    """Return frames of a trajectory, with triangles and colours as in pictures of all its frames; see `Draw`."""
+    every = range(len(trajectory))
+    scene, colouring, values = _dressed(scene, trajectory, pictures, every)
+    drawing, stage, more = Drawing(scene, colouring), None, dict[str, Any]()
+    still, floor = [], list[DrawnMesh]()
+    for one in drawing.body + (drawing.obstacles if whole else []):
+        made_of, gloss = one.finish.reflectance, one.finish.gloss
+        mesh = DrawnMesh(
+            one.name,
+            one.points.numpy(),  # on the CPU it shares Warp's memory, as the other arrays do
+            one.normals.numpy(),
+            one.triangles - np.int32(one.vertices.start),
+            one.uv,
+            one.colours.numpy() if drawing.colours_move and one in drawing.body else one.finish.colour,
+            None if drawing.texture is None else one.finish.texture,
+            gloss,
+            max(0.15, 0.9 - gloss) if made_of == FINISHES["matt"] else made_of.roughness,
+            made_of.metallic,
+            made_of.opacity,
+            one.moves,
+        )
+        still += [(one, mesh)] if len(mesh.triangles) else []
+    if whole:
+        size, look = parse_resolution(pictures.resolution), scene.look
+        aspect = size[0] / size[1]
+        stage = Stage(scene, framed(scene, trajectory.positions, every, aspect), size, pictures.zoom)
+        more = {"view_angle": look.field_of_view, "aspect": aspect, "sun": stage.camera.light}
+        more["background"] = np.array(checks.colour("background", look.background))
+        if stage.ground is not None:
+            faces, colour = (
+                np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+                np.array(checks.colour("ground", look.ground)),
+            )
+            floor = [DrawnMesh("ground", stage.ground.corners, None, faces, np.zeros((4, 2)), colour)]
 
-    def frames() -> Iterator[UsdFrame]:
+    def frames() -> Iterator[DrawnFrame]:
         for k in numbers:
-            position = finite_values(trajectory, k, "position")
-            at = float(trajectory.times[k])
-            drawing.follow(position, at)
-            points = [*(one.points.numpy() for one in parts), *floor]
-            normals = [*(one.normals.numpy() for one in parts), *([None] * len(floor))]
-            colours = [one.colours.numpy() if drawing.colours_move else None for one in drawing.body]
-            camera, others = stage.camera_at(at, position), [None] * (len(meshes) - len(colours))
-            view = np.array([camera.right, camera.up, -camera.forward, camera.eye])
-            yield UsdFrame(points, normals, colours + others, view)
+            position, at = finite_values(trajectory, k, "position"), float(trajectory.times[k])
+            drawing.follow(position, at, values and values(k))
+            camera = stage and stage.camera_at(at, position)
+            axes = camera and np.array([camera.right, camera.up, -camera.forward, camera.eye])
+            yield [mesh._replace(visible=one.drawn_at(at)) for one, mesh in still] + floor, axes
 
-    write_usd(
-        path,
-        trajectory.fps,
-        numbers,
-        meshes,
-        frames(),
-        textures=textures,
-        view_angle=stage.camera.field_of_view,
-        aspect=size[0] / size[1],
-        sun=stage.camera.light,
-        background=np.array(checks.colour("background", scene.look.background)),
-    )
+    return frames(), more
 
 
-def _torn(scene: Scene, trajectory: Trajectory) -> Scene:
-    """Return the scene, with the times at which springs broke if the scene tears."""
-    if not scene.system.tears:
-        return scene
-    return replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
+def _dressed(
+    scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]
+) -> tuple[Scene, str | ColourScale, Values | None]:
+    """Return the scene as pictures show it: torn, and with their camera; and `_colouring`."""
+    look = pictures.aimed(scene.look)
+    if scene.system.tears:
+        scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
+    colour = pictures.colour or ("strain" if look.strain else "texture")
+    if colour == "strain":
+        look = replace(look, full_strain=_full_strain(scene, trajectory, pictures, shown))
+    scene = replace(scene, look=look)
+    return scene, *_colouring(scene, trajectory, colour, shown)
 
 
 def _raise_if_stopped(requests: list[int]) -> None:
@@ -204,9 +207,9 @@ def _raise_if_stopped(requests: list[int]) -> None:
 
 
 def _colouring(
-    scene: Scene, trajectory: Trajectory, colour: str | None, shown: Sequence[int]
-) -> tuple[str | ColourScale | None, Values | None]:
-    """Return (colouring of the body, function (k) -> particles' values in frame k); None for what is not used.
+    scene: Scene, trajectory: Trajectory, colour: str, shown: Sequence[int]
+) -> tuple[str | ColourScale, Values | None]:
+    """Return (colouring of the body, function (k) -> particles' values in frame k); None if it has no values.
 
     The scale ends at the largest 99th percentile of a frame.
     """
@@ -254,7 +257,7 @@ def _lengths(vectors: NDArray) -> NDArray[np.float64]:
     return np.linalg.norm(vectors.astype(np.float64), axis=1)
 
 
-_QUANTITIES: dict[str | None, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
+_QUANTITIES: dict[str, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
     "velocity": ("speed [m/s]", lambda scene, trajectory, k: _lengths(trajectory.velocities[k])),
     "energy": (
         "energy of a particle and half its connections [J]",

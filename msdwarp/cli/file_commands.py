@@ -4,18 +4,18 @@ Each command imports its modules when called, so that help and command-line erro
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from ..disk import TRAJECTORY, writable_folder
 from .error_messages import printable
-from .options import Flag, Pictures, Quiet, Verbose, ViewOptions
+from .options import Colour, Flag, Pictures, Quiet, Verbose, ViewOptions
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
 from .script_signatures import UNTRUSTED, Script
@@ -24,7 +24,7 @@ from .signals import at_once
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..files import Trajectory
+    from ..files import DrawnFrame, Trajectory
     from ..world import Change, Scene
 
 File = Annotated[Path, Parameter(help="A trajectory (*.vtkhdf) or a run's folder.")]
@@ -48,6 +48,7 @@ def export(
     *,
     to: Literal["obj", "stl", "ply", "gltf", "usd", "npz"],
     frame: int | None = None,
+    colour: Colour | None = None,
     out: Path | None = None,
     script: Script = UNTRUSTED,
     force: Flag = False,
@@ -57,10 +58,13 @@ def export(
     Parameters
     ----------
     to
-        File format. npz holds positions, velocities and times; usd what pictures show, with colours, light and
-        camera; the others hold the surface that is drawn.
+        File format. npz holds positions, velocities and times. The others hold what the run's pictures show: usd
+        the whole scene, with obstacles, light and camera; gltf the bodies with colours and textures; ply with
+        colours at the vertices; obj with texture coordinates; stl without.
     frame
         Convert this frame only, counted from 0; negative numbers count from the end. Default: all frames.
+    colour
+        What the colours show, as in `msdwarp render`. Default: as in the pictures of the run.
     out
         File to write. Default: the trajectory's name with the format's extension.
     force
@@ -69,11 +73,9 @@ def export(
     with at_once():
         from ..files import export
     with opened(file) as trajectory:
-        frames, how = slice(None) if frame is None else frame, {}
-        if to == "usd":
-            how["draw_usd"] = _usd_drawer(trajectory, script)
+        frames, draw = slice(None) if frame is None else frame, partial(_drawn, trajectory, to, colour, script)
         target = out or trajectory.path.with_suffix(f".{to}")
-        paths = export(trajectory, target, to, frames, force=force, **how)
+        paths = export(trajectory, target, to, frames, force=force, draw=draw)
     more = f" ... {paths[-1].name}" if len(paths) > 1 else ""
     print(f"wrote {paths[0]}{more}")
 
@@ -312,15 +314,21 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
     return shown[::step], fps / step
 
 
-def _usd_drawer(trajectory: "Trajectory", script: Script) -> "Callable[[Path, list[int], Path], None]":
-    """Return a function that draws a trajectory into a USD file."""
-    from rich.console import Console
-
+def _drawn(
+    trajectory: "Trajectory", to: str, colour: str | None, script: Script, numbers: Sequence[int], whole: bool
+) -> "tuple[Iterator[DrawnFrame], dict[str, Any]]":
+    """Return frames of a trajectory as in the pictures of its run, or in other colours; see `draw.drawn`."""
     start_warp(False)
-    from .draw import draw_usd
+    with at_once():
+        from rich.console import Console
 
-    scene = _scene_of(trajectory, Console(stderr=True), script)[1]
-    return partial(draw_usd, scene, trajectory)
+        from .draw import drawn
+        from .provenance import restored_options
+
+    talk = Console(stderr=True, quiet=to in ("obj", "stl"))  # which have no colours
+    scene = _scene_of(trajectory, talk, script)[1]
+    pictures = restored_options(trajectory.attributes.get("options", {})).pictures
+    return drawn(scene, trajectory, replace(pictures, colour=colour or pictures.colour), numbers, whole)
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:

@@ -25,6 +25,7 @@ MethodName = Literal[
     "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
 ]
 IntOrAuto = int | Literal["auto"]
+Colour = Literal["texture", "strain", "velocity", "energy", "stress", "contact"]
 RendererName = Literal["auto", "raster", "raycast", "opengl"]
 Quiet = Annotated[bool, Parameter(negative=(), help="Print errors only.")]
 Verbose = Annotated[bool, Parameter(negative=(), help="Print messages from Warp and VTK too.")]
@@ -89,7 +90,7 @@ class Pictures(CameraOptions):
     """Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time."""
     resolution: str = "1280x720"
     """Width and height of the pictures in pixels."""
-    colour: Literal["texture", "strain", "velocity", "energy", "stress", "contact"] | None = None
+    colour: Colour | None = None
     """What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
     the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
     set by the scene."""

@@ -3,6 +3,6 @@
 from .checkpoint_file import read_restart as read_restart, write_restart as write_restart
 from .export import export as export, finite_values as finite_values
 from .trajectory import FrameArray as FrameArray, Trajectory as Trajectory
-from .usd import UsdFrame as UsdFrame, UsdMesh as UsdMesh, write_usd as write_usd
+from .usd import DrawnFrame as DrawnFrame, DrawnMesh as DrawnMesh
 from .validation import probe as probe
 from .writer import TrajectoryWriter as TrajectoryWriter

@@ -2,19 +2,27 @@
 
 import base64
 import importlib.util
+import io
 import json
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from .. import checks
-from ..bodies import in_space
 from ..disk import failure_named, replacing, reserve
 from .trajectory import Trajectory
+from .usd import DrawnFrame, DrawnMesh, linear, write_usd
+
+Draw = Callable[[Sequence[int], bool], tuple[Iterator[DrawnFrame], dict[str, Any]]]
+"""A function that draws frames, given their indices, and whether to draw the whole scene or the bodies alone.
+
+It returns the frames, and arguments of `write_usd`.
+"""
 
 
 def export(
@@ -24,15 +32,17 @@ def export(
     frames: int | slice | Sequence[int] = slice(None),
     *,
     force: bool = False,
-    draw_usd: Callable[[Path, list[int], Path], None] | None = None,
+    draw: Draw | None = None,
 ) -> list[Path]:
-    """Write frames in another format: the surface, or the connections if there is none. Return the files.
+    """Write frames in another format, with the triangles and colours of pictures. Return the files.
 
-    For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12; usd and npz (positions,
-    velocities, times and connections) have one file for all. `draw_usd` writes a usd file: its arguments are
-    the folder for images, the frames' indices, and the path. Raise ValueError if the format is unknown, is not
-    the path's suffix, cannot store the body, or needs a missing package, or if a frame does not exist. Raise
-    FileExistsError if a file exists and `force` is False. Each file is written whole or not at all.
+    For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12, with the bodies; usd, with the
+    whole scene, and npz (positions, velocities, times and connections) have one file for all. All but npz need a
+    function that draws.
+
+    Raise ValueError if the format is unknown, is not the path's suffix, or needs a missing package or `draw`, or
+    if a frame does not exist. Raise FileExistsError if a file exists and `force` is False. Each file is written
+    whole or not at all.
     """
     path = Path(path)
     checks.one_of("to", to, (*_MESHES, *_WHOLE))
@@ -40,12 +50,8 @@ def export(
         raise ValueError(f"path is {path}; it must end in .{to}, as the format does")
     if to != "npz" and trajectory.system.surface is None and not trajectory.system.connection_count:
         raise ValueError("the trajectory has neither a surface nor connections: only npz can hold it")
-    if to in ("stl", "ply") and trajectory.system.surface is None:
-        raise ValueError(
-            f"to is {to!r}, which holds triangles; without a surface it must be obj, gltf, usd or npz"
-        )
-    if to == "usd" and draw_usd is None:
-        raise ValueError("draw_usd is None; where to is 'usd' it must be a function that writes the file")
+    if to != "npz" and draw is None:
+        raise ValueError(f"draw is None; where to is {to!r} it must be a function that draws frames")
     if to == "usd" and importlib.util.find_spec("pxr") is None:
         raise ValueError("to is 'usd', which needs the extra `usd`: pip install 'msdwarp[usd]'")
     numbers = _numbers(frames, len(trajectory))
@@ -59,14 +65,16 @@ def export(
     path.parent.mkdir(parents=True, exist_ok=True)
     if to in _WHOLE:
         with failure_named(path), replacing(path) as unfinished:
-            if to == "usd" and draw_usd is not None:
-                draw_usd(textures, numbers, unfinished)
+            if draw is not None and to == "usd":
+                drawn, stage = draw(numbers, True)
+                write_usd(unfinished, trajectory.fps, numbers, drawn, textures=textures, **stage)
             else:
                 _npz(trajectory, numbers, unfinished)
         return paths
-    for one, (points, cells, uv) in zip(paths, _shown(trajectory, numbers), strict=True):
+    assert draw is not None
+    for one, (meshes, _) in zip(paths, draw(numbers, False)[0], strict=True):
         with failure_named(one), replacing(one) as unfinished:
-            _MESHES[to](unfinished, points, cells, uv)
+            _MESHES[to](unfinished, [_seen(mesh) for mesh in meshes if mesh.visible is None or mesh.visible.any()])
     return paths
 
 
@@ -83,15 +91,13 @@ def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
     return numbers
 
 
-def _shown(trajectory: Trajectory, numbers: Iterable[int]) -> Iterator[tuple[NDArray, NDArray, NDArray | None]]:
-    """Yield, frame by frame, points [m], cells of two or three points, and texture coordinates."""
-    surface, connections = trajectory.system.surface, trajectory.system.connections
-    for k in numbers:
-        position = finite_values(trajectory, k, "position")
-        if surface is None:
-            yield in_space(position), connections, None
-        else:
-            yield in_space(surface.points(position)), surface.triangles, surface.uv
+def _seen(mesh: DrawnMesh) -> DrawnMesh:
+    """Return a mesh without what is hidden, with colours at its vertices."""
+    triangles = mesh.triangles if mesh.visible is None else mesh.triangles[mesh.visible]
+    used, triangles = np.unique(triangles, return_inverse=True)
+    colour = np.broadcast_to(mesh.colour, mesh.points.shape)[used]
+    triangles = triangles.reshape(-1, 3)
+    return mesh._replace(points=mesh.points[used], uv=mesh.uv[used], colour=colour, triangles=triangles)
 
 
 def finite_values(trajectory: Trajectory, k: int, name: str) -> NDArray:
@@ -101,41 +107,87 @@ def finite_values(trajectory: Trajectory, k: int, name: str) -> NDArray:
     return values
 
 
-def _by_pyvista(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
+def _by_pyvista(path: Path, meshes: Sequence[DrawnMesh]) -> None:
     import pyvista as pv
 
-    counted = np.insert(cells, 0, cells.shape[1], axis=1).ravel()
-    mesh = pv.PolyData(points, faces=counted) if cells.shape[1] == 3 else pv.PolyData(points, lines=counted)
-    if uv is not None:
-        mesh.active_texture_coordinates = uv.astype(np.float32)
+    points, triangles, uv, colours = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros((0, 3))]
+    for mesh in meshes:
+        triangles.append(mesh.triangles + sum(map(len, points)))
+        points.append(mesh.points)
+        uv.append(mesh.uv)
+        colours.append(mesh.colour if mesh.texture is None else _sampled(mesh.texture, mesh.uv))
+    whole = pv.PolyData.from_regular_faces(np.concatenate(points), np.concatenate(triangles).astype(int))
+    whole.active_texture_coordinates = np.concatenate(uv).astype(np.float32)
+    paint = {"texture": (255 * np.concatenate(colours) + 0.5).astype(np.uint8)} if path.suffix == ".ply" else {}
     # VTK does not report a full disk, so room for long lines of text is reserved first.
     with path.open("wb") as file:
-        reserve(file.fileno(), 0, 200 * (mesh.n_points + mesh.n_cells), path.parent)
-    mesh.save(path)
+        reserve(file.fileno(), 0, 200 * (whole.n_points + whole.n_cells), path.parent)
+    whole.save(path, **paint)
 
 
-def _gltf(path: Path, points: NDArray, cells: NDArray, uv: NDArray | None) -> None:
-    vertices, corners = points.astype("<f4").tobytes(), cells.astype("<u4").tobytes()
-    uri = "data:application/octet-stream;base64," + base64.b64encode(vertices + corners).decode()
-    bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-    shape = {"attributes": {"POSITION": 0}, "indices": 1, "mode": 4 if cells.shape[1] == 3 else 1}
+def _sampled(image: NDArray[np.uint8], uv: NDArray) -> NDArray[np.float64]:
+    """Return the colours of an image at texture coordinates, in 0 … 1."""
+    height, width = image.shape[:2]
+    row, column = (1.0 - uv[:, 1]) * height, uv[:, 0] * width
+    return image[np.clip(row, 0, height - 1).astype(int), np.clip(column, 0, width - 1).astype(int)] / 255
+
+
+def _gltf(path: Path, meshes: Sequence[DrawnMesh]) -> None:
+    """Write meshes, each with a material: a texture, or colours at the vertices."""
+    blobs, accessors, primitives, materials, images = (list[Any]() for _ in range(5))
+
+    def stored(values: NDArray, kind: str, **more: Any) -> int:
+        """Add an array to the buffer; return the number of its accessor."""
+        which = {"bufferView": len(blobs), "componentType": 5125 if kind == "SCALAR" else 5126, "type": kind}
+        accessors.append({**which, "count": len(values), **more})
+        blobs.append(values.astype("<u4" if kind == "SCALAR" else "<f4").tobytes())
+        return len(blobs) - 1
+
+    for mesh in meshes:
+        points = mesh.points
+        bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+        attributes = {"POSITION": stored(points, "VEC3", **bounds)}
+        indices = stored(mesh.triangles.ravel(), "SCALAR")
+        paint: dict[str, Any] = {"baseColorFactor": [1.0, 1.0, 1.0, mesh.opacity]}
+        paint |= {"metallicFactor": mesh.metallic, "roughnessFactor": mesh.roughness}
+        if mesh.texture is None:
+            attributes["COLOR_0"] = stored(linear(mesh.colour), "VEC3")
+        else:
+            attributes["TEXCOORD_0"] = stored(np.array([0.0, 1.0]) + [1, -1] * mesh.uv, "VEC2")  # from the top
+            paint["baseColorTexture"] = {"index": len(images)}
+            png = io.BytesIO()
+            Image.fromarray(np.ascontiguousarray(mesh.texture)).save(png, "png")
+            images.append({"uri": _data_uri("image/png", png.getvalue())})
+        shade = {"name": mesh.name, "pbrMetallicRoughness": paint, "doubleSided": True}
+        materials.append(shade | ({} if mesh.opacity == 1 else {"alphaMode": "BLEND"}))
+        primitives.append({"attributes": attributes, "indices": indices, "material": len(primitives)})
+    sizes = [len(blob) for blob in blobs]
+    views = [
+        {
+            "buffer": 0,
+            "byteOffset": sum(sizes[:k]),
+            "byteLength": size,
+            "target": 34962 + (one["type"] == "SCALAR"),
+        }
+        for k, (size, one) in enumerate(zip(sizes, accessors, strict=True))
+    ]
     document = {
-        "asset": {"version": "2.0", "generator": "msdwarp"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],  # a quarter turn: in glTF y is up
-        "meshes": [{"primitives": [shape]}],
-        "buffers": [{"uri": uri, "byteLength": len(vertices + corners)}],
-        "bufferViews": [
-            {"buffer": 0, "byteLength": len(vertices), "target": 34962},
-            {"buffer": 0, "byteOffset": len(vertices), "byteLength": len(corners), "target": 34963},
-        ],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": len(points), "type": "VEC3", **bounds},
-            {"bufferView": 1, "componentType": 5125, "count": cells.size, "type": "SCALAR"},
-        ],
+        "meshes": [{"primitives": primitives}],
+        "materials": materials,
+        "textures": [{"source": k} for k in range(len(images))],
+        "images": images,
+        "buffers": [{"uri": _data_uri("application/octet-stream", b"".join(blobs)), "byteLength": sum(sizes)}],
+        "bufferViews": views,
+        "accessors": accessors,
     }
-    path.write_text(json.dumps(document))
+    document = {name: values for name, values in document.items() if values and meshes}  # none may be empty
+    scene = {"scene": 0, "scenes": [{"nodes": [0]} if meshes else {}]}
+    path.write_text(json.dumps({"asset": {"version": "2.0", "generator": "msdwarp"}, **scene, **document}))
+
+
+def _data_uri(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64," + base64.b64encode(data).decode()
 
 
 def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:

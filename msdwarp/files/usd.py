@@ -15,48 +15,46 @@ HORIZONTAL_APERTURE = 36.0
 """Width of the camera's film [mm], as in a photo camera."""
 SUN, SKY = 0.5, 0.6
 """Intensities of the lights: a key light from one direction, and the sky from all directions."""
+NEAREST = 1e-4
+"""Least distance that the camera shows, over the largest: a ground reaches behind the camera."""
 SUN_ANGLE = 5.7
 """Angular width of the key light [degrees], as in pictures (`pictures.light.SOFTNESS`)."""
 
 
-class UsdMesh(NamedTuple):
-    """A mesh of a scene: the data that do not change with time."""
+class DrawnMesh(NamedTuple):
+    """A mesh in a frame, as pictures show it. Its `points`, `normals`, `colour` and `visible` may change."""
 
     name: str
+    points: NDArray
+    """Vertices [m], shape [vertex_count, 3]."""
+    normals: NDArray | None
+    """Unit normals at the vertices; None for the normals of triangles."""
     triangles: NDArray[np.int32]
     """Vertices of each triangle, shape [triangle_count, 3]."""
     uv: NDArray
     """Texture coordinates of the vertices, shape [vertex_count, 2]."""
     colour: NDArray
-    """sRGB in 0 … 1, shape [3] or [vertex_count, 3], for frames without colours."""
-    texture: NDArray[np.uint8] | None
-    gloss: float
-    moves: bool
-    roughness: float | None = None
-    """Parameter of UsdPreviewSurface, like the next two, 0 … 1; None: computed from the gloss."""
+    """sRGB in 0 … 1, shape [3] or, if it may change, [vertex_count, 3]."""
+    texture: NDArray[np.uint8] | None = None
+    gloss: float = 0.0
+    roughness: float = 0.9
+    """Parameter of UsdPreviewSurface, like the next two, 0 … 1."""
     metallic: float = 0.0
     opacity: float = 1.0
+    moves: bool = False
+    visible: NDArray[np.bool_] | None = None
+    """Whether each triangle is visible, shape [triangle_count]; None if all are in all frames."""
 
 
-class UsdFrame(NamedTuple):
-    """The time-dependent data of each mesh, and the camera."""
-
-    points: Sequence[NDArray]
-    """Vertices [m], each array of shape [vertex_count, 3]."""
-    normals: Sequence[NDArray | None]
-    """Unit normals at the vertices; None for the normals of triangles."""
-    colours: Sequence[NDArray | None]
-    """As `UsdMesh.colour`; None for the mesh's own colour."""
-    view: NDArray
-    """Rows: right, up and back of the camera, and its position [m]; shape [4, 3]."""
+DrawnFrame = tuple[list[DrawnMesh], NDArray]
+"""The meshes, and the camera. Its rows: right, up and back, and its position [m]; shape [4, 3]."""
 
 
 def write_usd(
     path: Path,
     fps: float,
     numbers: Sequence[int],
-    meshes: Sequence[UsdMesh],
-    frames: Iterable[UsdFrame],
+    frames: Iterable[DrawnFrame],
     *,
     textures: Path,
     view_angle: float,
@@ -70,7 +68,7 @@ def write_usd(
     `aspect` the picture's width over its height. `sun` is a unit vector towards the key light. `background` is
     the sky's sRGB colour, in 0 … 1.
     """
-    from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
+    from pxr import Gf, Usd, UsdGeom, UsdLux, Vt
 
     path.unlink(missing_ok=True)
     stage = Usd.Stage.CreateNew(str(path))
@@ -81,28 +79,6 @@ def write_usd(
     stage.SetStartTimeCode(min(numbers))
     stage.SetEndTimeCode(max(numbers))
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/scene").GetPrim())
-
-    names, shapes, paint = set[str](), [], []
-    for mesh in meshes:
-        name = _free_name(mesh.name, names)
-        shape = UsdGeom.Mesh.Define(stage, f"/scene/{name}")
-        shape.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(mesh.triangles)))
-        shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(mesh.triangles.ravel())))
-        shape.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        shape.CreateDoubleSidedAttr(True)
-        shape.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-        constant = mesh.colour.ndim == 1
-        colours = shape.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant if constant else UsdGeom.Tokens.vertex)
-        colours.Set(_vectors(Vt, linear(np.atleast_2d(mesh.colour))))
-        if mesh.texture is not None:
-            textures.mkdir(exist_ok=True)
-            Image.fromarray(np.ascontiguousarray(mesh.texture)).save(textures / f"{name}.png")
-            kind = Sdf.ValueTypeNames.TexCoord2fArray
-            st = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)
-            st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(mesh.uv, dtype=np.float32)))
-        _bind_material(stage, shape, name, mesh, f"./{textures.name}/{name}.png")
-        shapes.append(shape)
-        paint.append(colours)
 
     camera = UsdGeom.Camera.Define(stage, "/scene/camera")
     height = HORIZONTAL_APERTURE / aspect
@@ -119,25 +95,58 @@ def write_usd(
     sky.CreateIntensityAttr(SKY)
     sky.CreateColorAttr(Gf.Vec3f(*map(float, linear(background))))
 
-    for count, (k, frame) in enumerate(zip(numbers, frames, strict=True)):
-        changes = zip(meshes, shapes, paint, frame.points, frame.normals, frame.colours, strict=True)
-        for mesh, shape, colours, points, normals, colour in changes:
-            if count and not mesh.moves:
+    names, shapes, depths = set[str](), list[Any](), list[float]()
+    for k, (meshes, view) in zip(numbers, frames, strict=True):
+        first = not shapes
+        shapes = shapes or [_defined(stage, mesh, _free_name(mesh.name, names), textures) for mesh in meshes]
+        for mesh, (shape, colours) in zip(meshes, shapes, strict=True):
+            depth = (view[3] - mesh.points) @ view[2]
+            depths += [depth.min(), depth.max()]
+            if not (first or mesh.moves):
                 continue
             time = k if mesh.moves else Usd.TimeCode.Default()
-            shape.CreatePointsAttr().Set(_vectors(Vt, points), time)
-            shape.CreateExtentAttr().Set(_vectors(Vt, np.array([points.min(axis=0), points.max(axis=0)])), time)
-            if normals is not None:
-                shape.CreateNormalsAttr().Set(_vectors(Vt, normals), time)
-            if colour is not None:
-                colours.SetInterpolation(UsdGeom.Tokens.vertex)
-                colours.Set(_vectors(Vt, linear(colour)), time)
-        placed.Set(Gf.Matrix4d(*np.column_stack([frame.view, [0, 0, 0, 1]]).ravel().tolist()), k)
+            shape.CreatePointsAttr().Set(_vectors(Vt, mesh.points), time)
+            corners = np.array([mesh.points.min(axis=0), mesh.points.max(axis=0)])
+            shape.CreateExtentAttr().Set(_vectors(Vt, corners), time)
+            if mesh.normals is not None:
+                shape.CreateNormalsAttr().Set(_vectors(Vt, mesh.normals), time)
+            if mesh.colour.ndim > 1:
+                colours.Set(_vectors(Vt, linear(mesh.colour)), time)
+            if mesh.visible is not None:
+                faces = np.ascontiguousarray(mesh.triangles[mesh.visible].ravel())
+                shape.GetFaceVertexCountsAttr().Set(Vt.IntArray([3] * (len(faces) // 3)), time)
+                shape.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(faces), time)
+        placed.Set(Gf.Matrix4d(*np.column_stack([view, [0, 0, 0, 1]]).ravel().tolist()), k)
+    far = 1.1 * max(depths)
+    camera.CreateClippingRangeAttr(Gf.Vec2f(max(0.9 * min(depths), NEAREST * far), far))
     stage.Save()
 
 
+def _defined(stage: Any, mesh: DrawnMesh, name: str, textures: Path) -> tuple[Any, Any]:
+    """Return a new mesh of a stage, with its material, and its colours."""
+    from pxr import Sdf, UsdGeom, Vt
+
+    shape = UsdGeom.Mesh.Define(stage, f"/scene/{name}")
+    shape.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(mesh.triangles)))
+    shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(mesh.triangles.ravel())))
+    shape.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    shape.CreateDoubleSidedAttr(True)
+    shape.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    constant = mesh.colour.ndim == 1
+    colours = shape.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant if constant else UsdGeom.Tokens.vertex)
+    colours.Set(_vectors(Vt, linear(np.atleast_2d(mesh.colour))))
+    if mesh.texture is not None:
+        textures.mkdir(exist_ok=True)
+        Image.fromarray(np.ascontiguousarray(mesh.texture)).save(textures / f"{name}.png")
+        kind = Sdf.ValueTypeNames.TexCoord2fArray
+        st = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)
+        st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(mesh.uv, dtype=np.float32)))
+    _bind_material(stage, shape, name, mesh, f"./{textures.name}/{name}.png")
+    return shape, colours
+
+
 def linear(colour: NDArray) -> NDArray:
-    """Return linear colours, as in USD, given sRGB colours, both in 0 … 1 (IEC 61966-2-1)."""
+    """Return linear colours, as in USD and glTF, given sRGB colours, both in 0 … 1 (IEC 61966-2-1)."""
     return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
 
 
@@ -158,7 +167,7 @@ def _free_name(wanted: str, taken: set[str]) -> str:
     return name
 
 
-def _bind_material(stage: Any, shape: Any, name: str, mesh: UsdMesh, image: str) -> None:
+def _bind_material(stage: Any, shape: Any, name: str, mesh: DrawnMesh, image: str) -> None:
     """Give a mesh a material with its texture or vertex colours."""
     from pxr import Sdf, UsdShade
 
@@ -166,9 +175,7 @@ def _bind_material(stage: Any, shape: Any, name: str, mesh: UsdMesh, image: str)
     material = UsdShade.Material.Define(stage, at)
     surface = UsdShade.Shader.Define(stage, f"{at}/surface")
     surface.CreateIdAttr("UsdPreviewSurface")
-    surface.CreateInput("roughness", types.Float).Set(
-        max(0.15, 0.9 - mesh.gloss) if mesh.roughness is None else mesh.roughness
-    )
+    surface.CreateInput("roughness", types.Float).Set(mesh.roughness)
     surface.CreateInput("metallic", types.Float).Set(mesh.metallic)
     surface.CreateInput("opacity", types.Float).Set(mesh.opacity)
     surface.CreateInput("specular", types.Float).Set(0.5 * min(1.0, 2 * mesh.gloss))

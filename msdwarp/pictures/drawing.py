@@ -165,7 +165,8 @@ class Drawing(ReleasedInTurn):
                     continue
                 part = part_of(surface, mine)
                 parted = None if tears is None else tears.parted_at[mine]
-                flat = SurfacePart(part, finish, look.smooth, self.device, parted)
+                parts = parted is not None and np.isfinite(parted).any()
+                flat = SurfacePart(part, finish, look.smooth, self.device, parted if parts else None)
                 corners = part.points(system.position)[part.triangles]
                 body.append(Sheet(flat, corners, system.pinned, obstacles, self.device) if bends else flat)
             if tears is not None and (bare := of_particle[tears.triangles].max(axis=1) == k).any():

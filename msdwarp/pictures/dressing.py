@@ -46,11 +46,11 @@ def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
 
 
 def torn(system: System) -> Bare | None:
-    """Return the faces of a system that tears: the faces of solids' cells, and the triangles of sheets.
+    """Return the faces of a torn system: the faces of solids' cells, and the triangles of sheets.
 
-    None if it does not tear, or its surface is embedded in a lattice.
+    None if nothing is broken. What is embedded in a lattice stays whole.
     """
-    if not system.tears or system.surface is None or system.surface.weights is not None:
+    if system.surface is None or not system.broken.any():
         return None
     bare, parted_at = laid_bare(system), Edges(system).parted_at(system.broken_at)
     return bare._replace(parted_at=np.where(np.isnan(bare.parted_at), parted_at, bare.parted_at))
@@ -97,15 +97,16 @@ def uncovered(system: System) -> NDArray[np.bool_]:
 
 
 def outermost_connections(system: System) -> NDArray[np.bool_]:
-    """Return a mask of the springs on the outside of a body, shape [connection_count].
+    """Return a mask of the springs on the outside of bodies, shape [connection_count].
 
-    They join particles of its surface; if that is embedded in a lattice or missing, particles with fewer
-    neighbours than others.
+    They join particles of the surface, or are of a body without; if the surface is embedded in a lattice or
+    missing, they join particles with fewer neighbours than others.
     """
     connections, surface = system.connections, system.surface
     if surface is not None and surface.weights is None:
         outside = np.zeros(system.particle_count, dtype=bool)
         outside[surface.particle] = True
+        outside[connections[uncovered(system)]] = True
     else:
         neighbours = np.bincount(connections.ravel(), minlength=system.particle_count)
         outside = neighbours < neighbours.max()

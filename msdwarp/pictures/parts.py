@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..bodies import Surface
+from ..bodies import Surface, broken_before
 from ..kernels.pictures import drawing
 from ..shapes import icosphere
 from ..world import FINISHES, Collider, Reflectance
@@ -70,6 +70,13 @@ class Part:
         """Hide the pieces that are invisible at this time [s]."""
         if self._times is not None:
             _launch(drawing.collapse, len(self._times[0]), [*self._times, time, self.corners], [self.points])
+
+    def drawn_at(self, time: float) -> NDArray[np.bool_] | None:
+        """Return which triangles are visible at a time [s], shape [triangle_count]; None if all are, always."""
+        if self._times is None:
+            return None
+        since, until = (broken_before(each.numpy(), time) for each in self._times)
+        return np.repeat(since & ~until, len(self.triangles) // max(len(since), 1))
 
     def show_value(self, shares: wp.array, stops: wp.array) -> None:
         """Colour the vertices by the values of their particles, as fractions of the full value."""

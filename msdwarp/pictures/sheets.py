@@ -60,6 +60,11 @@ class Sheet(Part):
         self._solids, self._gap = _solids(obstacles, device), GAP * side / pieces
         self._poses: list[Any] = [wp.zeros(len(obstacles), dtype=t, device=device) for t in (wp.mat33, wp.vec3)]
 
+    def drawn_at(self, time: float) -> NDArray[np.bool_] | None:
+        """Return which pieces are visible at a time [s], shape [triangle_count]; None if all are, always."""
+        flat = self._flat.drawn_at(time)
+        return None if flat is None else np.repeat(flat, len(self.triangles) // len(flat))
+
     def follow(self, x: wp.array, time: float) -> None:
         """Move the pieces with their particles, and out of obstacles."""
         self._flat.follow(x, time)

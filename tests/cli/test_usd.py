@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from trajectories import drawing_of
 
 from msdwarp import Look, Plane, Scene, Sphere, Trajectory, TrajectoryWriter, box, chain, sheet
-from msdwarp.cli.draw import draw_usd
 from msdwarp.files import export
 from msdwarp.pictures import Drawing
 from msdwarp.textures import gingham
@@ -41,7 +41,7 @@ def drawn(tmp_path, request):
             writer.write((k / 25, position.astype(np.float32), system.velocity))
     with Trajectory(writer.path) as trajectory:
         path = tmp_path / "b.usd"
-        export(trajectory, path, "usd", draw_usd=lambda *where: draw_usd(scene, trajectory, *where))
+        export(trajectory, path, "usd", draw=drawing_of(trajectory, scene))
         yield scene, trajectory, usd.Stage.Open(str(path))
 
 
@@ -112,4 +112,4 @@ def test_materials_have_textures_and_colours(drawn, tmp_path):
     (tmp_path / "b.usd").unlink()
     trajectory = drawn[1]
     with pytest.raises(FileExistsError, match="b_textures, which exists"):
-        export(trajectory, tmp_path / "b.usd", "usd", draw_usd=lambda *_: None)
+        export(trajectory, tmp_path / "b.usd", "usd", draw=lambda *_: None)

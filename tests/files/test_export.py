@@ -6,10 +6,12 @@ import sys
 
 import numpy as np
 import pytest
+from trajectories import drawing_of
 
-from msdwarp import System, Trajectory, ball, box, chain, sheet
+from msdwarp import Scene, System, Trajectory, ball, box, chain, sheet
 from msdwarp.files.export import export
 from msdwarp.files.writer import TrajectoryWriter
+from msdwarp.pictures import Drawing
 
 pv = pytest.importorskip("pyvista")
 
@@ -29,11 +31,13 @@ def trajectory(tmp_path, request):
 
 
 def shown(trajectory, k):
-    """Return corners of the cells of frame k in space, shape [cell_count, 2 or 3, 3], by hand."""
+    """Return corners of the triangles of frame k in space, shape [cell_count, 3, 3]: of a surface by hand."""
     system, position = trajectory.system, trajectory.positions[k]
-    points, cells = position, system.connections
-    if system.surface is not None:
-        points, cells = system.surface.points(position), system.surface.triangles
+    if system.surface is None:
+        drawing = Drawing(Scene(system=system), "texture")
+        drawing.follow(position)
+        return drawing.points.numpy()[drawing.triangles]
+    points, cells = system.surface.points(position), system.surface.triangles
     spatial = np.zeros((len(points), 3))
     spatial[:, [0, 2] if system.dim == 2 else [0, 1, 2]] = points
     return spatial.astype(np.float32)[cells]
@@ -43,22 +47,16 @@ def corners(mesh):
     """Return corners of the cells of a PolyData, or what can be made one."""
     if isinstance(mesh, pv.MultiBlock):
         mesh = mesh.combine().extract_surface(algorithm=None)
-    cells = mesh.faces.reshape(-1, 4)[:, 1:] if mesh.n_faces else mesh.lines.reshape(-1, 3)[:, 1:]
-    return mesh.points[cells]
+    return mesh.points[mesh.faces.reshape(-1, 4)[:, 1:]]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf"])
 def test_a_sequence_of_files(tmp_path, trajectory, to):
-    if trajectory.system.surface is None and to in ("stl", "ply"):
-        with pytest.raises(ValueError, match=f"to is '{to}', which holds triangles"):
-            export(trajectory, tmp_path / f"b.{to}", to)
-        return
-    paths = export(trajectory, tmp_path / "deep" / f"b.{to}", to, slice(1, None, 2))
+    draw = drawing_of(trajectory)
+    paths = export(trajectory, tmp_path / "deep" / f"b.{to}", to, slice(1, None, 2), draw=draw)
     assert [path.name for path in paths] == [f"b_{k:04d}.{to}" for k in (1, 3, 5)]
     for path, k in zip(paths, (1, 3, 5), strict=True):
-        if to == "gltf" and trajectory.system.surface is None:
-            continue  # VTK reads no lines; the data are those of the test below
         expected = shown(trajectory, k)
         if to == "gltf":
             expected = np.stack([expected[..., 0], expected[..., 2], -expected[..., 1]], axis=-1)  # y is up
@@ -66,16 +64,15 @@ def test_a_sequence_of_files(tmp_path, trajectory, to):
 
 
 def test_one_frame_has_the_name_as_it_is(tmp_path, trajectory):
-    (path,) = export(trajectory, tmp_path / "b.gltf", "gltf", -1)
+    (path,) = export(trajectory, tmp_path / "b.gltf", "gltf", -1, draw=drawing_of(trajectory))
     assert path == tmp_path / "b.gltf"
     document = json.loads(path.read_text())
-    shape = document["meshes"][0]["primitives"][0]
+    parts, accessors = document["meshes"][0]["primitives"], document["accessors"]
     cells = shown(trajectory, 5)
-    assert shape["mode"] == (4 if cells.shape[1] == 3 else 1)
-    assert document["accessors"][1]["count"] == cells.shape[0] * cells.shape[1]
-    low, high = (document["accessors"][0][name] for name in ("min", "max"))
-    if trajectory.system.surface is None or trajectory.system.surface.weights is None:
-        np.testing.assert_allclose([low, high], [cells.min(axis=(0, 1)), cells.max(axis=(0, 1))], atol=1e-6)
+    assert sum(accessors[part["indices"]]["count"] for part in parts) == 3 * len(cells)
+    bounds = [[accessors[part["attributes"]["POSITION"]][name] for part in parts] for name in ("min", "max")]
+    low, high = np.min(bounds[0], axis=0), np.max(bounds[1], axis=0)
+    np.testing.assert_allclose([low, high], [cells.min(axis=(0, 1)), cells.max(axis=(0, 1))], atol=1e-6)
 
 
 def test_textures_fit(tmp_path, trajectory):
@@ -83,7 +80,7 @@ def test_textures_fit(tmp_path, trajectory):
     if surface is None:
         pytest.skip("it has no surface")
     for to in ("obj", "ply"):
-        (path,) = export(trajectory, tmp_path / f"b.{to}", to, 0)
+        (path,) = export(trajectory, tmp_path / f"b.{to}", to, 0, draw=drawing_of(trajectory))
         np.testing.assert_allclose(pv.read(path).point_data["TCoords"], surface.uv, atol=1e-5)
 
 
@@ -106,10 +103,12 @@ def test_wrong_arguments_are_named(tmp_path, trajectory, monkeypatch):
         (("b.obj", "obj", slice(4, 2)), r"frames is slice\(4, 2, None\); none of the 6 frames"),
     ]:
         with pytest.raises(ValueError, match=said):
-            export(trajectory, tmp_path / name, to, frames)
+            export(trajectory, tmp_path / name, to, frames, draw=drawing_of(trajectory))
+    with pytest.raises(ValueError, match="draw is None; where to is 'obj' it must be a function"):
+        export(trajectory, tmp_path / "b.obj", "obj")
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(ValueError, match=r"needs the extra `usd`: pip install 'msdwarp\[usd\]'"):
-        export(trajectory, tmp_path / "b.usd", "usd", draw_usd=lambda *_: None)
+        export(trajectory, tmp_path / "b.usd", "usd", draw=drawing_of(trajectory))
     assert [path.name for path in tmp_path.iterdir()] == ["a.vtkhdf"]
 
 
@@ -117,9 +116,9 @@ def test_wrong_arguments_are_named(tmp_path, trajectory, monkeypatch):
 def test_nothing_is_replaced_without_force(tmp_path, trajectory):
     (tmp_path / "b_0003.obj").write_text("another's")
     with pytest.raises(FileExistsError, match=r"b_0003\.obj, which exists"):
-        export(trajectory, tmp_path / "b.obj", "obj")
+        export(trajectory, tmp_path / "b.obj", "obj", draw=drawing_of(trajectory))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.vtkhdf", "b_0003.obj"]
-    assert len(export(trajectory, tmp_path / "b.obj", "obj", force=True)) == 6
+    assert len(export(trajectory, tmp_path / "b.obj", "obj", force=True, draw=drawing_of(trajectory))) == 6
 
 
 def test_particles_alone_hold_nothing_to_draw(tmp_path):
@@ -138,15 +137,21 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, to):
     code = """
 import resource, sys
 sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
-from msdwarp import Trajectory, TrajectoryWriter, box
+from msdwarp import Scene, Trajectory, TrajectoryWriter, box
+from msdwarp.cli.draw import drawn
+from msdwarp.cli.options import Pictures
 from msdwarp.files.export import export
+from msdwarp.runtime import start_warp
 system = box((12, 12, 12))
 with TrajectoryWriter("a.vtkhdf", system, fps=30) as writer:
     writer.write((0.0, system.position, system.velocity))
-resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
+start_warp()
 with Trajectory("a.vtkhdf") as trajectory:
+    frames, _ = drawn(Scene(system=system), trajectory, Pictures(), [0], False)
+    frames = list(frames)  # before kernels that are compiled find no room
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
     try:
-        export(trajectory, f"b.{sys.argv[1]}", sys.argv[1], 0)
+        export(trajectory, f"b.{sys.argv[1]}", sys.argv[1], 0, draw=lambda *_: (frames, {}))
     except OSError as error:
         print(error)
 """

@@ -11,7 +11,7 @@ from contextlib import suppress
 import h5py
 import numpy as np
 import pytest
-from trajectories import SYSTEMS, write
+from trajectories import SYSTEMS, drawing_of, write
 
 from msdwarp import Trajectory, TrajectoryWriter
 from msdwarp.files import export, probe, read_restart, write_restart
@@ -249,7 +249,7 @@ def test_positions_that_are_no_numbers_are_not_exported(path, tmp_path):
     with Trajectory(path) as found:
         for to in ("obj", "npz", "gltf"):
             with pytest.raises(ValueError, match=r"frame 1 of .* is damaged: position\[5, 1\] is nan"):
-                export(found, tmp_path / f"b.{to}", to)
+                export(found, tmp_path / f"b.{to}", to, draw=drawing_of(found))
             assert not (tmp_path / "b_0001.obj").exists()
         export(found, tmp_path / "c.npz", "npz", 2)
 
