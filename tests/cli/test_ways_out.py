@@ -1,0 +1,256 @@
+"""Ways out: every file for other programs has the triangles and colours of pictures, whatever is beside what."""
+
+import base64
+import io
+import json
+from dataclasses import replace
+from functools import reduce
+from itertools import combinations
+from operator import add
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msdwarp import (
+    RUBBER,
+    Look,
+    Scene,
+    Sphere,
+    System,
+    TrajectoryWriter,
+    ball,
+    box,
+    chain,
+    cloth,
+    from_mesh,
+    rod,
+    sheet,
+    shell,
+)
+from msdwarp.cli.draw import round_up
+from msdwarp.cli.options import Options, Pictures
+from msdwarp.pictures import ColourScale, Drawing
+from msdwarp.shapes import icosphere
+from msdwarp.textures import gingham
+from msdwarp.world import scene_as_stored
+
+pv = pytest.importorskip("pyvista")
+SQUARE = [(0.0, 0.0), (0.4, 0.0), (0.4, 0.4), (0.0, 0.4)]
+BROKE, APART = 0.5, 0.4
+
+
+def torn(body):
+    """Return a body whose connections across its middle break at 0.5 s."""
+    left = body.position[:, 0] < body.position[:, 0].mean() - 0.02
+    return body.replace(broken_at=np.where(np.diff(left[body.connections], axis=1)[:, 0], BROKE, np.inf))
+
+
+KINDS = {
+    "torn box": torn(box((4, 3, 3), 0.1)),
+    "torn box of few springs": torn(box((5, 3, 3), 0.1, neighbours=6)),
+    "torn sheet": torn(sheet((5, 4), 0.1)),
+    "torn shell": torn(shell(icosphere(0.2, 2))),
+    "torn chain": torn(chain(6, 0.1)),
+    "torn ball": torn(ball(0.2, 0.1)),  # which stays whole
+    "cloth": cloth(SQUARE, 0.1),
+    "mesh": from_mesh(icosphere(0.2, 1), 0.1),
+    "rod": rod(5, 0.1, radius=0.01, material=RUBBER),
+    "grains": System(position=np.random.default_rng(0).uniform(size=(7, 3))),
+    "net": torn(sheet((4, 4), 0.1, neighbours=4).replace(surface=None)),
+}
+FLAT = {
+    "torn sheet": torn(sheet((5, 4), 0.1, dim=2)),
+    "cloth": cloth(SQUARE, 0.1, dim=2),
+    "rod": rod(5, 0.1, radius=0.01, material=RUBBER, dim=2),
+    "torn chain": torn(chain(6, 0.1, dim=2)),
+}
+
+
+def moved(bodies, time):
+    """Return the positions of bodies at a time: halves of what has torn fly apart, all others grow a little."""
+    positions = []
+    for body in bodies:
+        flies = body.broken.any() and (body.surface is None or body.surface.weights is None)
+        way = np.sign(body.position - body.position.mean(axis=0)) * [1.0, *[0.0] * (body.dim - 1)]
+        positions.append(body.position + (APART * (flies and time > BROKE) + 0.02 * time) * way)
+    return np.concatenate(positions).astype(np.float32)
+
+
+def triangles_in_pictures(scene, position, time, colouring="texture", values=None):
+    """Return the corners of the body's triangles that have an area, and their colours, [triangle_count, 3, 3].
+
+    Colours are NaN where there is a texture.
+    """
+    drawing = Drawing(scene, colouring)
+    drawing.follow(position, time, values)
+    colours = drawing.colours.numpy().copy()
+    for part in drawing.body if drawing.texture is not None else ():
+        colours[part.vertices] = np.nan if part.finish.texture is not None else part.finish.colour
+    faces = np.concatenate([np.zeros((0, 3), int), *(part.triangles for part in drawing.body)])
+    return with_area(drawing.points.numpy()[faces], colours[faces])
+
+
+def with_area(corners, *others):
+    """Return those triangles that are more than a line, and what belongs to them."""
+    a, b, c = np.moveaxis(np.asarray(corners, float), 1, 0)
+    wide = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-8  # m²: springs are 0.1 m long, tubes 4 mm thick
+    return [each[wide] for each in (corners, *others)]
+
+
+def in_order(corners):
+    return corners[np.lexsort(np.round(corners.reshape(-1, 9).T, 4))]
+
+
+def pairs(kinds):
+    return [
+        pytest.param(*(kinds[name] for name in both), id=" and ".join(both)) for both in combinations(kinds, 2)
+    ]
+
+
+@pytest.mark.parametrize(("one", "other"), [*pairs(KINDS), *pairs(FLAT)])
+def test_a_body_beside_another_is_drawn_as_it_is_alone(one, other):
+    look = Look(colour="#3050a0")  # so that connections of bodies without surface are always drawn alike
+    other = other.translate((0.0,) * (other.dim - 1) + (2.0,))
+    for time in (0.4, 0.6):
+        alone = [
+            triangles_in_pictures(Scene(system=each, look=look), moved([each], time), time)[0]
+            for each in (one, other)
+            if each.connection_count  # of particles alone there is no picture
+        ]
+        position = moved((one, other), time)
+        beside, _ = triangles_in_pictures(Scene(system=one + other, look=look), position, time)
+        np.testing.assert_allclose(in_order(beside), in_order(np.concatenate(alone)), atol=1e-6)  # float32
+        # Nothing spans the gap between halves: edges are at most diagonals of a cell, 0.18 m.
+        assert np.ptp(beside, axis=1).max() < 0.19
+
+
+# What each format holds: (corners of triangles, their colours or None, [(name, image), ...]).
+
+
+def read_by_vtk(path):
+    mesh = pv.read(path)
+    faces = mesh.faces.reshape(-1, 4)[:, 1:]
+    colours = mesh.point_data["RGB"][faces] / 255 if path.suffix == ".ply" else None
+    return mesh.points[faces], colours, []
+
+
+def read_gltf(path):
+    document = json.loads(path.read_text())
+    whole = base64.b64decode(document["buffers"][0]["uri"].split(",")[1])
+
+    def read(number):
+        accessor = document["accessors"][number]
+        view = document["bufferViews"][accessor["bufferView"]]
+        kind, width = {5125: "<u4", 5126: "<f4"}[accessor["componentType"]], {"S": 1}.get(accessor["type"][0])
+        width = width or int(accessor["type"][3])
+        data = whole[view["byteOffset"] :][: view["byteLength"]]
+        assert len(data) == 4 * width * accessor["count"]
+        return np.frombuffer(data, kind).reshape(-1, width)
+
+    corners, colours, images = [], [], []
+    for part in document["meshes"][0]["primitives"]:
+        faces, at = read(part["indices"]).reshape(-1, 3), part["attributes"]
+        corners.append(read(at["POSITION"])[faces])
+        material = document["materials"][part["material"]]
+        if "TEXCOORD_0" in at:
+            source = document["images"][material["pbrMetallicRoughness"]["baseColorTexture"]["index"]]["uri"]
+            images.append(
+                (material["name"], np.array(Image.open(io.BytesIO(base64.b64decode(source.split(",")[1])))))
+            )
+        paint = read(at["COLOR_0"]) if "COLOR_0" in at else np.ones((faces.max() + 1, 3))
+        colours.append(screen(paint)[faces])
+    assert document["nodes"][0]["rotation"] == pytest.approx([-(0.5**0.5), 0, 0, 0.5**0.5])
+    return np.concatenate(corners), np.concatenate(colours), images
+
+
+def read_usd(path, k):
+    usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
+    from pxr import UsdGeom
+
+    stage = usd.Stage.Open(str(path))
+    corners, colours, images = [], [], []
+    for prim in stage.GetPrimAtPath("/scene").GetChildren():
+        if not prim.IsA(UsdGeom.Mesh) or prim.GetName().startswith(("obstacle", "ground")):
+            continue
+        mesh, name = UsdGeom.Mesh(prim), prim.GetName()
+        points, faces = np.array(mesh.GetPointsAttr().Get(k)), np.array(mesh.GetFaceVertexIndicesAttr().Get(k))
+        faces = faces.reshape(-1, 3).astype(int)
+        corners.append(points[faces])
+        paint = np.array(UsdGeom.PrimvarsAPI(mesh).GetPrimvar("displayColor").Get(k))
+        texture = stage.GetPrimAtPath(f"/scene/materials/{name}/image")
+        if texture:
+            images.append((name, np.array(Image.open(path.parent / f"{path.stem}_textures" / f"{name}.png"))))
+        colours.append(np.broadcast_to(screen(paint) if not texture else np.ones(3), points.shape)[faces])
+    return np.concatenate(corners), np.concatenate(colours), images
+
+
+def screen(colour):
+    """Return sRGB colours, given linear ones."""
+    return np.where(colour <= 0.0031308, 12.92 * colour, 1.055 * colour ** (1 / 2.4) - 0.055)
+
+
+def in_a_row(kinds):
+    return [body.translate((0.0,) * (body.dim - 1) + (1.0 * k,)) for k, body in enumerate(kinds.values())]
+
+
+def scene_of(kinds, textured=None, colliders=()):
+    """Return a scene of all bodies in a row, each with a colour of its own, or one with a texture."""
+    named = [body.named(name) for name, body in zip(kinds, in_a_row(kinds), strict=True)]
+    looks, system = {}, reduce(add, named)
+    for k, name in enumerate(kinds):
+        looks[name] = Look(colour=f"#{40 + 15 * k:02x}6080")
+    if textured:
+        looks[textured] = Look(texture=gingham("#c03020", "#f4f1e8"))
+    return Scene(system=system, looks=looks, colliders=colliders)
+
+
+def stored(path, scene, bodies, colour):
+    """Write a run of two frames, before and after bodies break, whose pictures are in a colour."""
+    options = replace(Options(), pictures=Pictures(colour=colour, full_strain=0.3))
+    whole = scene.system.replace(break_strain=9.0, broken_at=np.inf)
+    times, positions = (0.4, 0.6), []
+    with TrajectoryWriter(
+        path, whole, fps=5, attributes={"options": options.as_stored()}, scene=scene_as_stored(scene, times)
+    ) as writer:
+        for time in times:
+            positions.append(moved(bodies, time))
+            broken_at = np.where(scene.system.broken_at < time, scene.system.broken_at, np.inf)
+            writer.write((time, positions[-1], positions[-1]), broken_at=broken_at)
+    return times, positions
+
+
+@pytest.mark.each_value
+@pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf", "usd"])
+@pytest.mark.parametrize("colour", [None, "strain", "velocity"])
+@pytest.mark.parametrize("kind", ["solid", "flat", "on obstacles"])
+def test_a_file_has_the_triangles_and_colours_of_pictures(msdwarp, tmp_path, to, colour, kind):
+    colliders = [Sphere((0.0, 0.1, 2.0), 0.12)] if kind == "on obstacles" else []
+    kinds = FLAT if kind == "flat" else KINDS
+    scene = scene_of(kinds, "torn sheet" if colour is None else None, colliders)
+    times, positions = stored(tmp_path / "a.vtkhdf", scene, in_a_row(kinds), colour)
+    code, _, err = msdwarp("export", "a.vtkhdf", "--to", to)
+    assert (code, err) == (0, "")
+    scene = replace(scene, look=replace(scene.look, full_strain=0.3))
+    for k, (time, position) in enumerate(zip(times, positions, strict=True)):
+        colouring, values = colour or "texture", None
+        if colour == "velocity":  # which is written as the positions; the scale ends at most of the largest
+            speeds = [np.linalg.norm(each.astype(float), axis=1) for each in positions]
+            full = round_up(max(np.quantile(each, 0.99) for each in speeds))
+            colouring, values = ColourScale("speed", full), speeds[k]
+        corners, colours = triangles_in_pictures(scene, position, time, colouring, values)
+        if to == "usd":
+            found = read_usd(tmp_path / "a.usd", k)
+        else:
+            path = tmp_path / f"a_{k:04d}.{to}"
+            found = read_gltf(path) if to == "gltf" else read_by_vtk(path)
+        drawn, *paint = with_area(*(each for each in found[:2] if each is not None))
+        # Texts have six digits, of metres; stl is read without points that are the same.
+        np.testing.assert_allclose(drawn, corners, atol=1e-5)
+        if colour is None and to in ("gltf", "usd"):
+            ((name, image),) = found[2]
+            assert name.replace("_", " ") == "torn sheet"
+            np.testing.assert_array_equal(image, gingham("#c03020", "#f4f1e8"))
+        if paint:
+            plain = np.isfinite(colours)
+            np.testing.assert_allclose(paint[0][plain], colours[plain], atol=0.003)  # of 256 steps
