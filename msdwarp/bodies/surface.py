@@ -95,8 +95,8 @@ class Surface:
         weights = normal_of = None
         particle = [each.particle for each in both]
         if any(each.weights is not None for each in both):
-            width = max(each._mixture[0].shape[1] for each in both)
-            particle, weights = zip(*(_widened(*each._mixture, width) for each in both), strict=True)
+            width = max(each.mixture[0].shape[1] for each in both)
+            particle, weights = zip(*(_widened(*each.mixture, width) for each in both), strict=True)
         if any(each.normal_of is not None for each in both):
             normal_of = np.concatenate([first._normals_of, own._normals_of + np.int32(vertices)])
         return Surface(
@@ -108,20 +108,20 @@ class Surface:
         )
 
     @property
+    def mixture(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Particles and weights of each vertex, both of shape [vertex_count, k]."""
+        if self.weights is None:
+            return self.particle[:, None], np.ones((len(self.particle), 1))
+        return self.particle, self.weights
+
+    @property
     def particle_alone(self) -> NDArray[np.int32]:
         """The particle that each vertex is, −1 if it is a mean of several, shape [vertex_count].
 
         Bodies keep this beside others: a vertex that is a particle has it k times where others are means of k.
         """
-        own = self._mixture[0]
+        own = self.mixture[0]
         return np.where((own == own[:, :1]).all(axis=1), own[:, 0], np.int32(-1))
-
-    @property
-    def _mixture(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Particles and weights of each vertex, both of shape [vertex_count, k]."""
-        if self.weights is None:
-            return self.particle[:, None], np.ones((len(self.particle), 1))
-        return self.particle, self.weights
 
     @property
     def _normals_of(self) -> NDArray[np.int32]:

@@ -134,50 +134,42 @@ def _sampled(image: NDArray[np.uint8], uv: NDArray) -> NDArray[np.float64]:
 
 def _gltf(path: Path, meshes: Sequence[DrawnMesh]) -> None:
     """Write meshes, each with a material: a texture, or colours at the vertices."""
-    blobs, accessors, primitives, materials, images = (list[Any]() for _ in range(5))
+    buffers, views, accessors, primitives, materials, images = (list[Any]() for _ in range(6))
 
     def stored(values: NDArray, kind: str, **more: Any) -> int:
-        """Add an array to the buffer; return the number of its accessor."""
-        which = {"bufferView": len(blobs), "componentType": 5125 if kind == "SCALAR" else 5126, "type": kind}
-        accessors.append({**which, "count": len(values), **more})
-        blobs.append(values.astype("<u4" if kind == "SCALAR" else "<f4").tobytes())
-        return len(blobs) - 1
+        """Add an array; return the number of its accessor."""
+        number, whole = len(buffers), kind == "SCALAR"
+        data = values.astype("<u4" if whole else "<f4").tobytes()
+        buffers.append({"uri": _data_uri("application/octet-stream", data), "byteLength": len(data)})
+        views.append({"buffer": number, "byteLength": len(data), "target": 34963 if whole else 34962})
+        accessor = {"bufferView": number, "componentType": 5125 if whole else 5126, "type": kind}
+        accessors.append({**accessor, "count": len(values), **more})
+        return number
 
-    for mesh in meshes:
-        points = mesh.points
-        bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-        attributes = {"POSITION": stored(points, "VEC3", **bounds)}
+    for k, mesh in enumerate(meshes):
+        low, high = mesh.points.min(axis=0).tolist(), mesh.points.max(axis=0).tolist()
+        attributes = {"POSITION": stored(mesh.points, "VEC3", min=low, max=high)}
         indices = stored(mesh.triangles.ravel(), "SCALAR")
-        paint: dict[str, Any] = {"baseColorFactor": [1.0, 1.0, 1.0, mesh.opacity]}
-        paint |= {"metallicFactor": mesh.metallic, "roughnessFactor": mesh.roughness}
+        paint: dict[str, Any] = {"metallicFactor": mesh.metallic, "roughnessFactor": mesh.roughness}
+        paint["baseColorFactor"] = [1.0, 1.0, 1.0, mesh.opacity]
         if mesh.texture is None:
             attributes["COLOR_0"] = stored(linear(mesh.colour), "VEC3")
         else:
             attributes["TEXCOORD_0"] = stored(np.array([0.0, 1.0]) + [1, -1] * mesh.uv, "VEC2")  # from the top
             paint["baseColorTexture"] = {"index": len(images)}
-            png = io.BytesIO()
-            Image.fromarray(np.ascontiguousarray(mesh.texture)).save(png, "png")
+            Image.fromarray(np.ascontiguousarray(mesh.texture)).save(png := io.BytesIO(), "png")
             images.append({"uri": _data_uri("image/png", png.getvalue())})
-        shade = {"name": mesh.name, "pbrMetallicRoughness": paint, "doubleSided": True}
-        materials.append(shade | ({} if mesh.opacity == 1 else {"alphaMode": "BLEND"}))
-        primitives.append({"attributes": attributes, "indices": indices, "material": len(primitives)})
-    sizes = [len(blob) for blob in blobs]
-    views = [
-        {
-            "buffer": 0,
-            "byteOffset": sum(sizes[:k]),
-            "byteLength": size,
-            "target": 34962 + (one["type"] == "SCALAR"),
-        }
-        for k, (size, one) in enumerate(zip(sizes, accessors, strict=True))
-    ]
+        blend = "OPAQUE" if mesh.opacity == 1 else "BLEND"
+        shade = {"name": mesh.name, "pbrMetallicRoughness": paint, "alphaMode": blend, "doubleSided": True}
+        materials.append(shade)
+        primitives.append({"attributes": attributes, "indices": indices, "material": k})
     document = {
         "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],  # a quarter turn: in glTF y is up
         "meshes": [{"primitives": primitives}],
         "materials": materials,
         "textures": [{"source": k} for k in range(len(images))],
         "images": images,
-        "buffers": [{"uri": _data_uri("application/octet-stream", b"".join(blobs)), "byteLength": sum(sizes)}],
+        "buffers": buffers,
         "bufferViews": views,
         "accessors": accessors,
     }

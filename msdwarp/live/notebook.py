@@ -80,8 +80,8 @@ def show(
     else:
         shown, scene = scene_of(shown)
     if isinstance(shown, Simulation) and seconds is None:
-        position = shown.frame().position
-        display.display(display.HTML(_still(scene, position, shown.time, resolution, colouring)))
+        scene = replace(scene, system=shown.snapshot())  # without what has torn
+        display.display(display.HTML(_still(scene, scene.system.position, shown.time, resolution, colouring)))
         return
     bar = display.display(display.HTML(""), display_id=True)
     if bar is None:  # a script
@@ -102,7 +102,7 @@ def show(
             progress("simulating", k, count)
             positions.append(frame.position)
             times.append(frame.time)
-        broken_at = shown.system.broken_at if scene.system.tears else None
+        broken_at = shown.snapshot().broken_at if scene.system.tears else None
     if broken_at is not None:
         scene = replace(scene, system=scene.system.replace(broken_at=broken_at))
     seen = framed(scene, positions, range(len(positions)), width / height)

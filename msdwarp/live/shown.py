@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import Frame, in_space, lengths
+from ..bodies import Frame, broken_before, in_space, lengths
 from ..pictures import ColourScale, Drawing
 from ..world import Scene
 from .sources import Source
@@ -72,8 +72,9 @@ class Shown:
         if self.colour == "speed":
             return np.linalg.norm(frame.velocity.astype(np.float64), axis=1)
         system = self.scene.system
-        ends, count = system.connections.reshape(-1), system.particle_count
-        strain = lengths(frame.position, system.connections) / system.rest_length - 1.0
+        whole, count = ~broken_before(system.broken_at, frame.time), system.particle_count
+        pairs = system.connections[whole]
+        ends, strain = pairs.reshape(-1), lengths(frame.position, pairs) / system.rest_length[whole] - 1.0
         total = np.bincount(ends, np.repeat(np.abs(strain), 2), count)
         return total / np.maximum(np.bincount(ends, minlength=count), 1)
 

@@ -6,7 +6,7 @@ Looks are numbered: 0 is the scene's, followed by those of groups in order. If s
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import Bare, Edges, Surface, System, laid_bare, pieces
+from ..bodies import Bare, Edges, Surface, System, laid_bare, mask_of, pieces
 from ..world import Scene
 
 
@@ -20,10 +20,8 @@ def look_of_particles(scene: Scene) -> NDArray[np.int32]:
 
 def look_of_triangles(surface: Surface, look_of: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return the number of each triangle's look, shape [triangle_count], from the looks of particles."""
-    own = look_of[surface.particle]
-    if surface.weights is not None:
-        own = np.where(surface.weights != 0, own, 0).max(axis=1)
-    return own[surface.triangles].max(axis=1)
+    particle, weights = surface.mixture
+    return np.where(weights != 0, look_of[particle], 0).max(axis=1)[surface.triangles].max(axis=1)
 
 
 def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
@@ -72,10 +70,8 @@ def uncovered(system: System) -> NDArray[np.bool_]:
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
     if surface is None:
         return bare
-    carries = np.zeros(system.particle_count, dtype=bool)
-    vertices = np.unique(surface.triangles)
-    carriers = surface.particle[vertices]
-    carries[carriers if surface.weights is None else carriers[surface.weights[vertices] != 0]] = True
+    particle, weights = (each[np.unique(surface.triangles)] for each in surface.mixture)
+    carries = mask_of(particle[weights != 0], system.particle_count)
 
     body_of = np.full(system.particle_count, -1)
     covered = np.zeros(count + system.particle_count, dtype=bool)
@@ -104,8 +100,7 @@ def outermost_connections(system: System) -> NDArray[np.bool_]:
     """
     connections, surface = system.connections, system.surface
     if surface is not None and surface.weights is None:
-        outside = np.zeros(system.particle_count, dtype=bool)
-        outside[surface.particle] = True
+        outside = mask_of(surface.particle, system.particle_count)
         outside[connections[uncovered(system)]] = True
     else:
         neighbours = np.bincount(connections.ravel(), minlength=system.particle_count)

@@ -137,14 +137,14 @@ def read_by_vtk(path):
 
 def read_gltf(path):
     document = json.loads(path.read_text())
-    whole = base64.b64decode(document["buffers"][0]["uri"].split(",")[1])
+    buffers = [base64.b64decode(one["uri"].split(",")[1]) for one in document["buffers"]]
 
     def read(number):
         accessor = document["accessors"][number]
         view = document["bufferViews"][accessor["bufferView"]]
         kind, width = {5125: "<u4", 5126: "<f4"}[accessor["componentType"]], {"S": 1}.get(accessor["type"][0])
         width = width or int(accessor["type"][3])
-        data = whole[view["byteOffset"] :][: view["byteLength"]]
+        data = buffers[view["buffer"]][view.get("byteOffset", 0) :][: view["byteLength"]]
         assert len(data) == 4 * width * accessor["count"]
         return np.frombuffer(data, kind).reshape(-1, width)
 

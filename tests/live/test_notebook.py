@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 import msdwarp as msd
+from msdwarp.live import notebook
 
 
 @pytest.fixture
@@ -93,3 +94,17 @@ def test_a_script_is_told_that_films_need_a_notebook(cell, monkeypatch):
     monkeypatch.setattr(sys.modules["IPython.display"], "display", lambda html, display_id=False: None)
     with pytest.raises(RuntimeError, match=r"needs IPython.*msdwarp\.view"):
         msd.show(SCENE, resolution=(96, 64))
+
+
+@pytest.mark.parametrize("seconds", [None, 0.05])
+def test_what_has_torn_in_a_simulation_is_shown_torn(cell, monkeypatch, seconds):
+    drawn, real = [], notebook.Renderer
+    monkeypatch.setattr(notebook, "VIEWS", 1)
+    monkeypatch.setattr(
+        notebook, "Renderer", lambda scene, *rest, **how: drawn.append(scene) or real(scene, *rest, **how)
+    )
+    hung = msd.chain(3, 0.5, dim=3).rotate(np.pi / 2, (0, 1, 0)).pin(0).replace(break_force=[1e9, 1.0])
+    simulation = msd.Simulation(hung, device="cpu")
+    list(simulation.frames(0.1))
+    msd.show(simulation, seconds=seconds, resolution=(96, 64))
+    assert drawn[0].system.broken.tolist() == [False, True]
