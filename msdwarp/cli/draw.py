@@ -20,6 +20,7 @@ from ..pictures import (
     Camera,
     ColourScale,
     Drawing,
+    Part,
     Renderer,
     Stage,
     framed,
@@ -145,24 +146,17 @@ def drawn(
     every = range(len(trajectory))
     scene, colouring, values = _dressed(scene, trajectory, pictures, every)
     drawing, stage, more = Drawing(scene, colouring), None, dict[str, Any]()
-    still, floor = [], list[DrawnMesh]()
+    parts, floor = list[tuple[Part, DrawnMesh]](), list[DrawnMesh]()
     for one in drawing.body + (drawing.obstacles if whole else []):
-        made_of, gloss = one.finish.reflectance, one.finish.gloss
-        mesh = DrawnMesh(
-            one.name,
-            one.points.numpy(),  # on the CPU it shares Warp's memory, as the other arrays do
-            one.normals.numpy(),
-            one.triangles - np.int32(one.vertices.start),
-            one.uv,
-            one.colours.numpy() if drawing.colours_move and one in drawing.body else one.finish.colour,
-            None if drawing.texture is None else one.finish.texture,
-            gloss,
-            max(0.15, 0.9 - gloss) if made_of == FINISHES["matt"] else made_of.roughness,
-            made_of.metallic,
-            made_of.opacity,
-            one.moves,
-        )
-        still += [(one, mesh)] if len(mesh.triangles) else []
+        gloss, made_of, faces = one.finish.gloss, one.finish.reflectance, one.triangles - one.vertices.start
+        colour = one.colours.numpy() if drawing.colours_move and one in drawing.body else one.finish.colour
+        texture = None if drawing.texture is None else one.finish.texture
+        roughness = max(0.15, 0.9 - gloss) if made_of == FINISHES["matt"] else made_of.roughness
+        # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
+        shape = one.points.numpy(), one.normals.numpy(), faces, one.uv, colour, texture
+        if len(faces):
+            mesh = DrawnMesh(one.name, *shape, gloss, roughness, made_of.metallic, made_of.opacity, one.moves)
+            parts.append((one, mesh))
     if whole:
         size, look = parse_resolution(pictures.resolution), scene.look
         aspect = size[0] / size[1]
@@ -180,9 +174,11 @@ def drawn(
         for k in numbers:
             position, at = finite_values(trajectory, k, "position"), float(trajectory.times[k])
             drawing.follow(position, at, values and values(k))
-            camera = stage and stage.camera_at(at, position)
-            axes = camera and np.array([camera.right, camera.up, -camera.forward, camera.eye])
-            yield [mesh._replace(visible=one.drawn_at(at)) for one, mesh in still] + floor, axes
+            view = np.zeros((4, 3))
+            if stage is not None:
+                camera = stage.camera_at(at, position)
+                view = np.array([camera.right, camera.up, -camera.forward, camera.eye])
+            yield [mesh._replace(visible=one.drawn_at(at)) for one, mesh in parts] + floor, view
 
     return frames(), more
 

@@ -58,9 +58,9 @@ def export(
     Parameters
     ----------
     to
-        File format. npz holds positions, velocities and times. The others hold what the run's pictures show: usd
-        the whole scene, with obstacles, light and camera; gltf the bodies with colours and textures; ply with
-        colours at the vertices; obj with texture coordinates; stl without.
+        File format. npz holds positions, velocities and times; usd what the run's pictures show, with obstacles,
+        colours, light and camera. The others hold the triangles of the bodies: gltf with colours and textures, ply
+        with colours, obj with texture coordinates, stl alone.
     frame
         Convert this frame only, counted from 0; negative numbers count from the end. Default: all frames.
     colour

@@ -5,7 +5,7 @@ import importlib.util
 import io
 import json
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,6 @@ from ..disk import failure_named, replacing, reserve
 from .trajectory import Trajectory
 from .usd import DrawnFrame, DrawnMesh, linear, write_usd
 
-Draw = Callable[[Sequence[int], bool], tuple[Iterator[DrawnFrame], dict[str, Any]]]
-"""A function that draws frames, given their indices, and whether to draw the whole scene or the bodies alone.
-
-It returns the frames, and arguments of `write_usd`.
-"""
-
 
 def export(
     trajectory: Trajectory,
@@ -32,13 +26,14 @@ def export(
     frames: int | slice | Sequence[int] = slice(None),
     *,
     force: bool = False,
-    draw: Draw | None = None,
+    draw: Callable[[list[int], bool], tuple[Iterable[DrawnFrame], dict[str, Any]]] | None = None,
 ) -> list[Path]:
     """Write frames in another format, with the triangles and colours of pictures. Return the files.
 
     For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12, with the bodies; usd, with the
-    whole scene, and npz (positions, velocities, times and connections) have one file for all. All but npz need a
-    function that draws.
+    whole scene, and npz (positions, velocities, times and connections) have one file for all. All but npz need
+    `draw`, which takes the frames' indices, and whether to draw the whole scene or the bodies alone; it returns
+    the frames, and arguments of `write_usd`.
 
     Raise ValueError if the format is unknown, is not the path's suffix, or needs a missing package or `draw`, or
     if a frame does not exist. Raise FileExistsError if a file exists and `force` is False. Each file is written
@@ -110,26 +105,33 @@ def finite_values(trajectory: Trajectory, k: int, name: str) -> NDArray:
 def _by_pyvista(path: Path, meshes: Sequence[DrawnMesh]) -> None:
     import pyvista as pv
 
-    points, triangles, uv, colours = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros((0, 3))]
-    for mesh in meshes:
-        triangles.append(mesh.triangles + sum(map(len, points)))
-        points.append(mesh.points)
-        uv.append(mesh.uv)
-        colours.append(mesh.colour if mesh.texture is None else _sampled(mesh.texture, mesh.uv))
-    whole = pv.PolyData.from_regular_faces(np.concatenate(points), np.concatenate(triangles).astype(int))
-    whole.active_texture_coordinates = np.concatenate(uv).astype(np.float32)
-    paint = {"texture": (255 * np.concatenate(colours) + 0.5).astype(np.uint8)} if path.suffix == ".ply" else {}
+    first = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
+    points, triangles = (
+        [mesh.points for mesh in meshes],
+        [m.triangles + k for m, k in zip(meshes, first[:-1], strict=True)],
+    )
+    whole = pv.PolyData.from_regular_faces(_joined(points, 3), _joined(triangles, 3).astype(int))
+    whole.active_texture_coordinates = _joined([mesh.uv for mesh in meshes], 2).astype(np.float32)
+    paint: dict[str, Any] = {}
+    if path.suffix == ".ply" and meshes:
+        paint["texture"] = (255 * _joined([_colours(mesh) for mesh in meshes], 3) + 0.5).astype(np.uint8)
     # VTK does not report a full disk, so room for long lines of text is reserved first.
     with path.open("wb") as file:
         reserve(file.fileno(), 0, 200 * (whole.n_points + whole.n_cells), path.parent)
     whole.save(path, **paint)
 
 
-def _sampled(image: NDArray[np.uint8], uv: NDArray) -> NDArray[np.float64]:
-    """Return the colours of an image at texture coordinates, in 0 … 1."""
-    height, width = image.shape[:2]
-    row, column = (1.0 - uv[:, 1]) * height, uv[:, 0] * width
-    return image[np.clip(row, 0, height - 1).astype(int), np.clip(column, 0, width - 1).astype(int)] / 255
+def _joined(arrays: list[NDArray], width: int) -> NDArray:
+    return np.concatenate([np.zeros((0, width)), *arrays])
+
+
+def _colours(mesh: DrawnMesh) -> NDArray:
+    """Return the colours of a mesh at its vertices, of a texture too, in 0 … 1, shape [vertex_count, 3]."""
+    if (image := mesh.texture) is None:
+        return mesh.colour
+    size = np.array(image.shape[1::-1])
+    column, row = np.clip(size * ([0.0, 1.0] + [1, -1] * mesh.uv), 0, size - 1).astype(int).T
+    return image[row, column] / 255
 
 
 def _gltf(path: Path, meshes: Sequence[DrawnMesh]) -> None:

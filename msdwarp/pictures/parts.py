@@ -120,7 +120,8 @@ class SurfacePart(Part):
         if own:
             self.triangles = np.arange(len(use), dtype=np.int32).reshape(-1, 3)
             normal_of = _normals_shared(use, normal_of) if smooth else None
-        self._follow_particles(*(each[use] for each in surface.mixture), device)
+        particle, weights = surface.mixture
+        self._follow_particles(particle[use], weights[use], device)
         self._triangles = wp.array(self.triangles, dtype=wp.vec3i, device=device)
         normal_of = np.arange(len(use)) if normal_of is None else normal_of
         self._normal_of = wp.array(normal_of, dtype=int, device=device)

@@ -79,7 +79,10 @@ def test_the_camera_sees_the_body_in_its_middle(drawn):
             scene.look.field_of_view, abs=1e-3
         )  # float32 lengths [mm]
         views.append(np.array(lens.transform))
-        points = np.concatenate([np.array(one.GetPointsAttr().Get(k)) for one in meshes(stage)][:1])
+        *_, points = (np.array(one.GetPointsAttr().Get(k)) for one in meshes(stage)[:1])
+        depth = -(np.insert(points, 3, 1.0, axis=1) @ np.linalg.inv(views[-1]))[:, 2]
+        near, far = camera.GetClippingRangeAttr().Get()
+        assert 0 < near < depth.min() < depth.max() < far < 100 * depth.max()  # a ground reaches further
         away = (np.append(points.mean(axis=0), 1.0) @ np.linalg.inv(views[-1]))[:3]
         assert away[2] < 0  # in front: a camera looks along -z
         assert np.abs(away[:2] / away[2]).max() < np.tan(np.radians(30))  # within the picture, 16 : 9

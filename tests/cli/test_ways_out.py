@@ -254,3 +254,19 @@ def test_a_file_has_the_triangles_and_colours_of_pictures(msdwarp, tmp_path, to,
         if paint:
             plain = np.isfinite(colours)
             np.testing.assert_allclose(paint[0][plain], colours[plain], atol=0.003)  # of 256 steps
+
+
+@pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf", "usd"])
+def test_of_what_is_all_dust_a_file_has_no_triangles(msdwarp, tmp_path, to):
+    cube = box((3, 3, 3), 0.1)
+    scene = Scene(system=cube.replace(broken_at=BROKE))
+    stored(tmp_path / "a.vtkhdf", scene, [cube], None)
+    code, _, err = msdwarp("export", "a.vtkhdf", "--to", to, "--frame", "1")
+    assert (code, err) == (0, "")
+    path = tmp_path / f"a.{to}"
+    if to == "gltf":
+        assert json.loads(path.read_text()).keys() == {"asset", "scene", "scenes"}
+    elif to == "usd":
+        assert len(read_usd(path, 1)[0]) == 0
+    else:
+        assert pv.read(path).n_cells == 0
