@@ -142,7 +142,7 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
 def drawn(
     scene: Scene, trajectory: Trajectory, pictures: Pictures, numbers: Sequence[int], whole: bool
 ) -> tuple[Iterator[DrawnFrame], dict[str, Any]]:
-    """Return frames of a trajectory, with triangles and colours as in pictures of all its frames; see `Draw`."""
+    """Return frames of a trajectory, with triangles and colours as in pictures of all; see `files.export`."""
     every = range(len(trajectory))
     scene, colouring, values = _dressed(scene, trajectory, pictures, every)
     drawing, stage, more = Drawing(scene, colouring), None, dict[str, Any]()
@@ -164,11 +164,8 @@ def drawn(
         more = {"view_angle": look.field_of_view, "aspect": aspect, "sun": stage.camera.light}
         more["background"] = np.array(checks.colour("background", look.background))
         if stage.ground is not None:
-            faces, colour = (
-                np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-                np.array(checks.colour("ground", look.ground)),
-            )
-            floor = [DrawnMesh("ground", stage.ground.corners, None, faces, np.zeros((4, 2)), colour)]
+            square = stage.ground.corners, None, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 2))
+            floor = [DrawnMesh("ground", *square, np.array(checks.colour("ground", look.ground)))]
 
     def frames() -> Iterator[DrawnFrame]:
         for k in numbers:

@@ -327,7 +327,8 @@ def _drawn(
 
     talk = Console(stderr=True, quiet=to in ("obj", "stl"))  # which have no colours
     scene = _scene_of(trajectory, talk, script)[1]
-    pictures = restored_options(trajectory.attributes.get("options", {})).pictures
+    kept = trajectory.attributes.get("options")
+    pictures = restored_options(kept).pictures if isinstance(kept, dict) and "pictures" in kept else PICTURES
     return drawn(scene, trajectory, replace(pictures, colour=colour or pictures.colour), numbers, whole)
 
 

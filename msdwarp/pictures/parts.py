@@ -41,7 +41,7 @@ class Part:
     closed = True  # whether back faces are always hidden
     mixture: tuple[wp.array, wp.array]  # particles and weights of each vertex, shape [vertex_count, k]
     corners = 3  # vertices of each piece: of a tube, of a ball, or of a triangle that may part
-    _times: list[wp.array] | None = None  # times when pieces appear and disappear [s]; None: never
+    times: list[wp.array] | None = None  # times when pieces appear and disappear [s]; None: never
     _strain_of: tuple[wp.array, wp.array] | None = None  # springs whose strain the pieces show, and rest lengths
 
     def join(self, vertices: slice, points: Any, normals: Any, colours: Any) -> None:
@@ -64,18 +64,18 @@ class Part:
 
     def _show_between(self, since: NDArray, until: NDArray, device: str) -> None:
         """Set the times at which pieces appear and disappear [s]."""
-        self._times = [wp.array(each, dtype=float, device=device) for each in (since, until)]
+        self.times = [wp.array(each, dtype=float, device=device) for each in (since, until)]
 
     def _collapse(self, time: float) -> None:
         """Hide the pieces that are invisible at this time [s]."""
-        if self._times is not None:
-            _launch(drawing.collapse, len(self._times[0]), [*self._times, time, self.corners], [self.points])
+        if self.times is not None:
+            _launch(drawing.collapse, len(self.times[0]), [*self.times, time, self.corners], [self.points])
 
     def drawn_at(self, time: float) -> NDArray[np.bool_] | None:
         """Return which triangles are visible at a time [s], shape [triangle_count]; None if all are, always."""
-        if self._times is None:
+        if self.times is None:
             return None
-        since, until = (broken_before(each.numpy(), time) for each in self._times)
+        since, until = (broken_before(each.numpy(), time) for each in self.times)
         return np.repeat(since & ~until, len(self.triangles) // max(len(since), 1))
 
     def show_value(self, shares: wp.array, stops: wp.array) -> None:

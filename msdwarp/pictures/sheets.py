@@ -42,6 +42,7 @@ class Sheet(Part):
         device: str,
     ) -> None:
         self._flat, self._obstacles, self._device = flat, obstacles, device
+        self.times = flat.times  # the pieces of a triangle are visible with it
         pieces = int(np.clip(np.sqrt(MOST_TRIANGLES / len(flat.triangles)), 1, MOST_PIECES))
         corners, shares, self.triangles = divided(flat.triangles, pieces)
         particle, weights = np.asarray(flat.mixture[0].numpy(), int), flat.mixture[1].numpy()
@@ -59,11 +60,6 @@ class Sheet(Part):
         side = float(np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).mean())
         self._solids, self._gap = _solids(obstacles, device), GAP * side / pieces
         self._poses: list[Any] = [wp.zeros(len(obstacles), dtype=t, device=device) for t in (wp.mat33, wp.vec3)]
-
-    def drawn_at(self, time: float) -> NDArray[np.bool_] | None:
-        """Return which pieces are visible at a time [s], shape [triangle_count]; None if all are, always."""
-        flat = self._flat.drawn_at(time)
-        return None if flat is None else np.repeat(flat, len(self.triangles) // len(flat))
 
     def follow(self, x: wp.array, time: float) -> None:
         """Move the pieces with their particles, and out of obstacles."""

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from msdwarp import Look, Scene, chain, sheet
-from msdwarp.pictures.drawing import Drawing
+from msdwarp import Look, Scene, box, chain, sheet
+from msdwarp.pictures.drawing import MOST_TUBES, Drawing
+from msdwarp.pictures.dressing import outermost_connections
 
 
 def drawn(system, colouring="texture", **look) -> Drawing:
@@ -54,3 +55,13 @@ def test_broken_tubes_are_not_drawn():
         drawing.follow(row.position, time)
         extent = np.ptp(drawing.points.numpy()[: 6 * 3].reshape(3, 6, 3), axis=1).max(axis=1)
         assert (extent > 0).tolist() == seen
+
+
+def test_a_rope_beside_a_solid_of_many_springs_shows_its_strain():
+    solid, rope = box((13, 13, 13), 0.1), chain(5, 0.1).translate((0, 0, 2))
+    both, count = solid + rope, solid.connection_count
+    assert count > MOST_TUBES  # of so many only those outside are drawn
+    chosen = outermost_connections(both)
+    np.testing.assert_array_equal(chosen[:count], outermost_connections(solid))
+    assert chosen[count:].all()
+    assert 0 < chosen[:count].sum() < count
