@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cyclopts import App
 
-from msdwarp import Contact, Force, Look, Plane, Scene, Simulation, Trajectory, TrajectoryWriter, ball, box, sheet
+from msdwarp import Contact, Force, Look, Plane, Scene, Simulation, Trajectory, box
 from msdwarp.cli.file_commands import PICTURES, Pictures
 from msdwarp.live import KEYS, Handling, Played, Running, View, within_reach
 from msdwarp.live.commands import camera_flags
@@ -398,24 +398,3 @@ def test_a_hand_is_refused_what_is_no_deed():
 def test_energies_have_the_colours_of_plots():
     expected = {"kinetic": plots.RED, "elastic": plots.BLUE, "potential": plots.GREEN, "sum": plots.DARK}
     assert expected == ENERGIES
-
-
-def test_a_torn_sheet_is_drawn_torn_beside_a_ball_and_strain_is_of_whole_springs(tmp_path):
-    cloth = sheet((5, 4), 0.1)
-    across = np.diff(cloth.position[cloth.connections][:, :, 0] > 0.05, axis=1)[:, 0]
-    body = cloth.replace(break_strain=np.where(across, 1.0, np.inf)) + ball(0.2, 0.1).translate((0, 0, 1))
-    apart = body.position + np.where(np.arange(body.particle_count) < 20, body.position[:, 0] > 0.05, 0)[:, None]
-    broken_at = np.where(np.append(across, np.zeros(body.connection_count - len(across), bool)), 0.01, np.inf)
-    with TrajectoryWriter(tmp_path / "a.vtkhdf", body, fps=60) as writer:
-        writer.write((0.0, body.position, body.velocity))
-        writer.write((1 / 60, apart.astype(np.float32), body.velocity), broken_at=broken_at)
-    with Trajectory(writer.path) as trajectory:
-        view, _ = played(
-            0.02, lambda view: view.post("seek", k=1), *[0.02] * 3, source=Played(trajectory, Scene(system=body))
-        )
-        assert view.source.index == 1
-        drawing = view.shown.drawing
-        places = drawing.points.numpy()[drawing.triangles]
-        assert np.ptp(places, axis=1).max() < 0.15  # nothing spans the gap of a metre; cells are 0.1 m wide
-        view.shown.colour = "strain"
-        assert view.shown._values(view.source.frame()).max() < 1e-6  # positions of float32
