@@ -78,17 +78,12 @@ def _facets(surface: Surface, particle_count: int) -> Facets:
 
 def different_vertices(surface: Surface) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
     """Return a surface's distinct vertices, as particles and weights, and the triangles of these vertices."""
-    particle = surface.particle.astype(np.int64)
-    if surface.weights is None:
-        different, number = np.unique(particle[:, None], axis=0, return_inverse=True)
-        weights = np.ones((len(different), 1))
-    else:
-        rows = np.hstack([particle, np.round(1e9 * surface.weights).astype(np.int64)])
-        _, chosen, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        different, weights = particle[chosen], surface.weights[chosen]
+    particle, weights = surface.mixture
+    rows = np.hstack([particle, np.round(1e9 * weights).astype(np.int64)])
+    _, chosen, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     triangles = number.reshape(-1)[surface.triangles]
     whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)  # some triangles at a pole are degenerate
-    return different, weights, triangles[whole]
+    return particle[chosen].astype(np.int64), weights[chosen], triangles[whole]
 
 
 def directed_edges(corner: NDArray[np.integer]) -> NDArray[np.integer]:
