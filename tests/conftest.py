@@ -214,9 +214,12 @@ def vtk_output():
 
 @pytest.fixture
 def msdwarp(tmp_path, monkeypatch, capsys):
-    """Run the command in an empty folder; return (exit code, standard output, standard error)."""
+    """Run the command in an empty folder; return (exit code, standard output, standard error).
+
+    That kernels are compiled is left out: it depends on what ran before.
+    """
     from msdwarp.cli.app import app
-    from msdwarp.cli.process import finish
+    from msdwarp.cli.process import COMPILING, finish
 
     monkeypatch.chdir(tmp_path)
 

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from msdwarp.cli.process import COMPILING
+
 STEP = "import msdwarp as msd; msd.Simulation(msd.chain(3), device='cpu').step()"
 LIMITED = (  # as a full disk: nothing larger than 16 KB can be written
     "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
@@ -38,6 +40,51 @@ def test_a_second_run_compiles_nothing(tmp_path):
     assert kept
     run(program, code=0, WARP_CACHE_PATH=tmp_path)
     assert sorted(tmp_path.rglob("*.o")) == kept
+
+
+def test_damaged_files_are_compiled_again(tmp_path):
+    def damage(ending, change):
+        for path in tmp_path.rglob(f"*.{ending}"):
+            path.write_bytes(change(path.read_bytes()))
+
+    run(STEP, code=0, WARP_CACHE_PATH=tmp_path)
+    # Of a full disk; of a lost one, where a file has its length but ends in zeros; and of the table of names.
+    for ending, change in (
+        ("o", lambda whole: whole[: len(whole) // 2]),
+        ("o", lambda whole: whole[: 2 * len(whole) // 3].ljust(len(whole), b"\0")),
+        ("meta", lambda whole: b""),
+    ):
+        damage(ending, change)
+        run(STEP, code=0, WARP_CACHE_PATH=tmp_path)
+        assert all(path.stat().st_size for path in tmp_path.rglob("*.meta"))
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.o")}
+    run(STEP, code=0, WARP_CACHE_PATH=tmp_path)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.o")} == kept
+
+
+def test_what_is_compiled_is_told_once_and_in_the_summary(tmp_path):
+    words = [
+        "run",
+        "chain",
+        "--frames",
+        "none",
+        "--video",
+        "none",
+        "--duration",
+        "0.1",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    program = [sys.executable, "-c", RUN, *words]
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path)}
+    for again in (False, True):
+        command = [*program, "--force"] if again else program
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+        assert done.stderr.splitlines().count(COMPILING) == (not again)
+        assert (
+            bool(re.search(r"^simulated .*; compiled \d+ kernels in [\d.]+ s$", done.stdout, re.MULTILINE))
+            != again
+        )
 
 
 @pytest.fixture

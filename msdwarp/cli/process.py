@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -24,6 +25,11 @@ if TYPE_CHECKING:
 
 LEAST_COLUMNS = 40
 """With fewer columns Rich shows no help, and with 1 column it never ends."""
+
+TELL_EVERY = 30.0
+"""Seconds between two lines about progress, where output is no terminal."""
+
+COMPILING = "compiling kernels; later runs find them compiled"
 
 
 def main() -> NoReturn:
@@ -115,13 +121,43 @@ def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
     return noted(announce)
 
 
-def progress_on(console: "Console", *, over: float = 30.0) -> "Progress":
-    """Return progress bars, shown on a terminal only; the speed is averaged over the last `over` seconds."""
+@contextmanager
+def progress_on(console: "Console", *, over: float = 30.0) -> Iterator["Progress"]:
+    """Yield progress bars; the speed is averaged over the last `over` seconds.
+
+    Where output is no terminal, a line tells every `TELL_EVERY` seconds how far the work has come.
+    """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    shown = console.is_terminal
-    return Progress(*columns, console=console, transient=True, speed_estimate_period=over, disable=not shown)
+    shown, ended = console.is_terminal, threading.Event()
+
+    def tell() -> None:
+        while not ended.wait(TELL_EVERY):
+            for task in progress.tasks:
+                if not task.finished:
+                    whole = "" if task.total is None else f" of {task.total:.0f}"
+                    console.print(f"{task.description}: {task.completed:.0f}{whole} done", highlight=False)
+
+    with Progress(
+        *columns, console=console, transient=True, speed_estimate_period=over, disable=not shown
+    ) as progress:
+        if not shown and not console.quiet:
+            threading.Thread(target=tell, daemon=True).start()
+        try:
+            yield progress
+        finally:
+            ended.set()
+
+
+def tell_compiling(console: "Console") -> None:
+    """From now on print one line when kernels are compiled."""
+
+    def report() -> None:
+        runtime.Compiling.report = lambda: None
+        console.print(COMPILING)
+
+    runtime.Compiling.report = report
 
 
 @contextmanager

@@ -17,12 +17,13 @@ from ..bodies import stress
 from ..disk import TRAJECTORY
 from ..files import Trajectory, TrajectoryWriter, write_restart
 from ..integrators import DEFAULT, METHODS
+from ..runtime import Compiling
 from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
 from ..studies import EnergyLog, GrowingTable, cheapest, particle_energies, tune
 from ..world import FRAME, SUBSTEP, Scene, probe_columns, probes_by, scene_as_stored
 from .draw import draw
 from .options import Options
-from .process import progress_on, status_on, stop_requests
+from .process import progress_on, status_on, stop_requests, tell_compiling
 from .provenance import source_of
 from .results import PROBES, PROBES_BY_SUBSTEP, RESTART, check_names, overlay_path, own_folder, wanted_folder
 from .scene_files import Origin
@@ -102,6 +103,7 @@ def simulation_by(scene: Scene, options: Options) -> Simulation:
     """Return the simulation of a scene with these options."""
     more: Any = {"threads": options.threads, "contact_forces": options.sums_contact}
     scene = replace(scene, settled=True) if options.settle else scene
+    tell_compiling(Console(stderr=True, quiet=options.quiet))
     return Simulation.from_scene(scene, **method_of(options), **more)
 
 
@@ -253,12 +255,11 @@ class Run:
         simulation, kept = self.simulation, {"strain": self._strain, "contact_forces": self.options.sums_contact}
         readback = Readback(simulation, **kept)
         saved = time.monotonic()
-        task = progress.add_task("compiling kernels", total=last + 1 - behind)  # at the first step, if at all
+        task = progress.add_task("simulating", total=last + 1 - behind)
         for k in progress.track(range(behind, last + 1), task_id=task):
             if k:
                 try:
                     simulation.step()
-                    progress.update(task, description="simulating")
                 except SimulationDiverged:
                     self._save(writer)  # of the previous frame
                     raise
@@ -330,4 +331,6 @@ def _summary(simulation: Simulation, options: Options, start: float, seconds: fl
     if len(simulation.substep_history) > 1:
         yield f"substeps: {_over_time(simulation.substep_history)}"
     time_simulated = simulation.time - start
-    yield f"simulated {time_simulated:.4g} s in {seconds:.2f} s, {time_simulated / seconds:.2g} times real time"
+    new = f"; compiled {Compiling.modules} kernels in {Compiling.seconds:.1f} s" if Compiling.modules else ""
+    speed = f"{time_simulated / seconds:.2g} times real time"
+    yield f"simulated {time_simulated:.4g} s in {seconds:.2f} s, {speed}{new}"

@@ -1,5 +1,6 @@
 """How this process uses Warp: its start and messages, recorded graphs, and one thread at a time."""
 
+from .kernel_cache import Compiling as Compiling
 from .machine import cores as cores, find_device as find_device
 from .messages import start_warp as start_warp, verbose as verbose
 from .recording import CAPTURE_LOCK as CAPTURE_LOCK, record as record

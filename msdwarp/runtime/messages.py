@@ -12,7 +12,8 @@ import threading
 from collections.abc import Iterator, Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
-from typing import Any
+
+from .kernel_cache import cache_named, watch_loading
 
 
 class _Finder:
@@ -52,8 +53,6 @@ else:
 
 _NO_DRIVER = b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver."
 """A message of Warp's C++ on machines without a GPU, which its settings do not turn off."""
-_OF_A_KERNEL = 1 << 20
-"""Bytes of a large kernel."""
 _lock, _started = threading.Lock(), False
 
 
@@ -76,42 +75,15 @@ def start_warp() -> None:
     global _started
     import warp as wp
 
-    with _lock, _cache_named():
+    with _lock, cache_named():
         if _started or wp.config.log_level <= wp.LOG_INFO:
             wp.init()
         else:
             with _without(_NO_DRIVER):
                 wp.init()
         if not _started:
-            kind: Any = wp.Module
-            kind.load = _cache_named()(kind.load)
+            watch_loading(wp.Module)
         _started = True
-
-
-@contextlib.contextmanager
-def _cache_named() -> Iterator[None]:
-    """Replace errors by an OSError that names the folder of compiled kernels, if it cannot be written to.
-
-    The compiler's own message about a full disk depends on the file that did not fit. A read-only folder is no
-    problem as long as it has all kernels.
-    """
-    try:
-        yield
-    except Exception as error:
-        import tempfile
-
-        import warp as wp
-
-        folder = wp.config.kernel_cache_dir
-        try:
-            with tempfile.TemporaryFile(dir=folder) as file:
-                file.write(bytes(_OF_A_KERNEL))
-        except OSError as reason:
-            raise OSError(
-                f"compiled kernels cannot be written to {folder}: {reason.strerror}; the environment variable "
-                "WARP_CACHE_PATH must name a folder with room for them"
-            ) from error
-        raise
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from PIL import Image
 
 from msdwarp import Simulation, Trajectory
 from msdwarp.cli.options import Options
+from msdwarp.cli.process import COMPILING
 from msdwarp.cli.scene_files import find_scene
 
 ROOT = Path(__file__).parents[2]
@@ -248,6 +249,18 @@ def test_the_log_must_be_a_csv_file(msdwarp, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_progress_is_told_in_lines_where_output_is_no_terminal(msdwarp, monkeypatch):
+    from msdwarp.cli import process
+
+    monkeypatch.setattr(process, "TELL_EVERY", 1e-3)
+    done = ("--device", "cpu", "--frames", "none", "--video", "none", "--duration", "0.5")
+    code, _, err = msdwarp("run", "cube", *done)
+    told = [int(k) for k in re.findall(r"^simulating: (\d+) of 31 done$", err, re.MULTILINE)]
+    assert (code, told, bool(told)) == (0, sorted(told), True)
+    code, _, err = msdwarp("run", "cube", "--force", "--quiet", *done)
+    assert (code, err) == (0, "")
+
+
 @pytest.mark.slow
 def test_tune_prints_flags_under_the_tolerance_and_run_takes_them(msdwarp):
     code, out, err = msdwarp("tune", "chain", "--tolerance", "1e-2", "--horizon", "0.1", "--device", "cpu")
@@ -258,6 +271,9 @@ def test_tune_prints_flags_under_the_tolerance_and_run_takes_them(msdwarp):
     flags = re.search(r"cheapest under 0.01: (--integrator \S+ --precision \S+ --substeps \d+)", out)[1]
     error = float(re.search(r"^error ([\d.e-]+),", out, flags=re.MULTILINE)[1])
     assert error <= 1e-2
+    assert re.search(
+        r"^error \S+, (the default$|\S+ times \(\S+ to \S+\) as fast as the default)", out, re.MULTILINE
+    )
     drawn_less = ("--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
     assert msdwarp("run", "chain", *flags.split(), *drawn_less)[0] == 0
 
@@ -365,7 +381,35 @@ def test_a_script_runs_by_itself_and_keeps_libraries_silent(tmp_path):
     done = subprocess.run(
         [sys.executable, str(script), "--size", "6", *SMALL], cwd=tmp_path, capture_output=True, text=True
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr.removeprefix(f"{COMPILING}\n")) == (0, "")
     assert len(done.stdout.splitlines()) == 4
     assert "Warp" not in done.stdout
     assert (tmp_path / "out" / "cloth" / "cloth.webp").stat().st_size > 0
+
+
+LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_AS, ({} << 28, resource.RLIM_INFINITY))"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="folders in use cannot be deleted, and there are no such limits"
+)
+@pytest.mark.parametrize(
+    ("before", "said"),
+    [
+        (
+            "import os; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone')",
+            "the working directory no longer exists",
+        ),
+        (
+            LIMIT.format(4) + "; import numpy; " + LIMIT.format(1),
+            r"the address space is limited to 0.268 GB \(ulimit -v\), perhaps too little: .",
+        ),
+    ],
+)
+def test_a_process_without_room_or_place_says_so_in_a_line(tmp_path, before, said):
+    command = f"{before}; from msdwarp.cli import main; main()"
+    words = ["run", "chain", "--duration", "0.1", "--frames", "none", "--video", "none", "--device", "cpu"]
+    done = subprocess.run([sys.executable, "-c", command, *words], capture_output=True, text=True, cwd=tmp_path)
+    (only,) = done.stderr.splitlines()
+    assert (done.returncode, bool(re.match(f"error: {said}", only))) == (1, True), done.stderr
