@@ -30,6 +30,11 @@ from routes import preferring
 from msdwarp.engine.model.algorithm_choice import FORCE_ALGORITHMS
 from msdwarp.runtime import start_warp
 
+# Signals act as in a terminal, whatever was inherited: SIGINT is ignored in a script's background.
+USUAL = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL, "SIGHUP": signal.SIG_DFL}
+for name, usual in USUAL.items():
+    if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) == signal.SIG_IGN:
+        signal.signal(getattr(signal, name), usual)
 wp.config.log_level = wp.LOG_ERROR
 start_warp()
 GPU_ROUTES = FORCE_ALGORITHMS if wp.is_cuda_available() else ()
@@ -227,7 +232,8 @@ def msdwarp(tmp_path, monkeypatch, capsys):
         monkeypatch.setattr(sys, "argv", ["msdwarp", *arguments])
         with pytest.raises(SystemExit) as stop:
             finish(lambda: app(sys.argv[1:]))
-        return stop.value.code, *capsys.readouterr()
+        out, err = capsys.readouterr()
+        return stop.value.code, out, err.replace(f"{COMPILING}\n", "")
 
     # The command has handlers of its own to the end of its process, which here goes on with other tests.
     numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -240,7 +246,7 @@ def msdwarp(tmp_path, monkeypatch, capsys):
 
 @pytest.fixture
 def heard():
-    """Signals act as in a terminal, whatever the tests inherited: SIGINT is ignored in a script's background."""
+    """Signals act as in a terminal, and so they do after a test that changes their handlers."""
     default = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
     before = {number: signal.signal(number, handler) for number, handler in default.items()}
     yield
