@@ -26,16 +26,19 @@ def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) 
     names = ("noise", "loss", "horizon", "starts", "fps", "substeps", "precision", "device")
     how: dict[str, Any] = {name: getattr(options, name) for name in names}
     how |= {"bounds": _bounds(options.bounds), "integrator": METHODS[options.integrator]}
-    with warnings.catch_warnings(record=True) as caught, status_on(talk, "fitting") as report:
+
+    def note(message: Warning | str, *_: Any) -> None:
+        Console(stderr=True, soft_wrap=True).print(f"note: {message}", markup=False, highlight=False)
+
+    with warnings.catch_warnings(), status_on(talk, "fitting") as report:
         warnings.simplefilter("always", checks.FitWarning)
+        warnings.showwarning = note  # at once: some are about the measurements, before a long search
         found = fit(scene, measured, _starts(options.parameters), report=report, **how)
     if options.quiet:
         for name, value in found.values.items():
             print(f"{name} {value:.8g}")
     else:
         _print(origin.name, found)
-    for one in caught:
-        Console(stderr=True, soft_wrap=True).print(f"note: {one.message}", markup=False, highlight=False)
     if options.plot is not None:
         found.plot(options.plot)
 

@@ -1,6 +1,6 @@
 """Studies of scenes: errors against cost (`tune`), energies over time, sweeps and fits."""
 
-from .accuracy import cheapest as cheapest, tune as tune
+from .accuracy import as_fast as as_fast, cheapest as cheapest, tune as tune
 from .fit import fit as fit
 from .fit_field import FieldFit as FieldFit, fit_field as fit_field
 from .fit_result import FitResult as FitResult

@@ -28,6 +28,8 @@ class Measurement(NamedTuple):
     """Largest error of a frame: root mean square of particles' position errors divided by the system's size."""
     seconds: float
     """Computing time per simulated second [s]; NaN if not measured because the error is too large."""
+    seconds_between: tuple[float, float] = (math.nan, math.nan)
+    """Quartiles of the rounds in which `seconds`, their median, was measured [s]."""
 
     @property
     def evaluations(self) -> int:
@@ -117,8 +119,8 @@ def tune(
     least = min(one.evaluations for one in enough)
     chosen = [one for one in enough if one.evaluations <= 16 * least]
     report(f"computing times of {len(chosen)} that are cheap")
-    for one, seconds in zip(chosen, _seconds(scene, chosen, device), strict=True):
-        found[found.index(one)] = one._replace(seconds=float(seconds))
+    for one, (low, median, high) in zip(chosen, _seconds(scene, chosen, device).tolist(), strict=True):
+        found[found.index(one)] = one._replace(seconds=median, seconds_between=(low, high))
     return found, (frames - 1) / 60.0
 
 
@@ -163,8 +165,11 @@ def _measure_method(
             return
 
 
-def _seconds(scene: Scene, found: list[Measurement], device: str | None, rounds: int = 5) -> NDArray[np.float64]:
-    """Return computing time per simulated second [s]: medians of rounds in which the methods alternate."""
+def _seconds(scene: Scene, found: list[Measurement], device: str | None, rounds: int = 9) -> NDArray[np.float64]:
+    """Return quartiles of computing time per simulated second [s], shape [len(found), 3].
+
+    They are those of rounds in which the methods alternate, as other programs may use the machine for a while.
+    """
     simulations = []
     for one in found:
         how: dict[str, Any] = {"substeps": one.substeps, "precision": one.precision, "device": device}
@@ -176,7 +181,7 @@ def _seconds(scene: Scene, found: list[Measurement], device: str | None, rounds:
             began = time.perf_counter()
             simulation.step(6)
             times[k, n] = (time.perf_counter() - began) * simulation.fps / 6
-    return np.median(times, axis=0)
+    return np.percentile(times, (25, 50, 75), axis=0).T
 
 
 def cheapest(found: list[Measurement], tolerance: float) -> Measurement:
@@ -186,3 +191,10 @@ def cheapest(found: list[Measurement], tolerance: float) -> Measurement:
         best = min(one.error for one in found)
         raise ValueError(f"tolerance is {tolerance:g}; the least error that was reached is {best:.2g}")
     return min(good, key=lambda one: one.seconds)
+
+
+def as_fast(found: list[Measurement], tolerance: float) -> list[Measurement]:
+    """Return the measurements under the tolerance whose quartiles overlap with those of the cheapest."""
+    best = cheapest(found, tolerance)
+    good = [one for one in found if one.error <= tolerance and one is not best]
+    return [one for one in good if one.seconds_between[0] <= best.seconds_between[1]]

@@ -42,6 +42,7 @@ def test_the_error_reported_is_that_of_the_closed_form():
         assert one.error == pytest.approx(error, abs=1e-6)  # the reference's own error
     best = accuracy.cheapest(found, 1e-3)
     assert best.error <= 1e-3
+    assert best.seconds_between[0] <= best.seconds <= best.seconds_between[1]
     assert best.seconds == min(one.seconds for one in found if one.error <= 1e-3)
     assert "rkc2" not in {one.method for one in found}  # nothing is damped
 
@@ -61,6 +62,15 @@ def test_bad_tolerances_are_named(tolerance, message):
     scene, _ = oscillator()
     with pytest.raises(ValueError, match=message):
         accuracy.tune(scene, tolerance, device="cpu", horizon=0.2)
+
+
+def test_methods_that_the_clock_cannot_tell_apart_are_named():
+    def one(name, error, seconds, low, high):
+        return accuracy.Measurement(name, "float32", 4, error, seconds, (low, high))
+
+    best, near = one("leapfrog", 1e-3, 0.10, 0.09, 0.12), one("rk4", 1e-4, 0.13, 0.11, 0.16)
+    far, poor = one("rkc2", 1e-3, 0.2, 0.18, 0.3), one("symplectic-euler", 1e-1, 0.1, 0.09, 0.12)
+    assert accuracy.as_fast([far, near, best, poor], 1e-2) == [near]
 
 
 def test_no_method_good_enough_is_said():
