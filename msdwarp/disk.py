@@ -62,6 +62,13 @@ def failure_named(path: Path, failed: str = "could not be written") -> Iterator[
         raise OSError(f"{path} {failed}: {error.strerror or error}") from error
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path as `replacing` does; an OSError names the file."""
+    with failure_named(path), replacing(path) as unfinished:
+        yield unfinished
+
+
 def is_unfinished(path: Path) -> bool:
     """Return whether a killed process left this file unfinished."""
     return path.name.startswith(".") and _MARK in path.name

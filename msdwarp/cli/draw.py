@@ -15,6 +15,7 @@ from rich.progress import Progress
 
 from .. import checks
 from ..bodies import lengths, stress, von_mises
+from ..disk import writing
 from ..files import DrawnFrame, DrawnMesh, FrameArray, Trajectory, finite_values
 from ..pictures import (
     Camera,
@@ -104,7 +105,7 @@ def draw(
 
             path = still_path(folder, name)
             what = positions[k], times[k], values and values(k), None if forces is None else forces[k]
-            Image.fromarray(still(renderer, numbers(), *what)).save(path)
+            _save(path, still(renderer, numbers(), *what))
             drawn.append(f"the frame at {times[k]:.4g} s from {samples} sample{'s' if samples > 1 else ''}")
             results.append(str(path))
         if pictures.overlay is not None:
@@ -112,12 +113,17 @@ def draw(
             path = overlay_path(folder, name)
             all_values = None if values is None else np.array([values(k) for k in chosen])
             _raise_if_stopped(requests)
-            Image.fromarray(timelapse(renderer, positions[chosen], times[chosen], all_values)).save(path)
+            _save(path, timelapse(renderer, positions[chosen], times[chosen], all_values))
             drawn.append(f"an overlay of {len(chosen)} poses")
             results.append(str(path))
         seconds = time.perf_counter() - began
         closer = closer_view(scene, positions[shown[0]], positions[shown[-1]], seen, size[0] / size[1])
         return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results) + closer
+
+
+def _save(path: Path, picture: NDArray) -> None:
+    with writing(path) as unfinished:
+        Image.fromarray(picture).save(unfinished)
 
 
 def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspect: float) -> str:

@@ -1,6 +1,7 @@
 """Messages of errors: in the command line, in the user's own code, about files and paths."""
 
 import os
+import re
 import traceback
 from pathlib import Path
 from types import UnionType
@@ -18,6 +19,8 @@ from cyclopts import (
 _KINDS: dict[Any, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
 _MEANT: dict[str | None, str] = {"--seconds": "--duration", "--time": "--duration", "--length": "--duration"}
 """Names that other programs have for a flag."""
+_NO_ROOM = re.compile("start new thread|shared library|shared object|allocat", re.IGNORECASE)
+"""What libraries say where the address space is too small."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _folders: set[Path] = set()
 """Folders of scripts that have been run as scenes."""
@@ -32,13 +35,35 @@ def message_of(error: BaseException) -> str | None:
         return f"{_wrong(error)} (see `{command} --help`)"
     if isinstance(error, MemoryError):
         return f"out of memory: {error}"
+    if isinstance(error, FileNotFoundError) and not _has_working_directory():
+        return "the working directory no longer exists; change to one that does"
     if (found := user_message(error)) is not None:
         return found
     if isinstance(error, ValueError | OSError):
         return str(error)
+    limit = _address_space() if isinstance(error, RuntimeError | ImportError) else 0
+    if limit and _NO_ROOM.search(str(error)):
+        return f"the address space is limited to {limit / 1e9:.3g} GB (ulimit -v), perhaps too little: {error}"
     from ..simulation import SimulationDiverged
 
     return str(error) if isinstance(error, SimulationDiverged) else None
+
+
+def _address_space() -> int:
+    """Return the process's limit of address space [B]; 0 if there is none."""
+    try:
+        import resource
+    except ImportError:  # on Windows
+        return 0
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return 0 if limit == resource.RLIM_INFINITY else limit
+
+
+def _has_working_directory() -> bool:
+    try:
+        return bool(os.getcwd())
+    except FileNotFoundError:
+        return False
 
 
 def printable(text: str) -> str:

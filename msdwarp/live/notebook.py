@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,13 +65,12 @@ def show(
     ValueError
         If `shown` is invalid, or an argument is out of range.
     """
-    elsewhere = (
-        "show draws in a notebook, which needs IPython: pip install jupyterlab; outside one, see msdwarp.view"
-    )
     try:
-        from IPython import display  # pyright: ignore[reportMissingImports]
+        from IPython import display, get_ipython  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise RuntimeError(elsewhere) from None
+        raise RuntimeError("show draws in a notebook, which needs IPython: pip install jupyterlab") from None
+    if get_ipython() is None:
+        raise RuntimeError("show draws in a notebook, and here is none; msdwarp.view shows a scene in a window")
     width, height = resolution = picture_size(resolution)
     if seconds is not None:
         checks.positive("seconds", seconds)
@@ -83,9 +83,7 @@ def show(
         scene = replace(scene, system=shown.snapshot())  # without what has torn
         display.display(display.HTML(_still(scene, scene.system.position, shown.time, resolution, colouring)))
         return
-    bar = display.display(display.HTML(""), display_id=True)
-    if bar is None:  # a script
-        raise RuntimeError(elsewhere)
+    bar: Any = display.display(display.HTML(""), display_id=True)
 
     def progress(doing: str, done: int, count: int) -> None:
         if done % max(1, count // 50) == 0:

@@ -102,7 +102,8 @@ def save_picture(source: Source, scene: Scene, path: str | Path | None = None, r
         path = _free_path(source.title or "view", ".png")
     frame = source.frame()
     pictures = Renderer(scene, frame.position[np.newaxis], backend=renderer, device=source.device)
-    Image.fromarray(pictures.image(frame.position, frame.time)).save(path)
+    with disk.writing(Path(path)) as unfinished:
+        Image.fromarray(pictures.image(frame.position, frame.time)).save(unfinished)
     return Path(path)
 
 

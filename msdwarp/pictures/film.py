@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .. import checks
-from ..disk import replacing
+from ..disk import failure_named, replacing, writing
 from ..runtime import cores
 
 try:
@@ -61,7 +61,8 @@ def write_film(
 
     def piece(k: int, image: Picture, before: Picture | None) -> Any:
         if frames == "png":
-            (folder / f"frame_{k:04d}.png").write_bytes(png(image))
+            with writing(folder / f"frame_{k:04d}.png") as unfinished:
+                unfinished.write_bytes(png(image))
         return _changed_part(image, before) if video == "webp" else image
 
     with closing(_side_by_side(images, piece)) as pieces:
@@ -70,7 +71,12 @@ def write_film(
             return None
         path = folder / f"{name}.{video}"
         with replacing(path) as unfinished:
-            _in_thread(pieces, lambda passed_on: _write_film(passed_on, unfinished, video, fps))
+
+            def take(passed_on: Iterator[Any]) -> None:
+                with failure_named(path):
+                    _write_film(passed_on, unfinished, video, fps)
+
+            _in_thread(pieces, take)
         return path
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..world import Scene
-from .plots import BLUE, DARK, RED, add_grid, new_figure
+from .plots import BLUE, DARK, RED, add_grid, new_figure, save_figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,4 +102,4 @@ class FitResult:
             for axes in (over_time, often):
                 add_grid(axes)
         grid[-1, 0].set_xlabel("time [s]")
-        figure.savefig(path, dpi=150)
+        save_figure(figure, path)

@@ -14,7 +14,7 @@ from ..bodies import AXES, LINEAR_SPRING, System, broken_before, counted
 from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
 from ..world import Change
-from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, new_figure, output_path
+from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, new_figure, output_path, save_figure
 from .table import COLUMNS, GrowingTable
 
 
@@ -128,7 +128,7 @@ def _plot(trajectory: Trajectory, table: NDArray[np.void], path: Path) -> None:
     name = Path(trajectory.attributes.get("scene", trajectory.path)).stem
     title = f"{name}: {system.particle_count} particles, {system.connection_count} connections"
     figure.suptitle(title, parse_math=False)
-    figure.savefig(path, dpi=150)
+    save_figure(figure, path)
 
 
 def _axes(trajectory: Trajectory) -> list[str]:

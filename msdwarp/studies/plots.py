@@ -34,6 +34,12 @@ def new_figure(width: float, height: float) -> Any:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def save_figure(figure: Any, path: str | Path) -> None:
+    """Write a figure as a PNG file; raise OSError, which names the file, if that fails."""
+    with disk.writing(Path(path)) as unfinished:
+        figure.savefig(unfinished, dpi=150)
+
+
 def plot_log(csv_path: Path, png_path: Path) -> None:
     """Draw the energies of a CSV log against time, as a PNG file."""
     table = np.atleast_1d(np.genfromtxt(csv_path, delimiter=",", names=True))
@@ -44,7 +50,7 @@ def plot_log(csv_path: Path, png_path: Path) -> None:
     draw_energies(axes, table)
     axes.set_xlabel("time [s]")
     axes.legend(frameon=False)
-    figure.savefig(png_path, dpi=150)
+    save_figure(figure, png_path)
 
 
 def draw_energies(axes: Any, table: NDArray[np.void]) -> None:

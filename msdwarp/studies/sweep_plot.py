@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from .plots import BLUE, RED, add_grid, new_figure, output_path
+from .plots import BLUE, RED, add_grid, new_figure, output_path, save_figure
 from .sweep_points import DONE, WORDS, read_results
 from .table import COLUMNS
 
@@ -37,7 +37,7 @@ def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None
     names = [name for name in names if np.isfinite(found[name].values).any()]
     if not names:
         raise ValueError(f"{results} holds no number that could be drawn: no run came to its end")
-    _figure(found, names).savefig(path, dpi=150)
+    save_figure(_figure(found, names), path)
     return path
 
 

@@ -29,7 +29,7 @@ def cell(monkeypatch):
     module = types.ModuleType("IPython.display")
     module.HTML, module.display = str, display  # pyright: ignore[reportAttributeAccessIssue]
     package = types.ModuleType("IPython")
-    package.display = module  # pyright: ignore[reportAttributeAccessIssue]
+    package.display, package.get_ipython = module, object  # pyright: ignore[reportAttributeAccessIssue]
     monkeypatch.setitem(sys.modules, "IPython", package)
     monkeypatch.setitem(sys.modules, "IPython.display", module)
     return shown
@@ -89,13 +89,6 @@ def test_what_cannot_be_shown_is_named(cell):
         msd.show(SCENE, resolution=0)  # pyright: ignore[reportArgumentType]
 
 
-def test_a_script_is_told_that_films_need_a_notebook(cell, monkeypatch):
-    # There IPython prints a text, and returns no handle.
-    monkeypatch.setattr(sys.modules["IPython.display"], "display", lambda html, display_id=False: None)
-    with pytest.raises(RuntimeError, match=r"needs IPython.*msdwarp\.view"):
-        msd.show(SCENE, resolution=(96, 64))
-
-
 @pytest.mark.parametrize("seconds", [None, 0.05])
 def test_what_has_torn_in_a_simulation_is_shown_torn(cell, monkeypatch, seconds):
     drawn, real = [], notebook.Renderer
@@ -108,3 +101,12 @@ def test_what_has_torn_in_a_simulation_is_shown_torn(cell, monkeypatch, seconds)
     list(simulation.frames(0.1))
     msd.show(simulation, seconds=seconds, resolution=(96, 64))
     assert drawn[0].system.broken.tolist() == [False, True]
+
+
+def test_a_script_is_told_that_show_needs_a_notebook(cell, monkeypatch):
+    # Outside of one IPython prints the name of the object.
+    monkeypatch.setattr(sys.modules["IPython"], "get_ipython", lambda: None)
+    for shown in (SCENE, msd.Simulation.from_scene(SCENE)):
+        with pytest.raises(RuntimeError, match=r"here is none; msdwarp\.view"):
+            msd.show(shown, resolution=(96, 64))
+    assert not cell

@@ -1,10 +1,12 @@
 """Frames and films on disk."""
 
 import contextlib
+import errno
 import io
 import itertools
 import time
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,6 +79,29 @@ def test_a_film_that_cannot_be_written_ends_the_drawing(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="the disk is full"):
         film.write_film(counted(), tmp_path, name="bar", fps=60, frames="none")
     assert drawn < 1000  # it ends within moments
+
+
+@pytest.mark.parametrize(
+    ("formats", "name"),
+    [
+        ({"frames": "png", "video": "none"}, r"frame_000\d\.png"),
+        ({"frames": "png", "video": "webp"}, r"frame_000\d\.png"),
+        ({"frames": "none", "video": "webp"}, r"bar\.webp"),
+        ({"frames": "none", "video": "gif"}, r"bar\.gif"),
+    ],
+)
+def test_a_full_disk_is_named_with_the_file(tmp_path, monkeypatch, formats, name):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for place, what in ((Path, "write_bytes"), (film, "_write_webp"), (film.Image.Image, "save")):
+        if what != "_write_webp" or formats["video"] == "webp":
+            monkeypatch.setattr(place, what, full)
+    if formats["video"] == "webp":  # whose parts are encoded in memory
+        monkeypatch.setattr(film, "_changed_part", lambda *_: (b"", b""))
+    with pytest.raises(OSError, match=rf"{name} could not be written: No space left on device"):
+        film.write_film(pictures(4), tmp_path, name="bar", fps=60, **formats)
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_more_pictures_wait_than_a_few(tmp_path, monkeypatch):
