@@ -62,12 +62,12 @@ def sum_over_lanes(dim: int, scalar: type, lanes: int):
 
 @functools.cache
 def stencil_of_lanes(
-    dim: int, scalar: type, laws: Laws, compensated: bool, steps: tuple, lanes: int
+    dim: int, scalar: type, laws: Laws, compensated: bool, steps: tuple, lanes: int, by_kind: bool = False
 ) -> ForceAlgorithm:
     """Compose the stencil algorithm for a uniform lattice, with `lanes` threads per particle.
 
-    Lane l takes neighbours l, l + lanes, ... in the order of rows, here also the order of mask bits. On the CPU
-    there may be only one lane.
+    In a lattice `by_kind` constants depend on the particle's kind as well. Lane l takes neighbours l, l + lanes,
+    ... in the order of rows, here also the order of mask bits. On the CPU there may be only one lane.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     Three = vector(3, scalar)
@@ -86,6 +86,8 @@ def stencil_of_lanes(
         mask: wp.array(dtype=wp.uint32)  # bits of existing neighbours, shape [particle_count]
         shift: Shifts  # index offset of each row of neighbours
         constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
+        if by_kind:  # `constants` of one kind after the other
+            kind: wp.array(dtype=int)  # kind of each particle, shape [particle_count]
 
     @fully_hashed
     def force_at(forces: SharedLattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
@@ -105,7 +107,10 @@ def stencil_of_lanes(
                     shift = forces.shift[wp.static(each[n * lanes + m][0])] + wp.static(each[n * lanes + m][1])
                     offset = wp.where(lane == m, shift, offset)
             k = n * wp.static(lanes) + lane
-            own = constants_of(forces.constants, k)
+            if wp.static(by_kind):
+                own = constants_of(forces.constants, forces.kind[i] * wp.static(MOST_NEIGHBOURS) + k)
+            else:
+                own = constants_of(forces.constants, k)
             dx = separation(compensation, x, x_i, i, i + offset)
             if wp.static(damped):
                 dv = v_i - load(v, i + offset)

@@ -24,6 +24,11 @@ class Neighbour(NamedTuple):
     bit: int
     """Bit in the point's mask that is set if the two are connected."""
 
+    @property
+    def number(self) -> int:
+        """The number of the bit: the direction, with as many as there are directions added to lead back."""
+        return self.bit.bit_length() - 1
+
 
 @functools.cache
 def stencil_rows(steps: tuple[tuple[int, int, int], ...]) -> tuple[tuple[tuple[int, int], ...], list]:
@@ -53,7 +58,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
     force_density, damped, breaks = spring_damper(dim, scalar, laws), laws.damper is not None, breaking.breaks
     Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
     # (index of the bit, row, position in the row), in the order in which `stencil` sums forces.
-    each = [(n.bit.bit_length() - 1, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
+    each = [(n.number, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
     directions = len(steps)
 
     def table(column: int) -> str:
@@ -101,7 +106,11 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
                 else:
                     kind = forces.kind[i]
                     j = i + forces.shift[row_of(k), i] + along_of(k)
-                    own = Three(forces.rest_length[kind, d], forces.stiffness[kind, d], forces.damping[kind, d])
+                    own = Three(
+                        forces.rest_length[kind, number],
+                        forces.stiffness[kind, number],
+                        forces.damping[kind, number],
+                    )
                 dx = separation(compensation, x, x_i, i, j)
                 if (suspects & bit) != wp.uint32(0):
                     first = i  # the first particle of the spring
@@ -137,7 +146,7 @@ def stencil(
 
     Each particle has a bit mask of its connected neighbours. In a `uniform` lattice the offset `shift` of each row
     of neighbours is equal for all particles, and each direction has one rest length, stiffness and damping.
-    Otherwise each particle has shifts of its own, and constants by the particle's kind and the direction. If
+    Otherwise each particle has shifts of its own, and constants by the particle's kind and the neighbour. If
     springs break, each particle clears bits of its own mask.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
@@ -169,7 +178,7 @@ def stencil(
         mask: wp.array(dtype=wp.uint32)  # bits of existing neighbours, shape [particle_count]
         shift: wp.array2d(dtype=int)  # index offsets of rows of neighbours, shape [row_count, particle_count]
         kind: wp.array(dtype=int)  # kind of each particle, shape [particle_count]
-        # Of each kind and direction, shape [kind_count, direction_count]:
+        # Of each kind and neighbour, in the order of bits, shape [kind_count, 2 direction_count]:
         rest_length: wp.array2d(dtype=scalar)  # [m]
         stiffness: wp.array2d(dtype=scalar)  # [N/m]
         damping: wp.array2d(dtype=scalar)  # b in the units of the law
@@ -202,7 +211,7 @@ def stencil(
             for n in range(wp.static(most)):
                 if wp.static(n < len(neighbours[r])):
                     j = row + wp.static(field(r, n, "along"))
-                    d = wp.static(field(r, n, "direction"))
+                    d = wp.static(field(r, n, "direction" if uniform else "number"))
                     dx = separation(compensation, x, x_i, i, j)
                     if wp.static(damped):
                         dv = v_i - load(v, j)

@@ -139,5 +139,5 @@ def test_a_stencil_of_one_kind_has_a_mask_and_no_other_array():
 def test_a_stencil_of_kinds_has_constants_by_kind():
     boxes = box((3, 3, 3)) + box((3, 3, 3), stiffness=5.0) + box((3, 3, 3))
     found = read_beside_the_state("stencil", boxes)
-    assert {name: found[name].size for name in CONSTANTS} == dict.fromkeys(CONSTANTS, 2 * 13)
+    assert {name: found[name].size for name in CONSTANTS} == dict.fromkeys(CONSTANTS, 2 * 26)
     assert found["kind"].size == found["mask"].size == 81

@@ -30,7 +30,7 @@ def one_lane(monkeypatch) -> None:
         lattice, laws = model.lattice, model.laws
         laws = laws if lattice.constants["damping"].any() else laws._replace(damper=None)
         self.force_algorithm = forces.stencil_of_lanes(
-            model.dim, model.scalar, laws, model.compensated, lattice.steps, 1
+            model.dim, model.scalar, laws, model.compensated, lattice.steps, 1, lattice.rimmed
         )
         self._share(model, lattice)
 

@@ -149,7 +149,7 @@ def test_equal_shapes_of_different_constants_are_two_kinds_with_one_shift():
     kind = lattice.kind.reshape(3, 27)
     assert (kind == kind[:, :1]).all()
     assert kind[0, 0] == kind[2, 0] != kind[1, 0]
-    assert lattice.constants["stiffness"].shape == (2, 13)
+    assert lattice.constants["stiffness"].shape == (2, 26)
 
 
 def test_different_shapes_have_shifts_by_particle():

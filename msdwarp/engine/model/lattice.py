@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bodies import TEARING_FIELDS, System, stored, uniform
-from ...kernels.springs import COLUMN, CONSTANTS, MOST_NEIGHBOURS, stencil_rows
+from ...bodies import TEARING_FIELDS, System, is_uniform, stored, uniform
+from ...kernels.springs import COLUMN, CONSTANTS, MOST_KINDS, MOST_NEIGHBOURS, stencil_rows
 
 
 class Lattice(NamedTuple):
@@ -26,7 +26,10 @@ class Lattice(NamedTuple):
     kind: NDArray[np.int32]
     """Row of `constants` for each particle, shape [particle_count]; all 0 if there is one kind."""
     constants: dict[str, NDArray[np.float64]]
-    """Rest length, stiffness and damping, each of shape [kind_count, direction_count]."""
+    """Rest length, stiffness and damping, each of shape [1, direction_count] if there is one kind.
+
+    Otherwise [kind_count, 2 direction_count]: of each neighbour, in the order of the mask's bits.
+    """
     ties: NDArray[np.int32]
     """The connections that follow no direction, shape [tie_count]; see `msdwarp.engine.springs.extra_springs`."""
 
@@ -43,19 +46,25 @@ class Lattice(NamedTuple):
         return found
 
     def neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Return offsets and constants of the neighbours in a uniform lattice, in the order of summation.
+        """Return offsets and constants of neighbours, in the order of summation, if all particles have one shift.
 
-        Shapes [neighbour_count] and [neighbour_count, 3]; constants are in the order of CONSTANTS.
+        Shapes [neighbour_count] and [kind_count, neighbour_count, 3]; constants are in the order of CONSTANTS.
         """
         _, rows = stencil_rows(self.steps)
-        each = [(int(self.shift[r]) + one.along, one.direction) for r, row in enumerate(rows) for one in row]
-        offset, direction = np.array(each, dtype=np.int32).T
-        return offset, np.stack([self.constants[name][0][direction] for name in CONSTANTS], axis=1)
+        each = [(int(self.shift[r]) + one.along, one.number) for r, row in enumerate(rows) for one in row]
+        offset, number = np.array(each, dtype=np.int32).T
+        number %= self.constants["stiffness"].shape[1]
+        return offset, np.stack([self.constants[name][:, number] for name in CONSTANTS], axis=-1)
 
     @property
     def uniform(self) -> bool:
         """Whether all particles have the same shifts and constants."""
         return self.shift.ndim == 1 and len(self.constants["stiffness"]) == 1
+
+    @property
+    def rimmed(self) -> bool:
+        """Whether all particles have the same shifts, but second neighbours other constants at a rim."""
+        return self.shift.ndim == 1 and not self.uniform and max(map(max, self.steps)) > 1
 
     @property
     def stride(self) -> int:
@@ -82,7 +91,7 @@ class Lattice(NamedTuple):
 
 
 class NotALattice(ValueError):
-    """Raised if a system is not cut from lattices, or constants vary within a direction of a body."""
+    """Raised if a system is not cut from lattices, or constants vary too much within a direction of a body."""
 
 
 def step_of(name: str) -> tuple[int, int, int]:
@@ -118,7 +127,7 @@ def find_lattice(system: System) -> Lattice:
     """Return the lattices of a system, found by its named directions, each of which is checked.
 
     Raises NotALattice if no connection is in a direction, if a direction's connections do not follow its step, or
-    if its constants vary within a body.
+    if its constants vary within a body; with second neighbours, if they vary in too many ways.
     """
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")
@@ -148,12 +157,17 @@ def find_lattice(system: System) -> Lattice:
         and not all(np.isinf(getattr(system, name)[ties]).all() for name in TEARING_FIELDS)
     ):
         raise NotALattice("a connection that is in none of its directions can break")
-    kinds, constants = _constants(system, parts, len(steps))
     shift = _common_shift(system, parts, len(rows))
+    try:
+        kinds, constants = _constants(system, parts, len(steps))
+        kind = _kind_by_particle(system, parts, kinds)
+    except NotALattice:
+        if max(map(max, steps)) < 2:  # sheets that resist bending have other constants along their rims
+            raise
+        kind, constants = _constants_by_neighbour(system, parts, len(steps))
     if shift is None:
         shift = _shift_by_particle(system, parts, len(rows))
-    mask = _mask(system, parts, len(steps))
-    return Lattice(steps, mask, shift, _kind_by_particle(system, parts, kinds), constants, ties)
+    return Lattice(steps, _mask(system, parts, len(steps)), shift, kind, constants, ties)
 
 
 def _left_over(slices: list[slice], count: int) -> NDArray[np.int32]:
@@ -222,7 +236,7 @@ def _constants(
 ) -> tuple[dict[int, int], dict[str, NDArray[np.float64]]]:
     """Return the kind of each body that is a lattice, and the constants of each kind by name.
 
-    Each array of constants has shape [kind_count, direction_count].
+    Each array of constants is as in `Lattice`.
     """
     bodies = np.zeros((len(system.directions), len(CONSTANTS), direction_count))
     for part in parts:
@@ -235,7 +249,8 @@ def _constants(
     named = sorted({part.body for part in parts})  # bodies without directions have no constants
     kinds, kind = np.unique(bodies[named], axis=0, return_inverse=True)
     of_body = dict(zip(named, map(int, kind.ravel()), strict=True))
-    return of_body, {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}
+    ends = 1 if len(kinds) == 1 else 2
+    return of_body, {name: np.tile(kinds[:, k], ends) for k, name in enumerate(CONSTANTS)}
 
 
 def _kind_by_particle(system: System, parts: list[_Part], kinds: dict[int, int]) -> NDArray[np.int32]:
@@ -252,3 +267,68 @@ def _kind_by_particle(system: System, parts: list[_Part], kinds: dict[int, int])
             elif (kind[ends] != kinds[part.body]).any():
                 raise NotALattice("bodies of different lattices share particles")
     return kind
+
+
+def _constants_by_neighbour(
+    system: System, parts: list[_Part], direction_count: int
+) -> tuple[NDArray[np.int32], dict[str, NDArray[np.float64]]]:
+    """Return the kind of each particle, and the constants of each kind by name, where they vary within a body.
+
+    Each array of constants is as in `Lattice`.
+    """
+    found = find_kinds(system)
+    if found is None:
+        raise NotALattice(f"constants differ among the connections of a direction in more than {MOST_KINDS} ways")
+    table, number = found
+    each = np.zeros((system.particle_count, 2 * direction_count), dtype=np.uint8)
+    for own in (False, True):
+        for part in parts:
+            ends = system.connections[part.connections]
+            columns = [part.direction, part.direction + direction_count]
+            if own:
+                each[ends, columns] = number[part.connections, None]
+            elif len(ends):  # of neighbours that are missing, so that kinds are few
+                each[ends.reshape(-1, 1), columns] = np.bincount(number[part.connections]).argmax()
+    kinds, kind = np.zeros((1, 0), dtype=int), np.zeros(system.particle_count, dtype=np.uint16)
+    for values in each.T:
+        pairs, kind = _number_pairs(kind, values, MOST_KINDS)
+        if len(pairs) > MOST_KINDS:
+            raise NotALattice(f"constants differ among neighbours in more than {MOST_KINDS} ways")
+        kinds = np.column_stack([kinds[pairs[:, 0]], pairs[:, 1]])
+    return kind.astype(np.int32), {name: table[kinds, k] for k, name in enumerate(CONSTANTS)}
+
+
+def _number_pairs(a: NDArray, b: NDArray, count: int) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+    """Return the pairs (a, b) that occur, for b below `count`, shape [any, 2], and which of them each is."""
+    code = a * np.uint16(count) + b
+    found = np.flatnonzero(np.bincount(code))
+    number = np.zeros(found[-1] + 1, dtype=np.uint16)
+    number[found] = np.arange(len(found))
+    return np.stack(np.divmod(found, count), axis=1), number[code]
+
+
+def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
+    """Return the distinct sets of constants, shape [kind_count, 3], and the kind of each spring.
+
+    Return None if there are more kinds than a byte can number.
+    """
+    table, kind = np.zeros((1, 0)), np.zeros(system.connection_count, dtype=np.uint16)
+    for name in CONSTANTS:
+        values = getattr(system, name)
+        if len(values) == 0 or is_uniform(values):
+            table = np.insert(table, table.shape[1], values[0] if len(values) else 0.0, axis=1)
+            continue
+        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample usually has all kinds
+        while True:
+            if len(different) > MOST_KINDS:
+                return None
+            place = np.minimum(np.searchsorted(different, values), len(different) - 1).astype(np.uint16)
+            missed = values[different[place] != values]
+            if len(missed) == 0:
+                break
+            different = np.union1d(different, missed[: MOST_KINDS + 1])
+        pairs, kind = _number_pairs(kind, place, len(different))
+        if len(pairs) > MOST_KINDS:
+            return None
+        table = np.column_stack([table[pairs[:, 0]], different[pairs[:, 1]]])
+    return table, kind.astype(np.uint8)

@@ -11,12 +11,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import System, is_uniform
+from ...bodies import is_uniform
 from ...kernels.springs import (
     CHUNK,
     CONSTANTS,
     KIND_SHIFT,
-    MOST_KINDS,
     MOST_NEIGHBOURS,
     SLICE,
     gather,
@@ -29,7 +28,7 @@ from ...kernels.springs import (
 )
 from ..device.device import upload_fields
 from ..device.vector_arrays import in_records
-from ..model.lattice import Lattice
+from ..model.lattice import Lattice, find_kinds
 from ..model.model import Model
 from .fracture import Fracture
 
@@ -135,36 +134,6 @@ def records_of_three(model: Model, values: NDArray) -> wp.array:
     return held
 
 
-def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
-    """Return the distinct sets of constants, shape [kind_count, 3], and the kind of each spring.
-
-    Return None if there are more kinds than a byte can number.
-    """
-    tables, kind = [], np.zeros(system.connection_count, dtype=np.uint8)
-    count = 1
-    for name in CONSTANTS:
-        values = getattr(system, name)
-        if len(values) == 0 or is_uniform(values):
-            tables.append(values[:1] if len(values) else np.zeros(1))
-            continue
-        different = np.unique(values[:: max(1, len(values) // 4096)])  # a sample usually has all kinds
-        place = np.zeros(len(values), dtype=np.uint8)
-        while True:
-            if count * len(different) > MOST_KINDS:
-                return None
-            place = np.minimum(np.searchsorted(different, values), len(different) - 1).astype(np.uint8)
-            missed = values[different[place] != values]
-            if len(missed) == 0:
-                break
-            different = np.union1d(different, missed[: MOST_KINDS + 1])
-        tables.append(different)
-        if len(different) > 1:
-            kind = kind + place * np.uint8(count)
-            count *= len(different)
-    combined = np.stack(np.meshgrid(*tables[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, 3)
-    return combined, kind
-
-
 def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
     """Return the value of each slot's spring; 1 for padding slots."""
     slots = wp.ones(len(connection), dtype=values.dtype, device=values.device)
@@ -212,18 +181,19 @@ def fill_uniform(data: Any, model: Model, lattice: Lattice) -> None:
 class Stencil:
     """The gather algorithm for lattices, without a table; ties are added by an effect, `ExtraSprings`.
 
-    `lanes` is the number of threads per particle; more than one needs a GPU and a uniform lattice without tearing.
+    `lanes` is the number of threads per particle; more than one needs a GPU and a lattice without tearing that is
+    uniform or `rimmed`. In an ensemble it is 0: one thread, and constants in arrays by name.
     """
 
-    def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 1) -> None:
+    def __init__(self, model: Model, fracture: Fracture | None = None, lanes: int = 0) -> None:
         lattice, device = model.lattice, model.device
         assert lattice is not None
         laws = model.laws
         if not lattice.constants["damping"].any():  # only ties are damped
             laws = laws._replace(damper=None)
-        if lanes > 1:
+        if lanes > 1 or (lanes and lattice.rimmed and fracture is None):
             kinds = (model.dim, model.scalar, laws, model.compensated, lattice.steps, lanes)
-            self.force_algorithm = stencil_of_lanes(*kinds)
+            self.force_algorithm = stencil_of_lanes(*kinds, lattice.rimmed)
             self._share(model, lattice)
             return
         kinds = (model.dim, model.scalar, laws, model.compensated, lattice.steps, lattice.uniform)
@@ -235,7 +205,7 @@ class Stencil:
             upload_fields(fracture.data, device, number=numbers.ravel())
             if lattice.uniform:
                 offset, own = lattice.neighbours()
-                upload_fields(fracture.data, device, offset=offset, own=own)
+                upload_fields(fracture.data, device, offset=offset, own=own[0])
             fracture.carry_out(data.mask, partial(self._clear, model, fracture, numbers))
         if lattice.uniform:
             data.stride = lattice.stride
@@ -248,17 +218,19 @@ class Stencil:
 
     def _share(self, model: Model, lattice: Lattice) -> None:
         """Fill the struct for several lanes; mask bits are in the order in which lanes visit neighbours."""
-        constants = np.ones((MOST_NEIGHBOURS, 3))
         _, own = lattice.neighbours()
-        constants[: len(own)] = own
+        constants = np.ones((len(own), MOST_NEIGHBOURS, 3))
+        constants[:, : own.shape[1]] = own
         bits = [one.bit for row in stencil_rows(lattice.steps)[1] for one in row]
         mask = np.zeros_like(lattice.mask)
         for k, bit in enumerate(bits):
             mask |= np.where(lattice.mask & np.uint32(bit), np.uint32(1 << k), np.uint32(0))
         self.data = self.force_algorithm.Forces()
         upload_fields(self.data, model.device, mask=mask)
+        if lattice.rimmed:
+            upload_fields(self.data, model.device, kind=lattice.kind)
         self.data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
-        self.data.constants = records_of_three(model, constants)
+        self.data.constants = records_of_three(model, constants.reshape(-1, 3))
 
     def _clear(self, model: Model, fracture: Fracture, numbers: NDArray[np.int32]) -> None:
         """Clear the mask bits of broken springs; `numbers`: the spring by direction and first particle, or −1."""
@@ -275,7 +247,7 @@ def lanes(model: Model, tears: bool = False) -> int:
     lattice = model.lattice
     if model.force_algorithm == "scatter" or not model.device.is_cuda or tears:
         return 1
-    if lattice is not None and not lattice.uniform:
+    if lattice is not None and not (lattice.uniform or lattice.rimmed):
         return 1
     ends = 2 * (len(lattice.steps) * model.particle_count if lattice else model.connection_count)
     table = LANES[model.force_algorithm, "many" if ends > MANY_NEIGHBOURS * model.particle_count else "few"]
