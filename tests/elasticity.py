@@ -27,6 +27,15 @@ def stiffness_matrix(system: System) -> csc_matrix:
     return coo_matrix(entries, (n * dim, n * dim)).tocsc()
 
 
+def deflection_matrix(system: System) -> csc_matrix:
+    """Return the stiffness of a flat sheet against deflections [N/m]: of a connection with force F, F over l."""
+    i, j = system.connections.T
+    across = system.stiffness * (1 - system.rest_length / system.length)
+    entries = np.concatenate([across, across, -across, -across])
+    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
+    return csc_matrix((entries, (rows, columns)), (system.particle_count, system.particle_count))
+
+
 def displacement(system: System, force: np.ndarray, conditions: list[np.ndarray]) -> np.ndarray:
     """Return the displacement under a static force such that the product with each condition is 0."""
     matrix = stiffness_matrix(system)

@@ -123,16 +123,6 @@ def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.flo
     return count[count > 0] / 2.0 ** (len(step) - np.count_nonzero(step))
 
 
-def second_cells(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
-    """Return the fraction, from 0 to 1, of cells beside a double step that are whole along both steps.
-
-    Ordered as by `ends_of`: points of a plane grid that have a neighbour two steps further.
-    """
-    here, there = ends_of(step, whole.shape)
-    count = _cells_of(whole[here] & whole[there], step)
-    return count / 2.0 ** (len(step) - np.count_nonzero(step))
-
-
 def first_loose(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> tuple[int, ...] | None:
     """Return the first point of a mask that is no corner of a whole cell; None if there is none."""
     loose = mask & (_cells_of(whole, (0,) * mask.ndim) == 0)

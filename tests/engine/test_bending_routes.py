@@ -7,8 +7,8 @@ import pytest
 from stencils import lattice_of
 from tangles import FAR, PRECISIONS, assert_forces_are_right, every_route, moving
 
-from msdwarp import Material, Simulation, System, box, lattice, sheet
-from msdwarp.engine.model.lattice import find_lattice, step_of
+from msdwarp import Ensemble, Material, Simulation, System, box, lattice, sheet
+from msdwarp.engine.model.lattice import NotALattice, find_lattice, step_of
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
 
@@ -40,12 +40,41 @@ def test_a_stencil_reads_the_connections_and_nothing_else(name):
     lattice_of(SHEETS[name])
 
 
-def test_a_sheet_of_constants_is_a_uniform_lattice():
+def test_a_sheet_of_constants_is_a_lattice_of_few_kinds():
     found = find_lattice(SHEETS["sheet 8"])
-    assert found.uniform
+    assert found.rimmed
     assert found.steps[4:] == ((2, 0, 0), (0, 2, 0), (2, 2, 0), (2, -2, 0))
     rows = [-14, -7, 0, 7, 14]
     assert found.shift.tolist() == rows
+    # Along each axis a particle is one of the three next to either rim, or farther inside.
+    assert find_lattice(sheet((40, 30), **CONSTANTS)).kind.max() + 1 == 49
+
+
+@pytest.mark.parametrize(
+    "values", [np.linspace(0.1, 0.5, 300), np.array([0.1, 0.5])], ids=["springs", "particles"]
+)
+def test_a_sheet_of_too_many_kinds_is_no_lattice(values):
+    damping = np.random.default_rng(1).choice(values, sheet((40, 35)).connection_count)
+    with pytest.raises(NotALattice, match="in more than 256 ways"):
+        find_lattice(sheet((40, 35), **CONSTANTS | {"damping": damping}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("break_strain", [0.05, np.inf])
+def test_a_stencil_of_kinds_moves_and_tears_worlds_as_scattering_does(break_strain):
+    body = SHEETS["sheet 8"].pin(np.arange(42) < 7)
+    body = body.replace(break_strain=np.where(body.between_neighbours, break_strain, np.inf))
+    worlds, how = {"gravity": [40.0, 20.0]}, {"device": "cpu", "precision": "float64", "substeps": 40}
+    found = []
+    for force_algorithm in ("scatter", "stencil"):
+        one = Simulation(body, gravity=40.0, force_algorithm=force_algorithm, **how)
+        both = Ensemble(body, 2, **worlds, force_algorithm=force_algorithm, **how)
+        one.step(20)
+        both.step(20)
+        found.append(np.stack([one.frame().position, *both.frame().position]))
+        assert np.isfinite(one.snapshot().broken_at).any() == np.isfinite(break_strain)
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-10)  # 800 substeps of positions of 5 m, rounded
+    np.testing.assert_allclose(found[1][0], found[1][1], rtol=0, atol=1e-10)
 
 
 def test_second_neighbours_are_read_one_particle_at_a_time():

@@ -103,6 +103,22 @@ def test_a_cantilever_bends_as_a_beam(device):
 
 
 @pytest.mark.slow
+def test_two_pinned_particles_clamp_a_rod_midway_between_them(plain_device):
+    error = []
+    for count in (11, 21):
+        spacing = LENGTH / (count - 1)
+        clamped = rod(count, spacing, radius=RADIUS, material=WIRE).pin([0, 1])
+        simulation = Simulation(clamped, gravity=0.01, device=plain_device, precision="float64")
+        simulation.settle(1e-7)
+        weight = WIRE.density * math.pi * RADIUS**2 * 0.01
+        beam = weight * ((count - 1.5) * spacing) ** 4 / (8 * RIGIDITY)
+        error.append(abs(-simulation.frame().position[-1, 2] / beam - 1))
+    # Of second order; from either particle, half a spacing away, the length to the fourth power is off by 10 %.
+    assert error[1] < 0.002
+    assert error[1] < error[0] / 3
+
+
+@pytest.mark.slow
 def test_a_free_rod_rings_at_its_frequency(plain_device):
     # The first mode of a free beam: (4.730/L)² √(E I/(ρ A)) (Rao, Mechanical Vibrations, 8.5).
     count, beta = 41, 4.73004
