@@ -21,7 +21,7 @@ def joined(lattice: Lattice, count: int) -> list[tuple]:
     """Return (particle, neighbour, rest length, stiffness, damping) of all that a stencil does not mask."""
     found = []
     for direction, bit, there in reads(lattice, count):
-        column = direction if len(lattice.constants["stiffness"]) == 1 else bit.bit_length() - 1
+        column = direction if lattice.uniform else bit.bit_length() - 1
         for i in np.flatnonzero(lattice.mask & np.uint32(bit)):
             own = (lattice.constants[name][lattice.kind[i], column] for name in CONSTANTS)
             found.append((int(i), int(there[i]), *map(float, own)))

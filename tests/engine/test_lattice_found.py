@@ -157,6 +157,7 @@ def test_different_shapes_have_shifts_by_particle():
     assert not lattice.uniform
     assert lattice.shift.shape == (len(stencil_rows(lattice.steps)[0]), 27 + 24)
     assert not lattice.kind.any()  # their constants are the same
+    assert lattice.constants["stiffness"].shape == (1, 26)
 
 
 SEVERAL = {

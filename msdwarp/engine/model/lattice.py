@@ -26,7 +26,7 @@ class Lattice(NamedTuple):
     kind: NDArray[np.int32]
     """Row of `constants` for each particle, shape [particle_count]; all 0 if there is one kind."""
     constants: dict[str, NDArray[np.float64]]
-    """Rest length, stiffness and damping, each of shape [1, direction_count] if there is one kind.
+    """Rest length, stiffness and damping, each of shape [1, direction_count] if the lattice is `uniform`.
 
     Otherwise [kind_count, 2 direction_count]: of each neighbour, in the order of the mask's bits.
     """
@@ -161,6 +161,8 @@ def find_lattice(system: System) -> Lattice:
     try:
         kinds, constants = _constants(system, parts, len(steps))
         kind = _kind_by_particle(system, parts, kinds)
+        if shift is None or len(constants["stiffness"]) > 1:
+            constants = {name: np.tile(values, 2) for name, values in constants.items()}
     except NotALattice:
         if max(map(max, steps)) < 2:  # sheets that resist bending have other constants along their rims
             raise
@@ -236,7 +238,7 @@ def _constants(
 ) -> tuple[dict[int, int], dict[str, NDArray[np.float64]]]:
     """Return the kind of each body that is a lattice, and the constants of each kind by name.
 
-    Each array of constants is as in `Lattice`.
+    Each array of constants has shape [kind_count, direction_count].
     """
     bodies = np.zeros((len(system.directions), len(CONSTANTS), direction_count))
     for part in parts:
@@ -249,8 +251,7 @@ def _constants(
     named = sorted({part.body for part in parts})  # bodies without directions have no constants
     kinds, kind = np.unique(bodies[named], axis=0, return_inverse=True)
     of_body = dict(zip(named, map(int, kind.ravel()), strict=True))
-    ends = 1 if len(kinds) == 1 else 2
-    return of_body, {name: np.tile(kinds[:, k], ends) for k, name in enumerate(CONSTANTS)}
+    return of_body, {name: kinds[:, k] for k, name in enumerate(CONSTANTS)}
 
 
 def _kind_by_particle(system: System, parts: list[_Part], kinds: dict[int, int]) -> NDArray[np.int32]:
