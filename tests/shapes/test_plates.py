@@ -44,8 +44,8 @@ every_kind = pytest.mark.parametrize("make", KINDS.values(), ids=KINDS.keys())
 RIMS = ("supported", "clamped", "free")
 
 
-def plate(make: Callable, cells: int, rim: str, **kind) -> tuple[System, np.ndarray, float]:
-    """Return (square sheet, which particles can move, side over that of theory) with `cells` between its rims.
+def plate(make: Callable, cells: int, rim: str, **kind) -> tuple[System, np.ndarray, int]:
+    """Return (square sheet, which particles can move, cells on a side) with `cells` between its rims.
 
     Two pinned rows clamp midway between them.
     """
