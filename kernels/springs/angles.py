@@ -145,7 +145,8 @@ def angle_energies(dim: int, scalar: type, AngleTable: Any):
         q = wp.normalize(f)
         cosine = wp.dot(p, q)
         half = wp.max(one + cosine, wp.float64(FOLDED))
-        energy[w, n] = wp.float64(2.0) * wp.float64(angles.stiffness[n]) * (one - cosine) / half
+        bent = p - q  # |p − q|² is 2 (1 − C), without the cancellation in small angles
+        energy[w, n] = wp.float64(angles.stiffness[n]) * wp.dot(bent, bent) / half
         square = one - cosine * cosine
         power[w, n] = wp.float64(0.0)
         if square > wp.float64(STRAIGHT * STRAIGHT):

@@ -89,7 +89,7 @@ class StepController:
     floor: float = 0.0
     """The least energy so far, plus accepted physical gains [J]."""
     scale: float = 0.0
-    """Largest kinetic and elastic energy so far, with a small weight for motion of the whole body [J]."""
+    """Largest kinetic and stored energy so far, with a small weight for motion of the whole body [J]."""
     rounding: float = 0.0
     """The part of the scale that allows for float32 rounding [J]; 0 if it is nearly all, as in a body at rest."""
     low: float = 0.0
@@ -143,7 +143,7 @@ class StepController:
         """Start, or continue after a change, from a state whose energy is `above` the lowest energy so far [J]."""
         balance, model, state = stepping.balance(), stepping.model, stepping.state
         # Rounding errors of ten seconds add up to several hundred times one error.
-        fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(model, state)
+        fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(stepping.assembly, state)
         self.scale = fall + rounding
         separable = model.precision != "float64" and max(fall, balance.inner) > ROUNDED * rounding
         self.rounding = rounding if separable else 0.0
@@ -262,7 +262,8 @@ class StepController:
 
     def _accept_gain(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
         """Accept a frame with an unexplained rise of energy if the total rise is small."""
-        gained = (balance.energy - self.floor) / self._scale_of(balance)
+        rise, scale = balance.energy - self.floor, self._scale_of(balance)
+        gained = rise / scale if scale > 0.0 else math.inf
         if gained > MOST_GAINED:
             raise StepControlFailed(stepping, gained)
         self.least = balance.energy

@@ -141,12 +141,6 @@ class MouseSpring(Load):
         """Rest lengths [m]: 0, so that forces are equal in all directions."""
         return np.zeros(len(self.on))
 
-    def stored(self, position: NDArray) -> float:
-        """Return the energy of the springs [J] for all particles at `position` [m], shape [particle_count, d]."""
-        if not len(self.on):
-            return 0.0
-        return 0.5 * float(self.stiffness @ ((position[self.on] - self.to) ** 2).sum(axis=1))
-
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the mask of the held particles, which may be none, shape [particle_count]."""
         return mask_of(self.on, system.particle_count)

@@ -29,17 +29,18 @@ class Baseline(NamedTuple):
     energy: Any
     """Energy at the start: kinetic, elastic, gravitational, and stored by effects, minus the work of loads [J]."""
     scale: Any
-    """Kinetic and elastic energy at the start, plus the weight times the system's size [J]."""
+    """Kinetic, elastic and other stored energy at the start, plus the weight times the system's size [J]."""
 
     @classmethod
     def of(cls, assembly: Assembly, state: State) -> Self:
         """Return the baseline of a run that starts in this state."""
         start, model = measure(assembly, state), assembly.model
         scale = start.kinetic_energy + start.elastic_energy + weight(model) * size(state)
+        scale += np.maximum(start.effect_energy, 0.0)  # cells of negative modulus store less than nothing
         # Moving a body out of an obstacle adds energy.
         if assembly.colliders is not None:
             scale += model.of_each(assembly.colliders.brings_in(model))
-        return cls(start.energy - start.external_work, scale + rounding_energy(model, state))
+        return cls(start.energy - start.external_work, scale + rounding_energy(assembly, state))
 
 
 class DivergenceMonitor:
@@ -47,8 +48,8 @@ class DivergenceMonitor:
 
     The kinetic, elastic and gravitational energy at the start can only change form or turn to heat. So kinetic
     plus gravitational energy never exceeds the energy at the start plus the work of loads, drives and moving
-    obstacles. A run has diverged if it exceeds this bound by more than `energy_limit` times the scale: the kinetic
-    and elastic energy at the start plus the weight times the system's size.
+    obstacles. A run has diverged if it exceeds this bound by more than `energy_limit` times the scale: the
+    kinetic, elastic and other stored energy at the start plus the weight times the system's size.
     """
 
     def __init__(

@@ -112,14 +112,22 @@ class Sums:
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
-    def launch(self, x: wp.array, u: wp.array, v: wp.array, x_lost: wp.array | None, found: wp.array) -> None:
+    def launch(
+        self,
+        x: wp.array,
+        u: wp.array,
+        v: wp.array,
+        x_lost: wp.array | None,
+        found: wp.array,
+        more: wp.array | None = None,
+    ) -> None:
         """Launch the sums for positions x, velocities v and the method's velocities u; a graph may record it.
 
-        `x_lost` are the rounding errors of x.
+        `x_lost` are the rounding errors of x; `more` is work to add to that of loads [J].
         """
         model = self._model
         if self._work is not None and self._shares is not None:
-            self._work.launch(x, u, self._shares)
+            self._work.launch(x, u, self._shares, more)
         compensated = model.compensated and x_lost is not None and self._everything
         how = model.dim, model.scalar, model.in_worlds, self._everything
         inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]

@@ -10,9 +10,11 @@ import numpy as np
 from ...kernels.reductions import columns
 from ..model.model import Model
 from ..model.state import State
+from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
 from ..stepping.velocities import kicked
 from .energies import Sums
+from .rate_bounds import effect_stiffness
 from .readout import Found
 
 FEW = 32**3
@@ -27,7 +29,7 @@ class EnergyBalance(NamedTuple):
     swing: float
     """Physical energy minus the energy that the method conserves [J]."""
     inner: float
-    """Kinetic energy about the centre of mass plus elastic energy [J]."""
+    """Kinetic energy about the centre of mass plus elastic and other stored energy [J]."""
     kinetic: float
     """Kinetic energy [J]."""
     free: float
@@ -35,7 +37,7 @@ class EnergyBalance(NamedTuple):
     strain: float
     """Largest |l / l0 − 1|."""
     work: float = 0.0
-    """Work of loads, drives and moving obstacles [J], known to first order in the step."""
+    """Work of loads, drives and moving obstacles [J]; that of drives and obstacles to first order in the step."""
 
 
 class EnergySums:
@@ -43,7 +45,8 @@ class EnergySums:
 
     v += h a(x), x += h v conserves ½ Σ m v_(n−½)·v_(n+½) + U(x_n) exactly in linear motion, up to the limit of
     stability; docs/stability.md derives it. If v is the mean of both velocities, this energy is K(v) + U minus the
-    `swing` ½ Σ m |v − v_(n−½)|². Other methods can only decrease K + U.
+    `swing` ½ Σ m |v − v_(n−½)|². Other methods can only decrease K + U. The work of a force over a substep is
+    h f_n·(v_(n−½) + v_(n+½))/2. With half of the last one, (h/2) f_n·v_(n−½), energy minus work is constant too.
 
     `lag` is the time by which velocities lag behind positions [s]: h/2 here, 0 for methods without a lag.
     """
@@ -53,14 +56,19 @@ class EnergySums:
         self._model, self._sums = dynamics.model, Sums(dynamics.assembly)
         self._mass, self._work = mass(self._model), dynamics.assembly.external_work
         self._v = state.model.vectors() if lag else state.v
+        self._half_kick = self._work.half_kick if self._work is not None and lag else None
         self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
         """Launch the sums of the balance, and of `DivergenceMonitor.look`; a graph may record both."""
         now = self._state.state_in
+        more = None if self._half_kick is None else self._half_kick.done
+        if more is not None:
+            more.zero_()
         if self._lag:
-            kicked(self._dynamics, self._state, self._lag, self._v)
-        self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
+            with self._dynamics.working(self._half_kick):
+                kicked(self._dynamics, self._state, self._lag, self._v)
+        self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out, more)
 
     def balance(self, found: list[float]) -> EnergyBalance:
         """Return the balance of the current state, from the sums in `found`."""
@@ -74,7 +82,8 @@ class EnergySums:
         if not model.pinned:
             momentum = found[columns.MOMENTUM : columns.MOMENTUM + model.dim]
             together = 0.5 * sum(one * one for one in momentum) / self._mass
-        inner = max(kinetic - together, 0.0) + elastic
+        # Cells of negative modulus store less than nothing; the springs beside them then store more.
+        inner = max(kinetic - together, 0.0) + elastic + max(stored, 0.0)
         return EnergyBalance(energy, swing, inner, kinetic, free, found[columns.STRAIN], work)
 
 
@@ -112,14 +121,16 @@ def size(state: State) -> Any:
     return state.model.of_each(np.where(extent > 0, extent, 1.0))
 
 
-def rounding_energy(model: Model, state: State) -> Any:
-    """Return an allowance for rounding [J]: 1000 times the energy of springs stretched by rounded positions.
+def rounding_energy(assembly: Assembly, state: State) -> Any:
+    """Return an allowance for rounding [J]: 1000 times the energy of springs and effects at rounded positions.
 
     The factor allows for rounding errors of many substeps, which add up. Compensated sums keep the rounding errors
-    of positions, so only the lengths of springs are rounded.
+    of positions, so only the lengths of springs are rounded; the energies of effects are measured without them.
     """
+    model = assembly.model
     place = np.abs(model.by_world(state.x.numpy())).max(axis=(1, 2)).astype(np.float64)
-    if model.compensated and model.connection_count:
-        place = model.row_of("rest_length").max(axis=1)
-    off = float(np.finfo(model.dtype).eps) * model.of_each(place)
-    return 1e3 * model.of_each(model.row_of("stiffness").sum(axis=1)) * off**2
+    length = model.row_of("rest_length").max(axis=1) if model.compensated and model.connection_count else place
+    springs, effects = model.row_of("stiffness").sum(axis=1), effect_stiffness(assembly, state)
+    pairs = (springs, length), (effects, place)
+    square = sum(model.of_each(stiffness) * model.of_each(off) ** 2 for stiffness, off in pairs)
+    return 1e3 * float(np.finfo(model.dtype).eps) ** 2 * square

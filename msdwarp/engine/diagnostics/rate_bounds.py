@@ -114,6 +114,14 @@ def acts_on_rates(effects: Sequence[Effect]) -> bool:
     return any(one.overrides("add_blocks", "add_resistance") for one in effects)
 
 
+def effect_stiffness(assembly: Assembly, state: State) -> NDArray[np.float64]:
+    """Return the stiffness of effects for motion of single particles, summed [N/m], shape [different]."""
+    blocks = zero_blocks(assembly.model)
+    if acts_on_rates(assembly.all):
+        _with_effects(assembly, state, blocks)
+    return 0.5 * np.trace(blocks[0].numpy(), axis1=2, axis2=3).sum(axis=1)
+
+
 def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
     """Add effects' parts to `blocks`; return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
     model, contact = assembly.model, assembly.body_contact if assembly.model.in_worlds else None

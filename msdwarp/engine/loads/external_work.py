@@ -1,6 +1,7 @@
 """Work of loads on a system."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -79,6 +80,21 @@ class Work(Effect):
             setattr(self.data, name, wp.array(rows, dtype=wp.float64, device=self._device))
             setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
 
+    @property
+    def half_kick(self) -> Any:
+        """Data with which a kick by half a substep sums the work of its forces only, in an array of its own.
+
+        With the work of this half kick, energy minus work is constant where the energy of a potential is: see
+        `EnergySums`. None if forces do no work that kernels sum, or velocities do not lag behind positions.
+        """
+        if not (self._counts and len(self._done) and self.steps.lagging):
+            return None
+        data, device = self.piece.Data(), self._device
+        data.done, data.last = wp.zeros_like(self._done), self._last
+        data.weight = wp.full(len(self.data.weight), self._remaining, dtype=wp.float64, device=device)
+        data.weight_of_last = wp.zeros_like(data.weight)
+        return data
+
     def settle(self, x: wp.array, v: wp.array) -> None:
         """Add the remaining half of the last force's work, before velocities are changed from outside."""
         done = self.totals(x, v)
@@ -91,13 +107,13 @@ class Work(Effect):
         threads = max(1, min(self._model.particle_count // 8, most)) if self._device.is_cuda else 1
         return wp.zeros(self._model.worlds * threads, dtype=wp.float64, device=self._device)
 
-    def launch(self, x: wp.array, v: wp.array, shares: wp.array) -> None:
-        """Launch the sums for positions x and the method's velocities v; a graph may record it."""
+    def launch(self, x: wp.array, v: wp.array, shares: wp.array, more: wp.array | None = None) -> None:
+        """Launch the sums for positions x, the method's velocities v and `more` work; a graph may record it."""
         model = self._model
         inputs = [model.particle_count, model.stride, model.worlds, self._done, self._last, v, self._remaining]
         inputs += [self._combination, self._steady, x]
         wp.launch(self._sum, len(shares), inputs, [shares], device=self._device)
-        for done in self._others.values():
+        for done in (*self._others.values(), *([] if more is None else [more])):
             wp.launch(add_work, len(shares), [done.flatten(), model.worlds], [shares], device=self._device)
 
     def totals(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
