@@ -2,7 +2,7 @@
 
     python -m benchmarks.accuracy.materials [--device D] [--quick] [--plot-only]
 
-Three questions, each a CSV; all bodies are led to equilibrium by `Simulation.settle`:
+Four questions, each a CSV; bodies are led to equilibrium by `Simulation.settle`:
 
 - material_bar.csv: a bar is pulled at its ends, with nothing else held, until it is about 1 % and 10 % longer.
   Which Poisson's ratio and Young's modulus does its middle show? By logarithmic strains, and by nominal stress.
@@ -12,6 +12,8 @@ Three questions, each a CSV; all bodies are led to equilibrium by `Simulation.se
   The clamped end hinders the contraction across, which theory does not know.
 - material_block.csv: a cube is bonded to two plates and compressed by 0.01 % and 30 %. Is it as stiff as by finite
   elements (scikit-fem, 8³ hexahedra of second order in an eighth, small strain)? How small is the smallest cell?
+- material_steps.csv: how many substeps does stability ask for, with dampers and without, over those of springs
+  alone that are damped alike? A bar and a cube, each of one material.
 """
 
 import warnings
@@ -27,21 +29,31 @@ from ..common import arguments, machine, pyplot, read_csv, save, table, write_cs
 RATIOS = (0.0, 0.1, 0.25, 0.35, 0.45, 0.49)
 ACROSS = (4, 6, 8)
 MODULUS, SPACING = 1e5, 0.05
-PARTS = ("bar", "bending", "block")
+PARTS = ("bar", "bending", "block", "steps")
+BODIES = {"bar 2 × 2 × 40": (3, 3, 41), "cube 10 × 10 × 10": (11, 11, 11)}
 
 
-def material(ratio: float | None) -> Material:
+def material(ratio: float | None, damping_ratio: float = 0.0) -> Material:
     """Return the material of all bodies."""
-    return Material(density=1000.0, youngs_modulus=MODULUS, poissons_ratio=ratio)
+    return Material(1000.0, MODULUS, damping_ratio, poissons_ratio=ratio)
 
 
-def cost(shape: tuple[int, int, int], ratio: float, device: str) -> float:
+def cost(shape: tuple[int, int, int], ratio: float, device: str, damping_ratio: float = 0.0) -> float:
     """Return the least number of substeps over that of springs alone."""
-    limits = [
-        Simulation(box(shape, SPACING, material=material(one)), gravity=0.0, device=device).choice.limit
-        for one in (None, ratio)
-    ]
+    stuffs = [material(one, damping_ratio) for one in (None, ratio)]
+    bodies = [box(shape, SPACING, material=stuff) for stuff in stuffs]
+    limits = [Simulation(body, gravity=0.0, device=device).choice.limit for body in bodies]
     return limits[0] / limits[1]
+
+
+def measure_steps(options: Any) -> list[dict[str, Any]]:
+    """Measure the substeps that stability asks for, over those of springs alone with the same damping ratio."""
+    return [
+        {"body": name, "damping_ratio": zeta, "ratio": ratio, "times": cost(shape, ratio, options.device, zeta)}
+        for name, shape in BODIES.items()
+        for zeta in (0.0, 0.05)
+        for ratio in RATIOS
+    ]
 
 
 def settled(system: System, device: str, tolerance: float, loads: Any = ()) -> Simulation:
@@ -190,7 +202,7 @@ def main() -> None:
     """Measure, write, print and draw."""
     options = arguments(__doc__.splitlines()[0])
     paths = {part: options.folder / f"material_{part}.csv" for part in PARTS}
-    measures = {"bar": measure_bar, "bending": measure_bending, "block": measure_block}
+    measures = {"bar": measure_bar, "bending": measure_bending, "block": measure_block, "steps": measure_steps}
     for part, path in paths.items():
         if not options.plot_only:
             write_csv(path, measures[part](options), machine(options.device))

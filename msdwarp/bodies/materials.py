@@ -65,7 +65,10 @@ class Material:
 
     **Damping.** Every connection has b = β k with β = 2 ζ/ω₁, where ω₁ = π c/L and c = √(E/ρ): ζ is the damping
     ratio of the slowest longitudinal mode of a free bar as long as the body, whatever the spacing. L is the
-    body's longest extent along an axis. A mode of frequency ω has the damping ratio ζ ω/ω₁.
+    body's longest extent along an axis. A mode of frequency ω has the damping ratio ζ ω/ω₁. Cells have c = β κ,
+    at most β μ: above ν = 1/3 their dampers would shorten the step ever more, although volumes hardly change. For
+    the same ζ a solid's β is then larger by 1/(1 − φ), at most 1.03, with the fraction φ = (κ − μ)(1 − 2 ν)²/E =
+    (3 ν − 1)(1 − 2 ν)/(1 + ν) of a stretched bar's energy without a damper; and so is the damping of shear.
 
     Parameters
     ----------
@@ -139,9 +142,16 @@ class Material:
             poisson = 1 / 3 if diagonals else 0.0
         return self.youngs_modulus * thickness**3 / (12 * (1 - poisson**2))
 
-    def damping_time(self, length: float) -> float:
-        """Return β = b/k for a body of this length [s]."""
-        return 2 * self.damping_ratio * length / (math.pi * self.wave_speed)
+    def damped_modulus(self, axes: int, section: float = 1.0) -> float:
+        """Return c/β of cells, κ or at most the shear modulus, of a solid [Pa] or sheet [N/m]."""
+        shear = self._modulus_of_springs(axes) * section / _OVER_SHEAR.get(axes, 1.0)
+        return min(self.cell_modulus(axes, section), shear)
+
+    def damping_time(self, length: float, axes: int = 1) -> float:
+        """Return β = b/k for a body of this length with this number of axes [s]."""
+        nu = 0.0 if self.poissons_ratio is None or axes < 3 else self.poissons_ratio
+        undamped = max(0.0, (3 * nu - 1) * (1 - 2 * nu) / (1 + nu))
+        return 2 * self.damping_ratio * length / (math.pi * self.wave_speed) / (1 - undamped)
 
 
 # Values are midpoints of the quoted ranges; damping ratios are half the loss factor, which depends on frequency,

@@ -35,6 +35,7 @@ from .diagnostics.probes import GroupMeans as GroupMeans, Sensors as Sensors, se
 from .diagnostics.rate_bounds import (
     Rates as Rates,
     rate_bounds as rate_bounds,
+    rates_by_part as rates_by_part,
     resists as resists,
     world_rates as world_rates,
 )

@@ -12,6 +12,7 @@ from .stability import (
     SAFETY as SAFETY,
     StepChoice as StepChoice,
     UnstableStep as UnstableStep,
+    asked_by as asked_by,
     choose_forced as choose_forced,
     choose_stable as choose_stable,
     match_stiffness as match_stiffness,

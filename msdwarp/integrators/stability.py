@@ -12,7 +12,8 @@ A stretched spring also has the transverse stiffness k (1 − l0/l); a damper ha
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 from .. import checks
 from ..bodies import System, scaled_parts
@@ -47,6 +48,8 @@ class StepChoice:
         Frames per second.
     refinement
         Factor on the number that stability requires, increased because energy grew or a frame diverged.
+    asked
+        Function that returns, as text, how many substeps each part of the scene asks for in its present state.
     """
 
     rates: Rates
@@ -55,6 +58,7 @@ class StepChoice:
     substeps: int
     fps: float
     refinement: float = 1.0
+    asked: Callable[[], str] = field(default=str, compare=False, repr=False)
 
     def refined(self, refinement: float) -> "StepChoice":
         """Return the choice of `refinement` times the number of substeps that stability requires."""
@@ -82,7 +86,7 @@ class StepChoice:
         finer = f"; {self.refinement:.3g} times as many as for small motions" if self.refinement > 1 else ""
         return (
             f"{self.substeps} substeps a frame (stability needs at least {self.least}: fastest oscillation at "
-            f"most {frequency:.3g} Hz, damping ratio {zeta}{finer})"
+            f"most {frequency:.3g} Hz, damping ratio {zeta}{finer}{self.asked()})"
         )
 
 
@@ -110,6 +114,16 @@ def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY)
     free = integrator.stable_step(rates._replace(damping=rates.limited_damping))
     reserved = (1.0 - rates.limited_share) * free
     return max(limit, reserved), max(safety * limit, min(reserved, safety * free))
+
+
+def asked_by(parts: Mapping[str, Rates], integrator: Integrator, fps: float) -> str:
+    """Return as text how many substeps a frame parts ask for: the three with the largest numbers."""
+    limits = {name: _longest_steps(rates, integrator)[0] for name, rates in parts.items()}
+    asked = {name: max(1, math.ceil(1.0 / (fps * limit))) for name, limit in limits.items() if limit > 0.0}
+    most = sorted(asked, key=asked.__getitem__, reverse=True)[:3]
+    verb = " asks" if most and most[0].startswith("damping") else " ask"
+    told = [f"{name}{'' if k else verb} for {asked[name]}" for k, name in enumerate(most)]
+    return f"; {', '.join(told)}" if told else ""
 
 
 def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:

@@ -117,7 +117,7 @@ def _constants_of(
     shares = [by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step) for step in steps]
     stiffness = np.concatenate(shares)
     longest = max(int(np.ptp(points)) for points in np.nonzero(mask))
-    time = material.damping_time(spacing * longest)
+    time = material.damping_time(spacing * longest, axes)
     return {
         "mass": material.cell_mass(axes, spacing, section) * cell_shares(whole, (0,) * axes),
         "stiffness": stiffness,
@@ -139,8 +139,9 @@ def _cells_of(
     if modulus == 0.0:
         return None
     corners = cell_corners(mask, whole)
+    damping = time * material.damped_modulus(mask.ndim, section)
     volume = uniform(spacing**mask.ndim, len(corners))
-    return Cells(corners=corners, rest_volume=volume, modulus=modulus, damping=time * modulus)
+    return Cells(corners=corners, rest_volume=volume, modulus=modulus, damping=damping)
 
 
 def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:

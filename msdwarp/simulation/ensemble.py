@@ -162,7 +162,7 @@ class Ensemble(Differentiable):
         choices = list[StepChoice]()
         for k, rates in enumerate(world_rates(assembly, state)):
             try:
-                choices.append(self._choose(rates))
+                choices.append(self._choose(rates, assembly, state, k))
             except UnstableStep as error:
                 raise UnstableStep(f"in world {k} {error}") from error
         how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}

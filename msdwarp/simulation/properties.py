@@ -1,6 +1,7 @@
 """Properties of simulations and ensembles that can be read between two frames."""
 
-from typing import NoReturn
+from dataclasses import replace
+from typing import Any, NoReturn
 
 import numpy as np
 import warp as wp
@@ -8,8 +9,16 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..engine import Assembly, Measures, Model, Rates, State, measure
-from ..integrators import Integrator, StepChoice, SymplecticEuler, choose_forced, choose_stable
+from ..engine import Assembly, Measures, Model, Rates, State, measure, rates_by_part
+from ..integrators import (
+    Integrator,
+    StepChoice,
+    SymplecticEuler,
+    UnstableStep,
+    asked_by,
+    choose_forced,
+    choose_stable,
+)
 from ..runtime import ReleasedInTurn, in_turn
 from .arguments import given_substeps
 from .pinned_staging import to_host
@@ -62,11 +71,22 @@ class Present(ReleasedInTurn):
         self._allow_unstable = allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
 
-    def _choose(self, rates: Rates) -> StepChoice:
-        """Return the substeps for these rates; raise UnstableStep if the requested substeps are too few."""
+    def _choose(self, rates: Rates, *scene: Any) -> StepChoice:
+        """Return the substeps for these rates; raise UnstableStep if the requested substeps are too few.
+
+        `scene` are arguments of `rates_by_part`, which is called for messages only.
+        """
+
+        def asked() -> str:
+            return asked_by(rates_by_part(*scene), self._method, self.fps)
+
+        given = rates, self._method, self.fps, self._forced
         if self._forced is not None and self._allow_unstable:
-            return choose_forced(rates, self._method, self.fps, self._forced)
-        return choose_stable(rates, self._method, self.fps, self._forced, self._safety)
+            return replace(choose_forced(*given), asked=asked)
+        try:
+            return replace(choose_stable(*given, self._safety), asked=asked)
+        except UnstableStep as error:
+            raise UnstableStep(f"{error}{asked()}") from None
 
     @property
     def assembly(self) -> Assembly:

@@ -236,7 +236,7 @@ class Simulation(Changing, Differentiable):
         refinement, above = 1.0, 0.0
         if controller is not None and controller.scale > 0:
             refinement, above = controller.refinement, controller.above_floor(self.stepping)
-        choice = choice or self._choose(rate_bounds(system, assembly, state)).refined(refinement)
+        choice = choice or self._stable_choice(assembly, state).refined(refinement)
         self.stepping = Stepping(
             Dynamics(assembly, threads=threads_for(assembly, self._threads)),
             state,
@@ -313,9 +313,10 @@ class Simulation(Changing, Differentiable):
         except StepControlFailed as failure:
             raise divergence_of(self, self._method, self._inside, failure) from None
 
-    def _stable_choice(self) -> StepChoice:
-        """Return the substeps for the current state; raise UnstableStep if no number is stable."""
-        return self._choose(rate_bounds(self.system, self.assembly, self.state))
+    def _stable_choice(self, *of: Any) -> StepChoice:
+        """Return the substeps for an assembly and a state, by default the current ones; or raise UnstableStep."""
+        assembly, state = of or (self.assembly, self.state)
+        return self._choose(rate_bounds(assembly.model.system, assembly, state), assembly, state)
 
     def _update_choice(self) -> None:
         """Choose the substeps for the current state."""

@@ -1,7 +1,7 @@
 """Sums over the state of each world, computed on the device in float64: energies, momentum and strain."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -93,12 +93,15 @@ class Sums:
     """Launches sums over particles and connections; `msdwarp.kernels.reductions.columns` lists the sums.
 
     If `everything` is false, only the columns that detect divergence are computed, in one pass over the particles.
-    The work of loads is also summed, unless `with_work` is false.
+    The work of loads is also summed, unless `with_work` is false; `more` is work that an array adds to it [J].
     """
 
-    def __init__(self, assembly: Assembly, *, everything: bool = True, with_work: bool = True) -> None:
+    def __init__(
+        self, assembly: Assembly, *, everything: bool = True, with_work: bool = True, more: Any = None
+    ) -> None:
         model, self._everything = assembly.model, everything
         self._model, self._work = model, assembly.external_work if with_work else None
+        self._more = more
         self._shares = None if self._work is None else self._work.shares()
         count = max(model.particle_count, model.connection_count if everything else 0)
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
@@ -112,22 +115,14 @@ class Sums:
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
-    def launch(
-        self,
-        x: wp.array,
-        u: wp.array,
-        v: wp.array,
-        x_lost: wp.array | None,
-        found: wp.array,
-        more: wp.array | None = None,
-    ) -> None:
+    def launch(self, x: wp.array, u: wp.array, v: wp.array, x_lost: wp.array | None, found: wp.array) -> None:
         """Launch the sums for positions x, velocities v and the method's velocities u; a graph may record it.
 
-        `x_lost` are the rounding errors of x; `more` is work to add to that of loads [J].
+        `x_lost` are the rounding errors of x.
         """
         model = self._model
         if self._work is not None and self._shares is not None:
-            self._work.launch(x, u, self._shares, more)
+            self._work.launch(x, u, self._shares, self._more)
         compensated = model.compensated and x_lost is not None and self._everything
         how = model.dim, model.scalar, model.in_worlds, self._everything
         inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]

@@ -53,22 +53,24 @@ class EnergySums:
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:
         self._dynamics, self._state, self._lag = dynamics, state, lag
-        self._model, self._sums = dynamics.model, Sums(dynamics.assembly)
-        self._mass, self._work = mass(self._model), dynamics.assembly.external_work
-        self._v = state.model.vectors() if lag else state.v
+        self._model, self._work = dynamics.model, dynamics.assembly.external_work
         self._half_kick = self._work.half_kick if self._work is not None and lag else None
+        self._sums = Sums(dynamics.assembly, more=self._half_kick and self._half_kick.done)
+        self._mass = mass(self._model)
+        self._v = state.model.vectors() if lag else state.v
         self._storing = [one for one in dynamics.assembly.all if one.overrides("energies_and_powers")]
 
     def launch(self, found: Found) -> None:
         """Launch the sums of the balance, and of `DivergenceMonitor.look`; a graph may record both."""
         now = self._state.state_in
-        more = None if self._half_kick is None else self._half_kick.done
-        if more is not None:
-            more.zero_()
+        if self._half_kick is not None:
+            self._half_kick.done.zero_()
+            setattr(self._dynamics.scene, self._work.field, self._half_kick)
         if self._lag:
-            with self._dynamics.working(self._half_kick):
-                kicked(self._dynamics, self._state, self._lag, self._v)
-        self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out, more)
+            kicked(self._dynamics, self._state, self._lag, self._v)
+        if self._half_kick is not None:
+            setattr(self._dynamics.scene, self._work.field, self._work.data)
+        self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
 
     def balance(self, found: list[float]) -> EnergyBalance:
         """Return the balance of the current state, from the sums in `found`."""

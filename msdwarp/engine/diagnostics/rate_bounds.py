@@ -1,11 +1,11 @@
 """Bounds on a system's rates of oscillation and relaxation, in one pass (see `integrators.stability`)."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import LINEAR, System, is_uniform, stored
@@ -16,6 +16,9 @@ from ..model.model import Model
 from ..model.state import State
 from ..springs.linearised import largest_rates, write_diagonal_blocks, zero_blocks
 from ..stepping.assemble import Assembly, assemble
+
+PARTS = {"NoneType": "springs", "AngleSprings": "angles", "CellVolumes": "cells"}
+"""Words for parts of a scene; messages name others by their class."""
 
 
 class Rates(NamedTuple):
@@ -66,7 +69,7 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     model = assembly.model
     blocks = zero_blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
-    bounds = _with_effects(assembly, state, blocks)
+    bounds = _with_effects(assembly, state, blocks, assembly.all)
     effects, limited, share = np.zeros((model.different, 2)), np.zeros(model.different), 0.0
     contact = assembly.body_contact
     if contact is not None and contact.limits_dampers:
@@ -75,17 +78,10 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
         blocks[1].assign(blocks[1].numpy() - damped[..., None, None] * np.eye(model.dim))
         limited = np.where(contact.limiting, largest_rates(model, *blocks)[:, 1], bounds[:, 1])
     if acts_on_rates(assembly.all) and not model.in_worlds:
-        effects = _with_effects(assembly, state, zero_blocks(model))
+        effects = _with_effects(assembly, state, zero_blocks(model), assembly.all)
     return [
-        Rates(
-            stiffness,
-            damping,
-            _least_ratio(model, k),
-            *effects[k],
-            limited_damping=limited[k],
-            limited_share=share,
-        )
-        for k, (stiffness, damping) in enumerate(bounds.tolist())
+        Rates(*rates, _least_ratio(model, k), *effects[k], limited[k], share)
+        for k, rates in enumerate(bounds.tolist())
     ]
 
 
@@ -114,18 +110,43 @@ def acts_on_rates(effects: Sequence[Effect]) -> bool:
     return any(one.overrides("add_blocks", "add_resistance") for one in effects)
 
 
+@in_turn
+def rates_by_part(assembly: Assembly, state: State, world: int = 0) -> dict[str, Rates]:
+    """Return the rates in a world if only the stiffness, or the damping, of springs or of one effect acted.
+
+    Keys are words for the part, with the group of the particle at which the rate is largest.
+    """
+    model, found, contact = assembly.model, dict[str, Rates](), assembly.body_contact
+    mass = model.row_of("mass")[world % len(model.row_of("mass"))]
+    for effect in (None, *assembly.all):
+        blocks, kind = zero_blocks(model), type(effect).__name__
+        if effect is None:
+            write_diagonal_blocks(model, state.x, *blocks)
+        rates = _with_effects(assembly, state, blocks, [effect] if effect else [])[world]
+        word = PARTS.get(kind, re.sub("(?<=.)(?=[A-Z])", " ", kind).lower())
+        for k, what in enumerate(("", "damping of the ")):
+            if rates[k] > 0.0:
+                first = np.argmax(np.trace(blocks[k].numpy()[world], axis1=1, axis2=2) / mass)
+                of = next((f" of {name!r}" for name, some in model.system.groups.items() if first in some), "")
+                both = np.where(np.arange(2) == k, rates, 0.0).tolist()
+                ratio = math.inf if effect or k else _least_ratio(model, world)
+                share = 0.5 * DAMPING_LIMIT if effect and effect is contact and contact.limits_dampers else 0.0
+                found[what + word + of] = Rates(*both, ratio, *(both if effect else ()), limited_share=share)
+    return found
+
+
 def effect_stiffness(assembly: Assembly, state: State) -> NDArray[np.float64]:
     """Return the stiffness of effects for motion of single particles, summed [N/m], shape [different]."""
     blocks = zero_blocks(assembly.model)
     if acts_on_rates(assembly.all):
-        _with_effects(assembly, state, blocks)
+        _with_effects(assembly, state, blocks, assembly.all)
     return 0.5 * np.trace(blocks[0].numpy(), axis1=2, axis2=3).sum(axis=1)
 
 
-def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> NDArray[np.float64]:
-    """Add effects' parts to `blocks`; return bounds of the eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
+def _with_effects(assembly: Assembly, state: State, blocks: Any, effects: Any) -> NDArray[np.float64]:
+    """Add effects' parts to `blocks`; return bounds of eigenvalues of M⁻¹K and M⁻¹B, shape [different, 2]."""
     model, contact = assembly.model, assembly.body_contact if assembly.model.in_worlds else None
-    others = [one for one in assembly.all if one is not contact]
+    others = [one for one in effects if one is not contact]
     for world in range(model.different if acts_on_rates(others) else 0):
         here = slice(world * model.stride, world * model.stride + model.particle_count)
         parts: Any = (state.x[here], state.v[here], *(one[world] for one in blocks))
@@ -136,6 +157,6 @@ def _with_effects(assembly: Assembly, state: State, blocks: list[wp.array]) -> N
             effect.add_resistance(x, v, resistance)
         if resistance.any():
             damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))
-    if contact is not None:  # adds to all worlds in one call
+    if contact is not None and contact in effects:  # adds to all worlds in one call
         contact.add_blocks_of_worlds(*blocks)
     return largest_rates(model, *blocks)

@@ -82,11 +82,7 @@ class Work(Effect):
 
     @property
     def half_kick(self) -> Any:
-        """Data with which a kick by half a substep sums the work of its forces only, in an array of its own.
-
-        With the work of this half kick, energy minus work is constant where the energy of a potential is: see
-        `EnergySums`. None if forces do no work that kernels sum, or velocities do not lag behind positions.
-        """
+        """Data with which a kick by half a substep sums the work of its forces alone; None if there is none."""
         if not (self._counts and len(self._done) and self.steps.lagging):
             return None
         data, device = self.piece.Data(), self._device

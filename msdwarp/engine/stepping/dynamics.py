@@ -201,22 +201,14 @@ class Dynamics:
         """Set effects to a substep's end for forces that are only measured, do no work and belong to no stage."""
         if self.composition.timed:  # the end is the start of the next substep
             self.scene.stage = (substep + 1) * len(self.steps.stage_times)
-        self._measuring = True
-        try:
-            with self.working(self.assembly.external_work and self.assembly.external_work.idle):
-                yield
-        finally:
-            self._measuring = False
-
-    @contextmanager
-    def working(self, data: Any) -> Iterator[None]:
-        """Sum the work of the next forces in other data of `Work`; None for the usual."""
         work = self.assembly.external_work
-        if work is not None and data is not None:
-            setattr(self.scene, work.field, data)
+        if work is not None:
+            setattr(self.scene, work.field, work.idle)
+        self._measuring = True
         try:
             yield
         finally:
+            self._measuring = False
             if work is not None:
                 self._bind(work)
 
