@@ -301,10 +301,18 @@ def gravity(name: str, value: ArrayLike, dim: int) -> NDArray[np.float64]:
     if given.ndim == 0:
         downwards = np.zeros(dim)
         downwards[-1] = -given
+        if given < 0:
+            upwards = f"upwards is the vector {tuple(downwards.tolist())}"
+            raise ValueError(f"{name} is {given:g}; a number is downwards, and must be at least 0; {upwards}")
         return downwards
     if given.shape != (dim,):
         raise ValueError(f"{name} has shape {given.shape}; it must be a number or have shape ({dim},)")
     return given
+
+
+def gravity_of_file(value: Any, dim: int) -> Any:
+    """Return gravity as stored; a number below 0, as version 0.1 allowed, becomes the vector that it meant."""
+    return (0.0,) * (dim - 1) + (-value,) if np.ndim(value) == 0 and (value or 0.0) < 0 else value
 
 
 def point(name: str, value: ArrayLike) -> tuple[float, ...]:

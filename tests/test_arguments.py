@@ -131,6 +131,23 @@ ARRAYS = [  # whose truth value NumPy does not tell
     ),
 ]
 SELECTIONS = [
+    (lambda: BODY.pin([]), "selection is []; it must name one particle at least"),
+    (lambda: BODY.pin(BODY.position[:, 0] > 9), "it must name one particle at least"),
+    (lambda: BODY.replace(groups={"a": []}).pin("a"), "selection is 'a'; it must name one particle at least"),
+    (
+        lambda: msd.join(BODY, BODY, within=1.0, stiffness=1.0, on=([], None)),
+        "on[0] is []; it must name one particle at least",
+    ),
+    (
+        lambda: simulate(gravity=-9.82),
+        "gravity is -9.82; a number is downwards, and must be at least 0; upwards is",
+    ),
+    (lambda: simulate(gravity=-9.82), "upwards is the vector (0.0, 0.0, 9.82)"),
+    (lambda: simulate().change(gravity=-1.0), "gravity is -1; a number is downwards"),
+    (lambda: simulate(schedule=[msd.at(1.0, gravity=-1.0)]), "gravity is -1; a number is"),
+    (lambda: scene(gravity=-9.82), "gravity is -9.82; a number is downwards"),
+    (lambda: msd.Ensemble(BODY, worlds=2, gravity=-9.82, device="cpu"), "gravity is -9.82; a number is"),
+    (lambda: msd.Ensemble(BODY, worlds=2, gravity=[1.0, -9.82], device="cpu"), "gravity"),
     (lambda: BODY.pin(None), "selection does not index 3 particles: it is None; it must be indices, a slice or a"),
     (lambda: BODY.pin(True), "selection does not index 3 particles: it is True"),
     (lambda: BODY.pin([[0], [1, 2]]), "selection does not index 3 particles"),
@@ -216,7 +233,6 @@ def test_indices_that_are_no_mask_stay_indices():
     pair = msd.chain(2)
     np.testing.assert_array_equal(pair.pin([0, 1]).pinned, [True, True])  # both, each once
     np.testing.assert_array_equal(BODY.pin(0).pinned, [True, False, False])
-    np.testing.assert_array_equal(BODY.pin([]).pinned, [False, False, False])
     np.testing.assert_array_equal(BODY.pin([2, 2, 1]).pinned, [False, True, True])
 
 

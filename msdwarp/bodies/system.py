@@ -323,7 +323,7 @@ class System:
         """Return this system with particles pinned.
 
         The selection is the name of a group, indices, a slice, or a mask of booleans, shape [particle_count].
-        Raises ValueError if it is invalid, no group has the name, or an index is out of range.
+        Raises ValueError if it is invalid or empty, no group has the name, or an index is out of range.
         """
         chosen = _chosen("selection", selection, self)
         mass, velocity = np.array(self.mass), np.array(self.velocity)
@@ -384,14 +384,18 @@ def headline(system: System) -> str:
     return f"System of {particles}, {counted(system.connection_count, 'connection')}"
 
 
-def particles_meant(name: str, which: Any, system: System) -> NDArray[np.bool_]:
+def particles_meant(name: str, which: Any, system: System, *, some: bool = True) -> NDArray[np.bool_]:
     """Return a mask of particles, shape [particle_count], for a group's name, indices, a mask, or None for all.
 
-    Raises ValueError naming the argument if there is no such group, or an index is out of range.
+    Raises ValueError naming the argument if there is no such group, an index is out of range, or, with `some`, no
+    particle is meant.
     """
-    return np.ones(system.particle_count, dtype=bool) if which is None else _chosen(name, which, system)
+    return np.ones(system.particle_count, dtype=bool) if which is None else _chosen(name, which, system, some)
 
 
-def _chosen(name: str, which: Any, system: System) -> NDArray[np.bool_]:
-    """Return a mask of particles for a group's name, indices, a slice or a mask."""
-    return system.group(which, name) if isinstance(which, str) else selected(name, which, system.particle_count)
+def _chosen(name: str, which: Any, system: System, some: bool = True) -> NDArray[np.bool_]:
+    """Return a mask of particles for a group's name, indices, a slice or a mask; see `particles_meant`."""
+    mask = system.group(which, name) if isinstance(which, str) else selected(name, which, system.particle_count)
+    if some and not mask.any():
+        raise ValueError(f"{name} is {checks.repr_short(which)}; it must name one particle at least")
+    return mask

@@ -207,6 +207,8 @@ def plot(
     with opened(file) as trajectory:
         stored = trajectory.attributes if gravity is None else {"gravity": gravity}
         acceleration = checks.member("without --gravity, the file", stored, "gravity")
+        if gravity is None:
+            acceleration = checks.gravity_of_file(acceleration, trajectory.system.dim)
         schedule = _schedule_of(trajectory, script) if trajectory.attributes.get("schedule") else ()
         target = out or trajectory.path.with_suffix(".png")
         if target.suffix not in (".png", ".csv"):

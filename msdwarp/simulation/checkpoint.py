@@ -121,10 +121,10 @@ def restored_progress(numbers: Numbers) -> tuple[int, int, list[tuple[float, int
     return frame_index, changes, counts
 
 
-def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change]) -> Any:
+def restored_gravity(numbers: Numbers, start: Any, made: Sequence[Change], dim: int) -> Any:
     """Return a checkpoint's gravity: the one set by the user, else by the last change in `made`, else `start`."""
     if "gravity" in numbers:
-        return numbers["gravity"]
+        return checks.gravity_of_file(numbers["gravity"], dim)
     return next((one.gravity for one in reversed(made) if one.gravity is not None), start)
 
 

@@ -57,9 +57,9 @@ class Simulation(Changing, Differentiable):
     system
         The bodies to simulate.
     gravity
-        Acceleration of free fall [m/s²]: a number (downwards along the last coordinate), a vector, or a function
-        of time [s] that returns one of these. Gravity that depends on time has no potential energy; it counts as
-        external work.
+        Acceleration of free fall [m/s²]: a number of at least 0 (downwards along the last coordinate), a vector,
+        or a function of time [s] that returns one of these, where a number may change sign. Gravity that depends
+        on time has no potential energy; it counts as external work.
     colliders
         Obstacles.
     collider_rule
@@ -373,7 +373,7 @@ class Simulation(Changing, Differentiable):
         controller = self._step_controller and StepController.restored(numbers)
         baseline = checkpoint.restored_baseline(numbers)
         checkpoint.check_arrays(self.stepping, arrays)
-        gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes])
+        gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes], system.dim)
         gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
         loads = checkpoint.restored_loads(self._loads, system, arrays)
         reusable = self._step_controller is None and self.frame_index == 0

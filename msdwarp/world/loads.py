@@ -45,7 +45,7 @@ class Load:
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return a mask of the particles acted on, shape [particle_count]; raise ValueError if it is empty."""
-        return some_particles(self.on, system)
+        return particles_meant("on", self.on, system)
 
     def facets(self, system: System) -> Facets:
         """Return the surface triangles acted on: triangles whose corners are all among the load's particles."""
@@ -124,14 +124,6 @@ class Force(VectorLoad):
         if self.of_place and self.total:
             raise ValueError("total is True; a force that is a function of place acts on each particle by itself")
         super().__post_init__()
-
-
-def some_particles(on: Any, system: System) -> NDArray[np.bool_]:
-    """Return a mask of the particles that a load or probe is `on`; raise ValueError if there are none."""
-    chosen = particles_meant("on", on, system)
-    if not chosen.any():
-        raise ValueError(f"on is {checks.repr_short(on)}; it must name one particle at least")
-    return chosen
 
 
 def in_words(value: Any) -> str:

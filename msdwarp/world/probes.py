@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import LINEAR_SPRING, NONE, System
+from ..bodies import LINEAR_SPRING, NONE, System, particles_meant
 from .colliders import Collider
 from .contact import Contact
-from .loads import Load, some_particles
+from .loads import Load
 
 POSITION, VELOCITY, FORCE, STRAIN, STRESS = "position", "velocity", "force", "strain", "stress"
 CONTACT_FORCE, BODY_CONTACT_FORCE = "contact force", "touch force"
@@ -76,7 +76,7 @@ class Probe:
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return a mask of the group's particles, shape [particle_count]; raise ValueError if it is empty."""
-        return some_particles(self.on, system)
+        return particles_meant("on", self.on, system)
 
     def connections(self, system: System) -> NDArray[np.int64]:
         """Return the indices of connections within the group."""

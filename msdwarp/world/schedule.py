@@ -148,7 +148,7 @@ class Change:
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return the mask of the group's particles, shape [particle_count]."""
-        return particles_meant("group", self.group, system)
+        return particles_meant("group", self.group, system, some=False)
 
 
 def at(

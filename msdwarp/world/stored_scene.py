@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import checks
 from ..bodies import System
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .gravity import Gravity, with_potential
@@ -73,11 +74,11 @@ def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapp
         return Scene(
             system=system,
             colliders=[_collider(one, arrays) for one in described["colliders"]],
-            gravity=described["gravity"],
+            gravity=checks.gravity_of_file(described["gravity"], system.dim),
             duration=described["duration"],
             look=_look(described["look"], "look", arrays),
             looks={one["group"]: _look(one["look"], f"looks/{k}", arrays) for k, one in enumerate(looks)},
-            schedule=[_change(one, arrays) for one in described["schedule"]],
+            schedule=[_change(one, arrays, system.dim) for one in described["schedule"]],
         )
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"the stored scene is damaged: {error}") from error
@@ -158,12 +159,13 @@ def _schedule_as_stored(scene: Scene, arrays: dict[str, NDArray]) -> list[dict[s
     return found
 
 
-def _change(described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Change:
+def _change(described: Mapping[str, Any], arrays: Mapping[str, NDArray], dim: int) -> Change:
     place = described["place"]
     group = described["group"] if "group" in described else arrays[f"{place}/group"]
     values = {name: arrays[f"{place}/{name}"] for name in described["parameters"]}
     values = {name: value[0] if len(value) == 1 else value for name, value in values.items()}
-    return Change(described["time"], group, described["freeze"], values, gravity=described.get("gravity"))
+    gravity = checks.gravity_of_file(described.get("gravity"), dim)
+    return Change(described["time"], group, described["freeze"], values, gravity=gravity)
 
 
 def _gravity(gravity: Gravity) -> Any:

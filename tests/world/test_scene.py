@@ -4,7 +4,8 @@ import dataclasses
 
 import pytest
 
-from msdwarp import Contact, Plane, Scene, Wind, box
+from msdwarp import Contact, Plane, Scene, Simulation, Wind, at, box, chain
+from msdwarp.world import scene_as_stored, scene_from_stored
 
 SCENE = Scene(system=box((2, 2, 2)), colliders=[Plane()], loads=[Wind((1, 0, 0))], contact=Contact(friction=0.3))
 
@@ -31,3 +32,16 @@ def test_a_scene_can_be_replaced_in_part(replaced):
 def test_a_field_that_a_scene_lacks_is_named():
     with pytest.raises(TypeError, match=r"Scene.replace\(\) got an unexpected keyword argument 'seconds'"):
         SCENE.replace(seconds=3)
+
+
+def test_files_whose_gravity_is_a_number_below_0_still_open():
+    scene = Scene(system=chain(3), gravity=1.0, schedule=[at(0.5, gravity=2.0)])
+    described, arrays = scene_as_stored(scene, [0.0])
+    described["gravity"], described["schedule"][0]["gravity"] = -1.5, -2.5
+    found = scene_from_stored(scene.system, described, arrays)
+    assert found.gravity == (0.0, 0.0, 1.5)
+    assert found.schedule[0].gravity == (0.0, 0.0, 2.5)
+    simulation = Simulation(scene.system, gravity=1.0, device="cpu")
+    numbers = simulation.checkpoint()[1] | {"gravity": -1.5}
+    simulation.restore(simulation.checkpoint()[0], numbers)
+    assert simulation.gravity == (0.0, 0.0, 1.5)
