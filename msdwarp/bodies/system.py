@@ -387,8 +387,7 @@ def headline(system: System) -> str:
 def particles_meant(name: str, which: Any, system: System, *, some: bool = True) -> NDArray[np.bool_]:
     """Return a mask of particles, shape [particle_count], for a group's name, indices, a mask, or None for all.
 
-    Raises ValueError naming the argument if there is no such group, an index is out of range, or, with `some`, no
-    particle is meant.
+    Raises ValueError naming the argument if there is no such group or index or, with `some`, it names no particle.
     """
     return np.ones(system.particle_count, dtype=bool) if which is None else _chosen(name, which, system, some)
 

@@ -1,6 +1,7 @@
 """Sources of a view: a running simulation, or a trajectory that is replayed."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -105,7 +106,7 @@ class Running:
 
     def summary(self) -> str:
         """Return substeps, precision, device and force algorithm as text."""
-        choice, model = self._simulation.choice, self._simulation.model
+        choice, model = replace(self._simulation.choice, asked=str), self._simulation.model
         return f"{choice} · {model.precision} on {self._simulation.device}, {model.force_algorithm}"
 
 

@@ -1,6 +1,7 @@
 """Properties of simulations and ensembles that can be read between two frames."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NoReturn
 
 import numpy as np
@@ -76,15 +77,12 @@ class Present(ReleasedInTurn):
 
         `scene` are arguments of `rates_by_part`, which is called for messages only.
         """
-
-        def asked() -> str:
-            return asked_by(rates_by_part(*scene), self._method, self.fps)
-
-        given = rates, self._method, self.fps, self._forced
+        given = rates, self._method, self.fps
+        asked = partial(lambda *of: asked_by(rates_by_part(*scene), *of), *given[1:])
         if self._forced is not None and self._allow_unstable:
-            return replace(choose_forced(*given), asked=asked)
+            return replace(choose_forced(*given, self._forced), asked=asked)
         try:
-            return replace(choose_stable(*given, self._safety), asked=asked)
+            return replace(choose_stable(*given, self._forced, self._safety), asked=asked)
         except UnstableStep as error:
             raise UnstableStep(f"{error}{asked()}") from None
 

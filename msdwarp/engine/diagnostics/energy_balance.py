@@ -53,8 +53,9 @@ class EnergySums:
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float) -> None:
         self._dynamics, self._state, self._lag = dynamics, state, lag
-        self._model, self._work = dynamics.model, dynamics.assembly.external_work
-        self._half_kick = self._work.half_kick if self._work is not None and lag else None
+        self._model, work = dynamics.model, dynamics.assembly.external_work
+        self._work: Any = work
+        self._half_kick = work.half_kick if work is not None and lag else None
         self._sums = Sums(dynamics.assembly, more=self._half_kick and self._half_kick.done)
         self._mass = mass(self._model)
         self._v = state.model.vectors() if lag else state.v

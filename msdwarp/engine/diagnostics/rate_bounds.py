@@ -80,7 +80,7 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     if acts_on_rates(assembly.all) and not model.in_worlds:
         effects = _with_effects(assembly, state, zero_blocks(model), assembly.all)
     return [
-        Rates(*rates, _least_ratio(model, k), *effects[k], limited[k], share)
+        Rates._make((*rates, _least_ratio(model, k), *effects[k], limited[k], share))
         for k, rates in enumerate(bounds.tolist())
     ]
 
@@ -131,7 +131,9 @@ def rates_by_part(assembly: Assembly, state: State, world: int = 0) -> dict[str,
                 both = np.where(np.arange(2) == k, rates, 0.0).tolist()
                 ratio = math.inf if effect or k else _least_ratio(model, world)
                 share = 0.5 * DAMPING_LIMIT if effect and effect is contact and contact.limits_dampers else 0.0
-                found[what + word + of] = Rates(*both, ratio, *(both if effect else ()), limited_share=share)
+                found[what + word + of] = Rates(
+                    both[0], both[1], ratio, *(both if effect else ()), limited_share=share
+                )
     return found
 
 

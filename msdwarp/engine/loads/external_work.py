@@ -85,9 +85,9 @@ class Work(Effect):
         """Data with which a kick by half a substep sums the work of its forces alone; None if there is none."""
         if not (self._counts and len(self._done) and self.steps.lagging):
             return None
-        data, device = self.piece.Data(), self._device
+        data: Any = type(self.data)()
         data.done, data.last = wp.zeros_like(self._done), self._last
-        data.weight = wp.full(len(self.data.weight), self._remaining, dtype=wp.float64, device=device)
+        data.weight = wp.full_like(self.data.weight, self._remaining)
         data.weight_of_last = wp.zeros_like(data.weight)
         return data
 
