@@ -13,15 +13,21 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import Surface, pieces
 
+_PEAK = {2: (62, 112), 4: (271, 271), 8: (271, 310), 6: (85, 197), 26: (277, 788)}
+"""Bytes of memory per particle that a lattice was measured to take at most while it is made, by the number of
+neighbours: without and with a material."""
+_BENDING = 850
+"""Bytes per particle that springs to second neighbours take beside them, measured likewise."""
 
-def check_memory(name: str, value: object, count: int, dim: int, neighbours: int) -> None:
-    """Raise ValueError if positions, connections and rest lengths of `count` particles do not fit into memory."""
+
+def check_memory(
+    name: str, value: object, count: int, neighbours: int, material: object = None, bending: object = None
+) -> None:
+    """Raise ValueError if a lattice of `count` particles takes more memory while it is made than is free."""
     count = min(count, 10**300)  # floats overflow at about 10**308
-    joined = count * neighbours // 2
-    size = count * (8 * dim + 4) + joined * (2 * 4 + 8)
-    checks.fits(
-        f"{name} is {checks.repr_short(value)}", f"{count:.3g} particles with {joined:.3g} connections", size
-    )
+    size = count * (_PEAK[neighbours][material is not None] + _BENDING * (bending is not None))
+    what = f"{count:.3g} particles with {count * neighbours // 2:.3g} connections"
+    checks.fits(f"{name} is {checks.repr_short(value)}", what, size)
 
 
 def lattice_directions(dim: int, *, diagonals: bool) -> dict[str, tuple[int, ...]]:

@@ -156,13 +156,13 @@ def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
     return tuple(checks.positive(f"spacing[{k}]", one) for k, one in enumerate(each))
 
 
-def _check_shape(shape: Sequence[int], axes: int, neighbours: int) -> None:
+def _check_shape(shape: Sequence[int], axes: int, neighbours: int, *extra: object) -> None:
     """Check the number of particles along each axis, and that particles and connections fit into memory."""
     if not isinstance(shape, Sequence) or len(shape) != axes:
         raise ValueError(f"shape is {shape!r}; it must be {axes} numbers of particles")
     for k, n in enumerate(shape):
         checks.count(f"shape[{k}]", n, 2)
-    check_memory("shape", shape, math.prod(shape), axes, neighbours)
+    check_memory("shape", shape, math.prod(shape), neighbours, *extra)
 
 
 def chain(
@@ -194,7 +194,7 @@ def chain(
     """
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
-    check_memory("count", count, count, dim, 2)
+    check_memory("count", count, count, 2, material)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     section = _section(material, constants, {"area": area})
     return _lattice((count,), spacing, False, dim, None, material, section, constants)
@@ -238,7 +238,7 @@ def sheet(
     """
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbours", neighbours, (4, 8))
-    _check_shape(shape, 2, neighbours)
+    _check_shape(shape, 2, neighbours, material, bending)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     section, surface = _section(material, constants, {"thickness": thickness}), grid_surface(shape)
     return _lattice(shape, spacing, neighbours == 8, dim, surface, material, section, constants, bending=bending)
@@ -272,7 +272,7 @@ def box(
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`.
     """
     checks.one_of("neighbours", neighbours, (6, 26))
-    _check_shape(shape, 3, neighbours)
+    _check_shape(shape, 3, neighbours, material)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     section = _section(material, constants, {})
     return _lattice(shape, spacing, neighbours == 26, 3, grid_surface(shape), material, section, constants)
@@ -340,6 +340,7 @@ def lattice(
     allowed = {2: (8, 4), 3: (26, 6)}[axes]
     neighbours = allowed[0] if neighbours is None else neighbours
     checks.one_of("neighbours", neighbours, allowed)
+    check_memory("mask's shape", points.shape, int(np.count_nonzero(points)), neighbours, material, bending)
     dim = 3 if dim is None else dim
     checks.one_of("dim", dim, (2, 3) if axes == 2 else (3,))
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}

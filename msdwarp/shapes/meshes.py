@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -12,13 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Material, System, sides_of
-from ..runtime import in_turn, start_warp
-from .skin import SAMPLED, Skin, cell_centres, cells_along, embedded, fine_enough, held
+from .skin import SAME, SAMPLED, Skin, cells_along, embedded, fine_enough, held
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp]]
 """(points [m], texture coordinates or None, triangles)."""
-_SAME = 1e-6
-"""Points closer than this fraction of the mesh's longest extent are merged; float32 errors are smaller."""
+_MORE = 1.05
+"""A body says that it is thinner than its cells if these fill more than this times its volume."""
 _SHARP = math.cos(math.radians(30))
 """If triangles at a point meet at more than this angle, coincident vertices keep separate normals."""
 
@@ -38,8 +38,9 @@ def from_mesh(
 
     The particles are the corners of the lattice cells whose centre is inside the mesh. Parts thinner than a cell
     are also filled, one cell thick, so that they stay connected. Gaps narrower than a cell may be filled or
-    bridged by connections. The mesh is drawn as the surface; its edges are halved until none is longer than two
-    spacings, so that it can bend.
+    bridged by connections. With a material the mass is density times the volume of the mesh; the stiffness is that
+    of the cells, whose volume differs from it the more, the coarser they are. The mesh is drawn as the surface;
+    its edges are halved until none is longer than two spacings, so that it can bend.
 
     Texture coordinates of the mesh are kept. Without them u is |angle| / π around the vertical axis through the
     middle of the bounding box, 0 at +x and 1 at −x, and v is the height, from 0 at the bottom to 1 at the top.
@@ -62,29 +63,48 @@ def from_mesh(
     ------
     ValueError
         If an argument is out of range; the mesh is empty, open, not finite, without volume, or inconsistently
-        oriented; or the body has several pieces.
+        oriented; or the body has several pieces; or it takes more memory than is free.
+
+    Warns
+    -----
+    StartWarning
+        If the mesh is thinner than its cells, so that with a material it is too stiff.
     """
     points, uv, triangles = read_mesh(mesh)
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low
     centre = (low + high) / 2
-    points, triangles = _closed(points - centre, triangles, _SAME * float(extent.max()))
-    points, uv, triangles = _used(points, uv, triangles)
+    points, uv, triangles, place = merged(points - centre, uv, triangles)
+    triangles = _facing_out(points, triangles, place)
     longest = float(extent.max())
     if (across is None) == (spacing is None):
         raise ValueError(f"spacing is {spacing} and across is {across}; one of them must be given, not both")
     h = longest / checks.count("across", across, 1) if across is not None else spacing
-    h = fine_enough(cast(float, h), {"longest extent of the mesh": longest}, extent)
-    shape = [max(cells_along(one, h), 1) for one in extent]
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    doubled = np.cross(b - a, c - a)
+    area, volume = np.linalg.norm(doubled, axis=1).sum() / 2, np.einsum("td,td->", a, doubled) / 6
+    given = None if across is None else f"across is {across}"
+    h = fine_enough(cast(float, h), {"longest extent of the mesh": longest}, extent, area, given)
+    shape = cells_along(extent, h)
     samples, _, _ = _subdivided(points / h, None, triangles, SAMPLED)
     cells = held(_filled(points / h, triangles, shape), samples)
     points, uv, triangles = _subdivided(points, uv, triangles, 2 * h)
     if uv is None:
         around = np.abs(np.arctan2(points[:, 1], points[:, 0])) / math.pi
         uv = np.stack([around, points[:, 2] / extent[2] + 0.5], axis=1)
-    skin = Skin(points, np.asarray(uv), triangles, _shared_normals(points, triangles))
+    skin = Skin(points, np.asarray(uv), triangles, shared_normals(points, triangles))
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    body = embedded(cells, h, skin, neighbours=neighbours, material=material, **constants)
+    body = embedded(cells, h, skin, volume, neighbours=neighbours, material=material, **constants)
+    thickness, times = 2 * volume / area, np.count_nonzero(cells) * h**3 / volume
+    if material is not None and thickness < h and times > _MORE:
+        warnings.warn(
+            f"the mesh is thinner than its cells of {h:.3g} m: its mean thickness (twice the volume over the "
+            f"area) is {thickness:.3g} m, and the cells fill {times:.3g} times its volume. The body's mass is "
+            f"that of the mesh, but it is too stiff; with across={math.ceil(2 * longest / thickness)} it is two "
+            "cells thick",
+            checks.StartWarning,
+            stacklevel=2,
+        )
     return body.translate(centre)
 
 
@@ -119,26 +139,32 @@ def _used(points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles
     return points[used], None if uv is None else uv[used], numbers.reshape(-1, 3)
 
 
-def _closed(
-    points: NDArray[np.float64], triangles: NDArray[np.intp], tolerance: float
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return (points, triangles) of a closed mesh, facing outwards; raise ValueError if the mesh is not closed.
+def merged(
+    points: NDArray[np.float64], uv: NDArray[np.float64] | None, triangles: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.intp], NDArray[np.intp]]:
+    """Return a mesh whose nearly coincident points are at the same place, and the number of each point's place.
 
-    Points nearer to each other than the tolerance are merged; triangles that then have only two distinct corners
-    are dropped.
+    Triangles that then have only two distinct corners, and points without triangles, are dropped.
     """
-    one = _coincident(points, tolerance)
+    one = _coincident(points, SAME * float(np.ptp(points, axis=0).max()))
     corners = one[triangles]
-    proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-    triangles, corners, points = triangles[proper], corners[proper], points[one]
-    if not len(corners):
-        raise ValueError("mesh is but a point or a line; it must be a closed surface")
-    edges, edge, forwards = sides_of(corners)
+    triangles = triangles[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    if not len(triangles):
+        raise ValueError("mesh is but a point or a line; it must be a surface")
+    place = np.unique(one[np.unique(triangles)], return_inverse=True)[1]
+    return *_used(points[one], uv, triangles), place
+
+
+def _facing_out(
+    points: NDArray[np.float64], triangles: NDArray[np.intp], place: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """Return a closed mesh's triangles, facing outwards; raise ValueError if it is not closed."""
+    edges, edge, forwards = sides_of(place[triangles])
     times = np.bincount(edge.ravel(), minlength=len(edges))
     wrong = times != 2
     if wrong.any():
         first = np.argmax(wrong)
-        a, b = (np.array2string(points[i], precision=4) for i in edges[first])
+        a, b = (np.array2string(points[np.argmax(place == i)], precision=4) for i in edges[first])
         raise ValueError(
             f"mesh is not closed: of its {len(edges)} edges {wrong.sum()} have not two triangles, such as that "
             f"from {a} to {b} [m from its middle] with {times[first]}"
@@ -151,11 +177,9 @@ def _closed(
             "be counter-clockwise seen from outside (in PyVista: mesh.compute_normals(consistent_normals=True))"
         )
     volume = np.linalg.det(points[triangles]).sum() / 6
-    if abs(volume) <= np.ptp(points, axis=0).max() * tolerance**2:
+    if abs(volume) <= SAME**2 * np.ptp(points, axis=0).max() ** 3:
         raise ValueError(f"mesh encloses a volume of {volume:g} m³; it must enclose some")
-    if volume < 0:
-        triangles = triangles[:, ::-1]
-    return points, triangles
+    return triangles if volume > 0 else triangles[:, ::-1]
 
 
 def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
@@ -181,25 +205,43 @@ def _coincident(points: NDArray[np.float64], tolerance: float) -> NDArray[np.int
             return first
 
 
-@in_turn
 def _filled(points: NDArray[np.float64], triangles: NDArray[np.intp], shape: Sequence[int]) -> NDArray[np.bool_]:
-    """Return the mask of unit cells around the origin whose centres are inside a closed mesh."""
-    import warp as wp  # imported here, since no other shape needs it
+    """Return the mask of unit cells around the origin whose centres are inside a closed mesh.
 
-    from ..kernels.filling import find_depths
+    A centre is inside if more of the triangles above it face up than down (its winding number is above 0). Seen
+    from above, a row of centres enters a triangle where it crosses one edge and leaves it at another. Triangles
+    with a common edge find the same crossing, to the last bit: no centre falls between them or counts twice.
+    """
+    place = points + (np.array(shape) - 1) / 2  # cell centres are whole numbers
+    corner = place[triangles]
+    edge = np.stack([corner, np.roll(corner, -1, axis=1)], axis=2)  # [triangle, edge, end, axis]
+    rises = edge[:, :, 0, 1] < edge[:, :, 1, 1]
+    ends = np.where(rises[..., None, None], edge, edge[:, :, ::-1])  # upwards along y
+    of, row = _between(ends[:, :, 0, 1].ravel(), ends[:, :, 1, 1].ravel(), shape[1])
+    (xa, ya, _), (xb, yb, _) = ends.reshape(-1, 2, 3)[of].transpose(1, 2, 0)
+    x, rises = xa + (row - ya) / (yb - ya) * (xb - xa), rises.ravel()[of]
+    order = np.lexsort((row, of // 3, rises))  # each row crosses a triangle's edges once upwards, once downwards
+    down, up = order.reshape(2, -1)
+    pair, column = _between(np.minimum(x[down], x[up]), np.maximum(x[down], x[up]), shape[0])
+    row, triangle, facing = row[up][pair], of[up][pair] // 3, np.sign(x[up] - x[down])[pair]
+    a, b, c = corner.transpose(1, 0, 2)
+    nx, ny, nz = np.cross(b - a, c - a).T
+    (xa, ya, za), steep = a[triangle].T, np.where(nz == 0, 1.0, nz)
+    z = za - ((nx / steep)[triangle] * (column - xa) + (ny / steep)[triangle] * (row - ya))
+    z = np.clip(z, corner[..., 2].min(axis=1)[triangle], corner[..., 2].max(axis=1)[triangle])  # steep ones round
+    crossings = np.zeros((shape[0], shape[1], shape[2] + 1), dtype=np.int16)
+    below = np.clip(np.ceil(z), 0, shape[2]).astype(np.intp)  # number of centres below
+    np.add.at(crossings, (column, row, below), facing.astype(np.int16))
+    above = crossings[:, :, ::-1]
+    return np.cumsum(above, axis=2, dtype=np.int16, out=above)[:, :, -2::-1] > 0
 
-    centres = np.stack(np.broadcast_arrays(*cell_centres(shape, 1.0)), axis=-1)
-    start_warp()
-    surface = wp.Mesh(
-        points=wp.array(points, dtype=wp.vec3, device="cpu"),
-        indices=wp.array(triangles.ravel(), dtype=int, device="cpu"),
-        support_winding_number=True,
-    )
-    depth = wp.zeros(centres[..., 0].size, dtype=float, device="cpu")
-    where = wp.array(centres.reshape(-1, 3), dtype=wp.vec3, device="cpu")
-    reach = 2.0 * float(np.linalg.norm(shape))
-    wp.launch(find_depths, len(depth), [surface.id, where, reach], [depth], device="cpu")
-    return (depth.numpy() >= 0).reshape(shape)
+
+def _between(low: NDArray, high: NDArray, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return whole numbers n with low ≤ n < high, from 0 to count − 1, and before them whose bounds these are."""
+    low, high = (np.clip(np.ceil(one), 0, count).astype(np.intp) for one in (low, high))
+    many = np.maximum(high - low, 0)
+    of = np.repeat(np.arange(len(many)), many)
+    return of, np.arange(len(of)) - np.repeat(np.cumsum(many) - many - low, many)
 
 
 def _subdivided(
@@ -239,7 +281,7 @@ def halved(
     return points, uv, np.concatenate(parts)
 
 
-def _shared_normals(points: NDArray[np.float64], triangles: NDArray[np.intp]) -> NDArray[np.intp]:
+def shared_normals(points: NDArray[np.float64], triangles: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the vertex whose normal each vertex uses: one at the same point, with nearly the same normal."""
     corner = points[triangles]
     area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

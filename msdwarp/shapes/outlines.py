@@ -60,16 +60,19 @@ def cloth(
     """
     corners = _polygon(outline)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    spacing = fine_enough(spacing, {"longest extent of the outline": (high - low).max()}, high - low)
+    spacing = fine_enough(
+        spacing, {"longest extent of the outline": (high - low).max()}, high - low, np.prod(high - low)
+    )
     centre, extent = (low + high) / 2, (high - low) / spacing
     corners = (corners - centre) / spacing
-    shape = np.array([max(cells_along(one, 1.0), 1) for one in extent])
+    shape = np.array(cells_along(extent, 1.0))
     cells = _cells_of(corners, shape)
     points, triangles = _fitted(corners * _FINER, _cells_of(corners * _FINER, shape * _FINER))
     skin = Skin(points * (spacing / _FINER), np.clip(points / _FINER / extent + 0.5, 0, 1), triangles)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     constants |= {"material": material, "thickness": thickness, "bending": bending}
-    body = embedded(cells, spacing, skin, neighbours=neighbours, dim=dim, **constants)
+    area = abs(_cross(corners, np.roll(corners, -1, axis=0)).sum()) / 2 * spacing**2
+    body = embedded(cells, spacing, skin, area, neighbours=neighbours, dim=dim, **constants)
     return body.translate(np.resize([*centre, 0.0], body.dim))
 
 

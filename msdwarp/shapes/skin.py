@@ -52,11 +52,12 @@ def embed(
 
 
 def nearest_cells(
-    place: NDArray[np.float64], cells: NDArray[np.bool_], within: float = np.inf
+    place: NDArray[np.float64], cells: NDArray[np.bool_], within: float = np.inf, enough: float = 0.0
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return (cell nearest to each place, shape [any, d]; the place's distance from it in cells, shape [any]).
 
-    The distance is 0 inside a cell, and inf if no cell was found. Beyond `within` a nearer cell may exist.
+    The distance is 0 inside a cell, and inf if no cell was found. Beyond `within` a nearer cell may exist, as it
+    may if one was found at most `enough` away.
 
     Cells around a place's own cell are searched in shells. Cells in shell r + 1 are at least r away, so a cell
     found within r is the nearest. For a place outside the grid the search starts at the margin.
@@ -68,9 +69,9 @@ def nearest_cells(
     left = np.arange(len(place))
     shell = 0
     while len(left) and shell <= last.max() and shell < within + 1:
-        for step in itertools.product(range(-shell, shell + 1), repeat=place.shape[1]):
-            if max(map(abs, step)) < shell:
-                continue
+        steps = itertools.product(range(-shell, shell + 1), repeat=place.shape[1])
+        steps = (one for one in steps if max(map(abs, one)) == shell)
+        for step in sorted(steps, key=np.linalg.norm if enough else None):
             cell = own[left] + step
             in_grid = np.clip(cell, 0, last)
             there = np.all(cell == in_grid, axis=1) & cells[tuple(in_grid.T)]
@@ -78,13 +79,19 @@ def nearest_cells(
             apart = np.where(there, np.linalg.norm(outside, axis=1), np.inf)
             nearer = apart < distance[left]
             best[left[nearer]], distance[left[nearer]] = cell[nearer], apart[nearer]
+            left = left[distance[left] > enough]
         left = left[distance[left] > shell]
         shell += 1
     return best, distance
 
 
-_OF_A_CELL = 16
-"""Bytes that each shape needs at least for a cell, inside or not, while it finds out which are inside."""
+_OF_A_CELL, _OF_SKIN = 16, 9400
+"""Bytes that each shape needs at least for a cell, inside or not, while it finds out which are inside; and at most
+(measured 7900 of a mesh, 9400 of a cloth) for a square of its skin with sides of a spacing."""
+SAME = 1e-6
+"""Lengths are equal if they differ by less than this fraction of a body's longest side; float32 errors do."""
+_AT_ONCE = 1 << 17
+"""Number of samples of a skin whose nearest cells are found at once: a few tens of MB."""
 AWAY, SAMPLED = 0.6, 0.4
 """Largest distance of the skin from the nearest cell; distance between samples of the skin; in cells."""
 
@@ -103,11 +110,12 @@ class Skin:
     """The vertex whose normal each vertex uses, shape [vertex_count]."""
 
 
-def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) -> System:
+def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, size: float, **kind: Any) -> System:
     """Return a lattice with particles at the corners of cells, centred at the origin, with an embedded skin.
 
-    `cells` is a mask of shape [nx, ny] or [nx, ny, nz], `kind` are keyword arguments of `lattice`. Raises
-    ValueError as `lattice` does, and if there is no cell or there are several pieces.
+    `cells` is a mask of shape [nx, ny] or [nx, ny, nz], `size` the body's volume [m³], or a sheet's area [m²]:
+    with a material the mass is that of this size, though the cells fill another. `kind` are keyword arguments of
+    `lattice`. Raises ValueError as `lattice` does, and if there is no cell or there are several pieces.
     """
     if not cells.any():
         raise ValueError(f"spacing is {spacing:g}; it must be smaller: no cell of that size has its centre inside")
@@ -115,7 +123,7 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) 
     for axis in range(cells.ndim):
         mask = np.insert(mask, 0, False, axis) | np.insert(mask, mask.shape[axis], False, axis)
     checks.one_of("neighbours", kind["neighbours"], (26, 6) if mask.ndim == 3 else (8, 4))
-    check_memory("spacing", spacing, int(np.count_nonzero(mask)), mask.ndim, kind["neighbours"])
+    check_memory("spacing", spacing, int(np.count_nonzero(mask)), kind["neighbours"], kind["material"])
     whole = whole_cells(mask)
     # A cell's particles are joined along its edges, so connections along the axes determine the pieces.
     joined, _ = lattice_connections(mask.shape, lattice_directions(mask.ndim, diagonals=False), mask, whole)
@@ -128,7 +136,10 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, **kind: Any) 
     low = [-spacing * (n - 1) / 2 for n in mask.shape]
     particle, weights = embed(skin.points, particle_numbers(mask.shape, mask), whole, spacing, low)
     drawn = {"uv": skin.uv, "triangles": skin.triangles, "normal_of": skin.normal_of}
-    return lattice(mask, spacing, surface=Surface(particle=particle, weights=weights, **drawn), **kind)
+    body = lattice(mask, spacing, surface=Surface(particle=particle, weights=weights, **drawn), **kind)
+    if kind["material"] is None:
+        return body
+    return body.replace(mass=body.mass * (size / (np.count_nonzero(whole) * spacing**mask.ndim)))
 
 
 def cell_centres(shape: ArrayLike, spacing: float) -> list[NDArray[np.float64]]:
@@ -137,23 +148,35 @@ def cell_centres(shape: ArrayLike, spacing: float) -> list[NDArray[np.float64]]:
     return list(np.meshgrid(*axes, indexing="ij", sparse=True))
 
 
-def fine_enough(spacing: float, sizes: Mapping[str, float], extent: Sequence[float]) -> float:
+def fine_enough(
+    spacing: float,
+    sizes: Mapping[str, float],
+    extent: Sequence[float],
+    skin: float = 0.0,
+    given: str | None = None,
+) -> float:
     """Return the spacing; raise ValueError unless it is positive, and at most each named size.
 
-    Also raise ValueError if the cells that fill an extent [m] do not fit into memory.
+    Also raise ValueError if the cells that fill an extent [m], with a skin of this area [m²], do not fit into
+    memory. The message says what was `given`, by default the spacing.
     """
     spacing = checks.positive("spacing", spacing)
     for name, size in sizes.items():
-        if spacing > size:
+        if spacing > size * (1 + SAME):
             raise ValueError(f"spacing is {spacing:g}; it must be at most {size:g}, the {name}")
     count = math.prod(max(1.0, length / spacing) for length in extent)
-    checks.fits(f"spacing is {spacing:g}", f"{count:.3g} cells", _OF_A_CELL * count)
+    size = _OF_A_CELL * count + _OF_SKIN * skin / spacing / spacing
+    checks.fits(given or f"spacing is {spacing:g}", f"{count:.3g} cells and their surface", size)
     return spacing
 
 
-def cells_along(length: float, spacing: float) -> int:
-    """Return the number of cells that cover a length; rounding errors do not add a cell (ten tenths make one)."""
-    return math.ceil(length / spacing * (1 - 1e-12))
+def cells_along(sides: ArrayLike, spacing: float) -> list[int]:
+    """Return the number of cells that cover each side of a body, at least one.
+
+    Rounding errors of points in single precision do not add a cell.
+    """
+    lengths = np.asarray(sides, dtype=np.float64)
+    return [max(math.ceil(one), 1) for one in (lengths - SAME * lengths.max()) / spacing]
 
 
 def held(cells: NDArray[np.bool_], samples: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -167,12 +190,12 @@ def held(cells: NDArray[np.bool_], samples: NDArray[np.float64]) -> NDArray[np.b
     [any, d], are SAMPLED apart, and AWAY + SAMPLED is 1, so that no gap remains.
     """
     shape, dim = np.array(cells.shape), cells.ndim
-    place = samples + shape / 2
-    _, distance = nearest_cells(place, cells, within=1)
-    at = np.clip(np.floor(place), 0, shape - 1).astype(int)
     touched, filled = np.zeros_like(cells), cells.copy()
-    touched[tuple(at.T)] = True
-    filled[tuple(at[distance > AWAY].T)] = True
+    for place in np.array_split(samples + shape / 2, len(samples) // _AT_ONCE + 1):
+        _, distance = nearest_cells(place, cells, within=1, enough=AWAY)
+        at = np.clip(np.floor(place), 0, shape - 1).astype(int)
+        touched[tuple(at.T)] = True
+        filled[tuple(at[distance > AWAY].T)] = True
 
     steps = np.array(list(np.ndindex((3,) * dim)))  # steps to the surrounding cells, in a grid with a margin
     adjacent = (np.abs(steps[:, None] - steps) <= 1).all(axis=-1).astype(np.float32)

@@ -32,11 +32,11 @@ def ball(
 ) -> System:
     """Return a ball with its centre at the origin.
 
-    Particles are the corners of the lattice cells whose centre is inside. So the mass of a coarse ball differs
-    from that of a round one by some percent. Obstacles collide with particles. With
-    `Contact(surface_colliders=True)` they collide with the drawn surface, so that the ball rolls, and the force is
-    nearer to Hertz's. Where balls touch bodies, `from_mesh(icosphere(radius, 2), across=6)` is faster, since its
-    surface has a third of the triangles.
+    Particles are the corners of the lattice cells whose centre is inside. With a material the mass is that of a
+    round ball, though the cells of a coarse one fill a volume that differs by some percent. Obstacles collide with
+    particles. With `Contact(surface_colliders=True)` they collide with the drawn surface, so that the ball rolls,
+    and the force is nearer to Hertz's. Where balls touch bodies, `from_mesh(icosphere(radius, 2), across=6)` is
+    faster, since its surface has a third of the triangles.
 
     The texture is like a map of the globe: u is the longitude, 0 and 1 at −x, ½ at +x, growing eastwards; v is the
     latitude, 0 at the south pole (−z), 1 at the north pole.
@@ -58,10 +58,11 @@ def ball(
     ring[[0, -1]] = 0.0  # exactly 0 at the poles, despite rounding
     skin = _revolved(ring, radius * np.sin(latitude), columns, (0, 1, 0, 1), smooth=True)
 
-    x, y, z = cell_centres([cells_along(2 * radius, spacing)] * 3, spacing)
+    x, y, z = cell_centres(cells_along([2 * radius] * 3, spacing), spacing)
     cells = x**2 + y**2 + z**2 < radius**2
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    return embedded(cells, spacing, skin, neighbours=neighbours, material=material, **constants)
+    volume = 4 / 3 * math.pi * radius**3
+    return embedded(cells, spacing, skin, volume, neighbours=neighbours, material=material, **constants)
 
 
 def cylinder(
@@ -94,18 +95,19 @@ def cylinder(
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = fine_enough(spacing, {"radius": radius, "height": height}, (2 * radius, 2 * radius, height))
     columns, half = _columns(radius, spacing), height / 2
-    across, along = cells_along(radius, spacing), cells_along(height, spacing)
+    wide, _, along = shape = cells_along([2 * radius, 2 * radius, height], spacing)
+    across = (wide + 1) // 2
     skin = _together(
         _disc(radius, -half, across, columns, up=False),
         _revolved(np.full(along + 1, radius), np.linspace(-half, half, along + 1), columns, (0, 1, 0, 0.5)),
         _disc(radius, half, across, columns, up=True),
     )
 
-    wide = cells_along(2 * radius, spacing)
-    x, y, z = cell_centres((wide, wide, along), spacing)
+    x, y, z = cell_centres(shape, spacing)
     cells = (x**2 + y**2 < radius**2) & (np.abs(z) < half)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    return embedded(cells, spacing, skin, neighbours=neighbours, material=material, **constants)
+    volume = math.pi * radius**2 * height
+    return embedded(cells, spacing, skin, volume, neighbours=neighbours, material=material, **constants)
 
 
 def cone(
@@ -138,18 +140,18 @@ def cone(
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
     spacing = fine_enough(spacing, {"radius": radius, "height": height}, (2 * radius, 2 * radius, height))
     columns, half = _columns(radius, spacing), height / 2
-    along = cells_along(math.hypot(radius, height), spacing)
-    ring, z = np.linspace(radius, 0, along + 1), np.linspace(-half, half, along + 1)
+    wide, slant, along = cells_along([2 * radius, math.hypot(radius, height), height], spacing)
+    ring, z = np.linspace(radius, 0, slant + 1), np.linspace(-half, half, slant + 1)
     skin = _together(
-        _disc(radius, -half, cells_along(radius, spacing), columns, up=False),
+        _disc(radius, -half, (wide + 1) // 2, columns, up=False),
         _revolved(ring, z, columns, (0, 1, 0, 0.5)),
     )
 
-    wide = cells_along(2 * radius, spacing) | 1  # odd, so that a column is on the axis
-    x, y, z = cell_centres((wide, wide, cells_along(height, spacing)), spacing)
+    x, y, z = cell_centres((wide | 1, wide | 1, along), spacing)  # odd, so that a column is on the axis
     cells = (np.hypot(x, y) < radius * (half - z) / height) & (np.abs(z) < half)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    return embedded(cells, spacing, skin, neighbours=neighbours, material=material, **constants)
+    volume = math.pi * radius**2 * height / 3
+    return embedded(cells, spacing, skin, volume, neighbours=neighbours, material=material, **constants)
 
 
 def _columns(radius: float, spacing: float, least: int = _AROUND) -> int:

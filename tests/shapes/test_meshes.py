@@ -1,12 +1,15 @@
 """Bodies that fill a mesh: where it is, how it is drawn, and what of smooth bodies is refused."""
 
 import math
+import re
+import warnings
 
 import numpy as np
 import pytest
 from surfaces import area, assert_closed, cells_of, normals, triangles_of, volume
 
 import msdwarp as msd
+from msdwarp.shapes.meshes import _filled
 from msdwarp.shapes.skin import held
 
 pv = pytest.importorskip("pyvista")
@@ -85,6 +88,79 @@ def test_a_plate_thinner_than_a_cell_is_a_cell_thick(thickness):
     system = msd.from_mesh(plate, 1.0)
     assert system.particle_count == 11 * 7 * 2
     assert volume(system) == pytest.approx(60 * thickness, rel=1e-6)
+
+
+@pytest.mark.parametrize("side", [0.1, 0.2, 0.3, 0.5])
+def test_a_side_of_whole_cells_in_single_precision_has_no_cell_more(side):
+    foam = msd.Material(density=1000.0, youngs_modulus=1e5)
+    mesh = pv.Cube(x_length=1, y_length=side, z_length=1)  # single precision
+    for body in (msd.from_mesh(mesh, across=10, material=foam), msd.from_volume(mesh, 0.1, material=foam)):
+        assert np.ptp(body.position, axis=0) == pytest.approx([1, side, 1], rel=1e-6)
+        assert body.mass.sum() == pytest.approx(1000 * side, rel=1e-6)
+    assert len(msd.from_mesh(pv.Cube(x_length=side, y_length=side, z_length=side), side).position) == 8
+    one = float(np.float32(side)) * (1 + 1e-7)
+    for body in (msd.ball(one, 0.1), msd.cylinder(one, 0.4 + 1e-8, 0.1), msd.cone(one, 0.4, 0.1)):
+        assert np.ptp(body.position, axis=0)[:2] == pytest.approx(2 * side, abs=0.11)
+    assert np.ptp(msd.ball(one, 0.1).position[:, 0]) == pytest.approx(2 * side)
+    assert np.ptp(msd.cylinder(one, 0.4 + 1e-8, 0.1).position[:, 2]) == pytest.approx(0.4)
+    cloth = msd.cloth(np.float32([[0, 0], [1, 0], [1, side], [0, side]]), 0.1)
+    assert np.ptp(cloth.position, axis=0)[1] == pytest.approx(side)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "across", "thin"),
+    [
+        (pv.Cube(x_length=1, y_length=1, z_length=0.02), 10, True),
+        (pv.Cube(x_length=1, y_length=0.102, z_length=0.102), 10, True),
+        (pv.Cube(x_length=1, y_length=0.1, z_length=0.1), 10, False),
+        (pv.Sphere(theta_resolution=40, phi_resolution=40), 6, False),
+    ],
+)
+def test_a_mesh_of_a_material_has_the_mass_of_its_volume(mesh, across, thin):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        body = msd.from_mesh(mesh, across=across, material=msd.FOAM)
+    assert body.mass.sum() == pytest.approx(msd.FOAM.density * mesh.triangulate().volume, rel=1e-5)  # float32
+    assert [one.category for one in caught] == [msd.StartWarning] * thin
+    if thin:  # with as many cells across as it says, nothing is to be said
+        enough = int(re.search(r"across=(\d+)", str(caught[0].message))[1])
+        assert enough <= 120
+        msd.from_mesh(mesh, across=enough, material=msd.FOAM)
+
+
+def test_cells_are_filled_where_the_winding_number_is_above_0():
+    # A ball through which a smaller one is cut, and a third that overlaps the first: 1 − 1, and 1 + 1 are known.
+    centres, radii, turn = np.array([[0, 0, 0], [0.1, 0, 0], [0.9, 0.2, 0.1]]), (1.0, 0.5, 0.6), (1, -1, 1)
+    parts = [msd.icosphere(r, 4) for r in radii]
+    points = np.concatenate([p + c for (p, _), c in zip(parts, centres, strict=True)])
+    first = np.cumsum([0, *(len(p) for p, _ in parts)])
+    triangles = np.concatenate([t[:, ::s] + k for (_, t), s, k in zip(parts, turn, first, strict=False)])
+    shape = (40, 31, 33)
+    filled = _filled(points * 10, triangles, shape)
+    x = np.stack(np.meshgrid(*[(np.arange(n) - (n - 1) / 2) / 10 for n in shape], indexing="ij"), axis=-1)
+    away = [np.linalg.norm(x - c, axis=-1) - r for c, r in zip(centres, radii, strict=True)]
+    winding = sum(s * (one < 0) for s, one in zip(turn, away, strict=True))
+    sure = np.min(np.abs(away), axis=0) > 0.005  # chords are nearer to the centre by up to 0.0025
+    assert sure.mean() > 0.9
+    np.testing.assert_array_equal(filled[sure], winding[sure] > 0)
+
+
+def test_a_body_too_large_for_memory_is_refused_before_it_is_made(monkeypatch):
+    monkeypatch.setattr(msd.checks, "free_memory", lambda: int(2e9))
+    ico = msd.icosphere(0.5, 2)
+    for make, message in (
+        (lambda: msd.from_mesh(ico, across=1000), "across is 1000; .* GB of memory"),
+        (lambda: msd.from_mesh(ico, across=300, material=msd.FOAM), "GB of memory"),
+        (lambda: msd.ball(0.5, 0.001), r"spacing is 0\.001; .* GB of memory"),
+        (lambda: msd.box((200, 200, 200)), r"shape is \(200, 200, 200\); .* GB of memory"),
+        (lambda: msd.box((140, 140, 140), material=msd.FOAM), "shape is .* GB of memory"),
+        (lambda: msd.sheet((3000, 3000)), "shape is .* GB of memory"),
+        (lambda: msd.sheet((1600, 1600), bending=1.0), "shape is .* GB of memory"),
+        (lambda: msd.lattice(np.ones((200, 200, 200), dtype=bool)), "mask's shape is .* GB of memory"),
+        (lambda: msd.cloth([[0, 0], [1, 0], [1, 1], [0, 1]], 0.002), r"spacing is 0\.002; .* GB of memory"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
 
 
 def test_held_cells_bridge_a_gap_of_one_cell():
