@@ -11,13 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..bodies import Surface, System, sides_of
 from .joining import join
-from .meshes import halved, read_mesh
+from .meshes import halved, merged, read_mesh, shared_normals
 
 
 def shell(
     mesh: Any, *, mass: float = 1.0, stiffness: ArrayLike = 100.0, damping: ArrayLike = 0.0, bending: float = 0.0
 ) -> System:
     """Return a mesh as a thin shell: a particle at each point, a connection along each edge.
+
+    Coincident points, such as those along the seam of a texture, are one particle. They have a common normal,
+    unless the surface bends there by more than 30°.
 
     With `bending` the opposite corners of two triangles that share an edge are also connected; these springs
     resist folding (Provot, Graphics Interface 1995).
@@ -45,19 +48,23 @@ def shell(
         If the mesh is invalid or has a triangle without area.
     """
     points, uv, triangles = read_mesh(mesh)
+    points, uv, triangles, particle = merged(points, uv, triangles)
+    first = np.unique(particle, return_index=True)[1]
+    corners = particle[triangles]
     a, b, c = (points[triangles[:, k]] for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     checks.every("the area of a triangle", area, area > 0, "above 0")
-    share = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(points))
-    edges, across = edges_of(triangles)
+    share = np.bincount(corners.ravel(), np.repeat(area / 3, 3), minlength=len(first))
+    edges, across = edges_of(corners)
     uv_of = _longitude_and_latitude(points) if uv is None else uv
+    normal_of = shared_normals(points, triangles) if len(first) < len(points) else None
     system = System(
-        position=points,
+        position=points[first],
         mass=checks.positive("mass", mass) * share / share.sum(),
         connections=edges,
         stiffness=stiffness,
         damping=damping,
-        surface=Surface(particle=np.arange(len(points)), uv=uv_of, triangles=triangles),
+        surface=Surface(particle=particle, uv=uv_of, triangles=triangles, normal_of=normal_of),
     )
     if checks.non_negative("bending", bending) == 0.0 or not len(across):
         return system

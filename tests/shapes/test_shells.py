@@ -39,6 +39,17 @@ def test_a_shell_has_the_mesh_and_its_mass_by_area():
     assert (np.linalg.norm(folded.position, axis=1) > 0.49).all()
 
 
+def test_coincident_points_are_one_particle():
+    pv = pytest.importorskip("pyvista")
+    mesh = pv.Cylinder(resolution=30).triangulate()  # sides and lids have points of their own
+    body = shell(mesh, mass=0.1, stiffness=500.0)
+    assert body.particle_count == len(np.unique(mesh.points.round(5), axis=0)) == 60
+    edges, across = edges_of(body.surface.particle[body.surface.triangles])
+    assert body.connection_count == len(edges) == len(across) == 3 * 60 - 6  # closed: Euler
+    assert len(body.surface.particle) == mesh.n_points  # each with its own normal: the rim is sharp
+    assert body.mass.sum() == pytest.approx(0.1, rel=1e-14)
+
+
 def test_two_triangles_fold_along_their_edge():
     edges, across = edges_of(np.array([[0, 1, 2], [2, 1, 3]]))
     np.testing.assert_array_equal(edges, [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]])
