@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import io
 import math
+import re
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,19 @@ from .meshes import from_mesh
 
 _BY_PYVISTA = frozenset((".vtu", ".vtk", ".vtp", ".stl", ".ply", ".obj"))
 """Suffixes of files that PyVista reads itself."""
+_CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
+"""Corners of cells, by meshio's name without the number of points, in the order of VTK's Lagrange cells."""
+_STRAIGHT, _LAGRANGE = (3, 5, 9, 10, 12, 13, 14), 68
+"""VTK's numbers of these cells with straight edges; of the first of its Lagrange cells, before those of Bézier."""
+_SECOND = (
+    *("line3", "triangle6", "triangle7", "quad8", "quad9", "tetra10"),
+    *("hexahedron20", "hexahedron24", "hexahedron27", "wedge15", "wedge18", "pyramid13"),
+)
+"""meshio's names of cells of second order that VTK has, too."""
+_BYTES = dict.fromkeys(("short", "ushort", "int16", "uint16"), 2) | dict.fromkeys(("double", "float64"), 8)
+_BYTES |= dict.fromkeys(("int", "uint", "float", "int32", "uint32", "float32"), 4)
+_BYTES |= dict.fromkeys(("char", "uchar", "int8", "uint8"), 1)
+"""Bytes of a number in a .ply file, by its type."""
 _NEAR = math.sqrt(3) / 2
 """A particle is in a group if its distance from the named part is at most this, in spacings: half a diagonal."""
 
@@ -35,9 +52,11 @@ def from_volume(
 ) -> System:
     """Return a body that fills a mesh of solid cells, such as a mesh generator's file, with particles.
 
-    The outer surface of the solid cells, or of the triangles if there are none, is filled as by `from_mesh`. The
-    lattice represents the material exactly. Springs along the edges of the file's tetrahedra could not: fitted to
-    a material as well as possible, bars of tetrahedra were up to 22 % too soft, and finer meshes were no better.
+    The outer surface of the solid cells, or of the triangles if there are none, is filled as by `from_mesh`. Solid
+    cells may be mirrored: each shows where its inside is. Cells of third and higher order are taken by their
+    corners. The lattice represents the material exactly. Springs along the edges of the file's tetrahedra could
+    not: fitted to a material as well as possible, bars of tetrahedra were up to 22 % too soft, and finer meshes
+    were no better.
 
     Named parts of the file, such as Gmsh's physical groups or the sets of a .inp file, are groups of the body. A
     particle belongs to a part that is at most half a cell's diagonal away.
@@ -61,14 +80,19 @@ def from_volume(
     """
     scale = checks.positive("scale", scale)
     if isinstance(mesh, str | PathLike):
-        grid, parts = _read(Path(mesh))
+        surface, parts = _read(Path(mesh))
     elif hasattr(mesh, "cast_to_unstructured_grid"):
-        grid, parts = mesh.cast_to_unstructured_grid(), {}
+        surface, parts = _outside(mesh), {}
     else:
         raise ValueError(f"mesh is a {type(mesh).__name__}; it must be the path of a file, or a PyVista mesh")
-    surface = _outside(grid).scale(scale)
+    surface = surface.scale(scale)
     constants = {"material": material, "mass": mass, "stiffness": stiffness, "damping": damping}
-    body = from_mesh(surface, spacing, across=across, neighbours=neighbours, **constants)
+    try:
+        body = from_mesh(surface, spacing, across=across, neighbours=neighbours, **constants)
+    except ValueError as error:
+        if not isinstance(mesh, str | PathLike) or not str(error).startswith("mesh "):
+            raise
+        raise ValueError(f"mesh is {str(mesh)!r}: {error}") from error
     edge = spacing if spacing is not None else float(np.ptp(surface.points, axis=0).max()) / (across or 1)
     groups = {}
     for name, part in parts.items():
@@ -79,22 +103,78 @@ def from_volume(
 
 
 def _read(path: Path) -> tuple[Any, dict[str, Any]]:
-    """Return (PyVista mesh of all cells, mesh of each named part by name)."""
+    """Return (surface of the mesh, mesh of each named part by name).
+
+    Readers raise, print and exit in many ways: all becomes one ValueError.
+    """
     pyvista = importlib.import_module("pyvista")
     if not path.is_file():
         raise ValueError(f"mesh is {str(path)!r}; it must be the path of a mesh file, and there is none")
     meshio: Any = None
     if path.suffix.lower() not in _BY_PYVISTA:
         meshio = checks.imported("meshio", f"{path.suffix} files need meshio: pip install 'msdwarp[meshes]'")
+    said, log = io.StringIO(), importlib.import_module("vtkmodules.vtkCommonCore").vtkLogger
+    before = log.GetCurrentVerbosityCutoff()
+    log.SetStderrVerbosity(log.VERBOSITY_OFF)
     try:
-        if meshio is None:
-            return pyvista.read(path).cast_to_unstructured_grid(), {}
-        read = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio raises its own errors, and exits for some files
-        raise ValueError(f"mesh is {str(path)!r}, which cannot be read as a mesh: {error}") from error
-    named, parts = _named_cells(read), {}  # taken first, since PyVista removes the sets
-    grid = pyvista.from_meshio(read)
-    for name, chosen in named.items():
+        caught = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)
+        with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings(action="ignore"), caught:
+            if meshio is not None:
+                grid, parts = _parts(_read_by(meshio, path))
+            else:
+                if path.suffix.lower() == ".ply":
+                    _check_length(path.read_bytes())
+                grid, parts = pyvista.get_reader(path).read(), {}
+        return _outside(grid), parts
+    except (Exception, SystemExit) as error:
+        reason = repr(error) if isinstance(error, LookupError | AttributeError | TypeError) else str(error)
+        if isinstance(error, SystemExit) or not reason:
+            reason = said.getvalue().strip() or repr(error)
+        if by_vtk := re.search(r"\(0x\w+\): (.*)", reason):
+            reason = by_vtk[1]  # the first of its errors
+        reason = " ".join(re.sub(r" \(0x\w+\)", "", reason).split())
+        raise ValueError(f"mesh is {str(path)!r}, which cannot be read as a mesh: {reason}") from error
+    finally:
+        log.SetStderrVerbosity(before)
+
+
+def _read_by(meshio: Any, path: Path) -> Any:
+    """Return a file as a mesh of meshio, whose reader of NASTRAN files needs help."""
+    if path.suffix.lower() not in (".bdf", ".fem", ".nas"):
+        return meshio.read(path)
+    text = re.sub(r"(?m)^[ \t]*,", "+,", path.read_text())  # lines of free format that continue the one before
+    if "ENDDATA" not in text:  # meshio would wait for it
+        raise ValueError("the file ends without ENDDATA")
+    if not re.search(r"(?m)^[ \t]*BEGIN BULK", text):
+        text = f"BEGIN BULK\n{text}"
+    return meshio.read(io.StringIO(text), file_format="nastran")
+
+
+def _check_length(ply: bytes) -> None:
+    """Raise ValueError if a binary .ply file is shorter than its header says; VTK would end the process."""
+    head, _, body = ply.partition(b"end_header\n")
+    least = rows = 0
+    for kind, *words in (line.split() for line in head.decode("latin-1").splitlines() if line.strip()):
+        if kind == "element":
+            rows = int(words[1])
+        elif kind == "property":
+            least += rows * (
+                _BYTES.get(words[1], 1) + 3 * _BYTES.get(words[2], 1) if words[0] == "list" else _BYTES[words[0]]
+            )
+    if b"format ascii" not in head and len(body) < least:
+        raise ValueError(f"the file ends after {len(body)} bytes of {least}")
+
+
+def _parts(read: Any) -> tuple[Any, dict[str, Any]]:
+    """Return (PyVista mesh of all cells, mesh of each named part by name) of `read`, a meshio mesh."""
+    pyvista = importlib.import_module("pyvista")
+    blocks = []
+    for block in read.cells:
+        name = re.match("[a-z]+", block.type)[0]
+        straight = name in _CORNERS and block.type not in _SECOND
+        blocks.append((name, block.data[:, : _CORNERS[name]]) if straight else (block.type, block.data))
+    grid, parts = pyvista.from_meshio(type(read)(read.points, blocks)), {}
+    for name, chosen in _named_cells(read).items():
         if len(chosen):
             parts[name] = grid.extract_cells(chosen)
     for name, points in read.point_sets.items():
@@ -114,24 +194,60 @@ def _named_cells(read: Any) -> dict[str, NDArray[np.int64]]:
     tags = read.cell_data.get("gmsh:physical", [])
     for name, (tag, dimension) in read.field_data.items() if len(tags) else ():
         kinds = zip(starts, tags, read.cells, strict=True)
-        found[name] = [first + np.flatnonzero(of == tag) for first, of, block in kinds if block.dim == dimension]
+        tagged = [first + np.flatnonzero(of == tag) for first, of, block in kinds if block.dim == dimension]
+        found.setdefault(name, tagged)  # files of version 4.1 have sets, too; tags are of a cell's first group
     return {name: np.concatenate([*one, []]).astype(np.int64) for name, one in found.items()}
 
 
-def _outside(grid: Any) -> Any:
+def _outside(mesh: Any) -> Any:
     """Return the outer surface of a mesh's solid cells, or of its triangles if it has none."""
     # PyVista's own function has different arguments in different versions.
     skin_of = importlib.import_module("vtkmodules.vtkFiltersGeometry").vtkDataSetSurfaceFilter()
-    wrap = importlib.import_module("pyvista").wrap
+    skin_of.PassThroughCellIdsOn()
+    pyvista = importlib.import_module("pyvista")
+    grid = _straight(mesh if hasattr(mesh, "celltypes") else mesh.cast_to_unstructured_grid())
     kinds, first = np.unique(grid.celltypes, return_index=True)
     dimension = np.array([grid.get_cell(int(k)).dimension for k in first])
     for wanted in (3, 2):
         chosen = np.isin(grid.celltypes, kinds[dimension == wanted])
         if chosen.any():
-            skin_of.SetInputData(grid.extract_cells(np.flatnonzero(chosen)))
+            cells = grid.extract_cells(np.flatnonzero(chosen))
+            skin_of.SetInputData(cells)
             skin_of.Update()
-            return wrap(skin_of.GetOutput()).triangulate()
+            surface = pyvista.wrap(skin_of.GetOutput()).triangulate()
+            return surface if wanted == 2 else _turned(surface, cells)
     raise ValueError(f"mesh has {len(grid.celltypes)} cells, none solid nor a face; it must have some")
+
+
+def _turned(surface: Any, cells: Any) -> Any:
+    """Return the surface of solid cells with its triangles turned where a cell is beyond its faces: mirrored."""
+    triangles, of = np.array(surface.regular_faces), surface.cell_data["vtkOriginalCellIds"]
+    middle = cells.cell_centers().points[of].astype(np.float64)
+    corners = np.asarray(surface.points, dtype=np.float64)[triangles] - middle[:, None]
+    mirrored = np.bincount(of, np.linalg.det(corners))[of] < 0
+    triangles[mirrored] = triangles[mirrored][:, ::-1]
+    turned = surface.copy()
+    turned.regular_faces = triangles
+    return turned
+
+
+def _straight(grid: Any) -> Any:
+    """Return an unstructured mesh whose cells of third and higher order are reduced to their corners."""
+    if not grid.n_cells:
+        return grid
+    pyvista, cells = importlib.import_module("pyvista"), grid.GetCells()
+    corner, start = (pyvista.convert_array(one) for one in (cells.GetConnectivityArray(), cells.GetOffsetsArray()))
+    if len(corner) and not 0 <= corner.min() <= corner.max() < grid.n_points:
+        raise ValueError(f"a cell has point {corner.max()} of {grid.n_points}")
+    curved = grid.celltypes >= _LAGRANGE
+    if not curved.any():
+        return grid
+    kinds = (grid.celltypes[curved] - _LAGRANGE) % len(_CORNERS)
+    made = {}
+    for k, (kind, count) in enumerate(zip(_STRAIGHT, _CORNERS.values(), strict=True)):
+        if (kinds == k).any():
+            made[kind] = corner[start[:-1][curved][kinds == k][:, None] + np.arange(count)]
+    return pyvista.UnstructuredGrid(made, grid.points)
 
 
 def _distances(part: Any, x: NDArray[np.float64]) -> NDArray[np.float64]:

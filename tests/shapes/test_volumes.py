@@ -61,6 +61,75 @@ def test_grids_and_other_cells(tmp_path):
         assert not body.groups
 
 
+def physical(lines: list[str], order: int, groups: bool) -> str:
+    """Return the text of a .msh file of version 4.1, as Gmsh writes: a tetrahedron of unit edges and a face."""
+    x = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    pairs = [(0, 1), (1, 2), (2, 0), (3, 0), (3, 2), (3, 1)]
+    parts = [(np.array(x[a]) * (3 - k) + np.array(x[b]) * k) / 3 for a, b in pairs for k in (1, 2)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (3, 1, 2)]
+    parts += [np.mean([x[k] for k in face], axis=0) for face in faces]
+    x = x + parts if order == 3 else x
+    kind, face = {1: (4, 2), 3: (29, 21)}[order]
+    of_face = [*range(3), *range(4, 10), 16] if order == 3 else [0, 1, 2]
+    tags = ("1 5", "1 7") if groups else ("0", "0")
+    lines += ["$MeshFormat", "4.1 0 8", "$EndMeshFormat"]
+    if groups:
+        lines += ["$PhysicalNames", "2", '2 5 "left"', '3 7 "body"', "$EndPhysicalNames"]
+    lines += ["$Entities", "0 0 1 1", f"1 0 0 0 1 1 0 {tags[0]} 0", f"1 0 0 0 1 1 1 {tags[1]} 1 1", "$EndEntities"]
+    lines += ["$Nodes", f"1 {len(x)} 1 {len(x)}", f"3 1 0 {len(x)}", *(str(k + 1) for k in range(len(x)))]
+    lines += [" ".join(map(str, one)) for one in x] + ["$EndNodes", "$Elements", "2 2 1 2"]
+    lines += [f"2 1 {face} 1", " ".join(str(k) for k in (1, *(one + 1 for one in of_face)))]
+    lines += [f"3 1 {kind} 1", " ".join(str(k + 1) for k in (1, *range(len(x)))), "$EndElements"]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("groups", [True, False])
+@pytest.mark.parametrize("order", [1, 3])
+def test_files_of_gmsh_4_1_and_of_third_order_are_read(tmp_path, capfd, order, groups):
+    (tmp_path / "part.msh").write_text(physical([], order, groups))
+    body = msd.from_volume(tmp_path / "part.msh", across=12, material=msd.FOAM)
+    assert body.mass.sum() == pytest.approx(msd.FOAM.density / 6, rel=1e-6)
+    assert set(body.groups) == ({"left", "body"} if groups else set())
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("begin", ["SOL 101\nCEND\nBEGIN BULK", ""])
+def test_free_format_of_nastran_is_read(tmp_path, begin):
+    grid = pv.ImageData(dimensions=(3, 3, 3)).cast_to_unstructured_grid()
+    corners = grid.cells_dict[11][:, [0, 1, 3, 2, 4, 5, 7, 6]] + 1
+    lines = [begin, *(f"GRID,{k + 1},,{a:.1f},{b:.1f},{c:.1f}" for k, (a, b, c) in enumerate(grid.points))]
+    for k, one in enumerate(corners):
+        lines += [f"CHEXA,{k + 1},1," + ",".join(map(str, one[:6])), f",{one[6]},{one[7]}"]
+    (tmp_path / "part.bdf").write_text("\n".join([*lines, "ENDDATA"]) + "\n")
+    assert msd.from_volume(tmp_path / "part.bdf", 1.0).particle_count == 27
+
+
+def test_mirrored_cells_are_turned():
+    grid, chosen = part(), np.random.default_rng(0).random(part().n_cells) < 0.5
+    cells = grid.cells_dict[10].copy()
+    cells[chosen] = cells[chosen][:, [0, 2, 1, 3]]
+    body = msd.from_volume(pv.UnstructuredGrid({10: cells}, grid.points), 10.0, material=msd.FOAM)
+    assert body.mass.sum() == pytest.approx(msd.FOAM.density * np.prod(SIZE), rel=1e-6)
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.5, 0.97])
+@pytest.mark.parametrize("suffix", [".vtk", ".vtu", ".stl", ".ply", ".obj", ".msh", ".inp", ".bdf"])
+def test_damaged_files_are_refused_by_name_and_in_silence(tmp_path, capfd, suffix, kept):
+    path, tetrahedra = tmp_path / f"part{suffix}", part().cells_dict[10]
+    if suffix in (".vtk", ".vtu"):
+        part().save(path)
+    elif suffix in (".stl", ".ply", ".obj"):
+        part().extract_surface(algorithm="dataset_surface").triangulate().save(path)
+    else:
+        kind = {".msh": "gmsh", ".inp": "abaqus", ".bdf": "nastran"}[suffix]
+        meshio.Mesh(part().points, [("tetra", tetrahedra)]).write(path, file_format=kind)
+    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    capfd.readouterr()
+    with pytest.raises(ValueError, match=f"mesh is '.*part{suffix}'.{{10}}"):
+        msd.from_volume(path, across=5)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_what_is_no_part_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"nowhere.msh'; it must be the path of a mesh file"):
         msd.from_volume(tmp_path / "nowhere.msh", across=5)
