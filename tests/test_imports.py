@@ -34,7 +34,7 @@ APART = {
     "pictures": {"files", "engine", "integrators"},
 }
 """What a room never imports: a run knows no disk and no screen, a picture no simulation."""
-HOSTS_OF_KERNELS = {"engine", "pictures", "integrators", "shapes"}
+HOSTS_OF_KERNELS = {"engine", "pictures", "integrators"}
 LAZY = {"pyvista", "matplotlib", "scipy", "imageio", "h5py", "pxr", "viser", "xarray"}
 ONE_PLACE = {
     "pyvista": {"pictures", "files"},
@@ -145,12 +145,6 @@ def test_kernels_are_launched_from_few_rooms():
     items = modules().items()
     hosts = {module.room for name, module in items if any(room == "kernels" for _, room in within(name))}
     assert hosts <= HOSTS_OF_KERNELS
-    meshes = {
-        name
-        for name in modules()
-        if name.startswith("msdwarp.shapes") and any(r == "kernels" for _, r in within(name))
-    }
-    assert meshes == {"msdwarp.shapes.meshes"}
 
 
 def test_integrators_see_the_equation_of_motion_and_not_how_forces_come_about():

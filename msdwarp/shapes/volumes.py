@@ -30,9 +30,12 @@ _SECOND = (
     *("hexahedron20", "hexahedron24", "hexahedron27", "wedge15", "wedge18", "pyramid13"),
 )
 """meshio's names of cells of second order that VTK has, too."""
-_BYTES = dict.fromkeys(("short", "ushort", "int16", "uint16"), 2) | dict.fromkeys(("double", "float64"), 8)
-_BYTES |= dict.fromkeys(("int", "uint", "float", "int32", "uint32", "float32"), 4)
-_BYTES |= dict.fromkeys(("char", "uchar", "int8", "uint8"), 1)
+_BYTES: dict[str, int] = {
+    **dict.fromkeys(["char", "uchar", "int8", "uint8"], 1),
+    **dict.fromkeys(["short", "ushort", "int16", "uint16"], 2),
+    **dict.fromkeys(["int", "uint", "float", "int32", "uint32", "float32"], 4),
+    **dict.fromkeys(["double", "float64"], 8),
+}
 """Bytes of a number in a .ply file, by its type."""
 _NEAR = math.sqrt(3) / 2
 """A particle is in a group if its distance from the named part is at most this, in spacings: half a diagonal."""
@@ -170,7 +173,7 @@ def _parts(read: Any) -> tuple[Any, dict[str, Any]]:
     pyvista = importlib.import_module("pyvista")
     blocks = []
     for block in read.cells:
-        name = re.match("[a-z]+", block.type)[0]
+        name = block.type.rstrip("0123456789")
         straight = name in _CORNERS and block.type not in _SECOND
         blocks.append((name, block.data[:, : _CORNERS[name]]) if straight else (block.type, block.data))
     grid, parts = pyvista.from_meshio(type(read)(read.points, blocks)), {}
