@@ -19,7 +19,6 @@ import warp as wp
 
 import msdwarp
 from msdwarp import RK4, RKC2, ExplicitEuler, Leapfrog, Simulation, SimulationDiverged, SymplecticEuler, scenes
-from msdwarp.engine.stepping.cpu_partition import PartitionedGraph
 
 RESULTS = Path(__file__).parent / "results"
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
@@ -115,11 +114,7 @@ def run(case, integrator, steps: float, *, device: str, precision: str = "float6
 
 def replay(simulation: Simulation) -> None:
     """Replay the recorded frame; nothing is read back."""
-    graph = simulation.stepping.graph
-    if isinstance(graph, PartitionedGraph):
-        graph.replay()
-    else:
-        wp.capture_launch(graph)
+    simulation.stepping.graph()
 
 
 def write_csv(path: Path, rows: list[dict], machine_line: str) -> None:

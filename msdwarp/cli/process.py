@@ -116,7 +116,7 @@ def stop_requests(talk: "Console") -> AbstractContextManager[list[int]]:
 
     def announce() -> None:
         if talk.is_terminal:
-            talk.print("stopping after this frame; press again to stop at once")
+            talk.print("stopping after this frame, or within it if it takes long; press again to stop at once")
 
     return noted(announce)
 

@@ -260,8 +260,10 @@ class Run:
             if k:
                 try:
                     simulation.step()
-                except SimulationDiverged:
+                except (SimulationDiverged, KeyboardInterrupt):
                     self._save(writer)  # of the previous frame
+                    if requests:  # and the frame takes long
+                        raise self._interruption(requests[0], last) from None
                     raise
                 if simulation.held_back > self._held_back:
                     self._held_back, self._held_back_at = simulation.held_back, simulation.time

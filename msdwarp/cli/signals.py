@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any, NoReturn
 
+from ..runtime import asked
+
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 _A_LITTLE = 0.02
 """Delay before a signal that cannot be handled yet is sent again [s]."""
@@ -116,21 +118,24 @@ def at_once() -> contextlib.AbstractContextManager[None]:
 def noted(announce: Callable[[], Any]) -> Iterator[list[int]]:
     """Yield a list; the first signal is added to it, then `announce` is called.
 
-    A second signal acts as usual. At the end so does the first signal, unless the list was emptied meanwhile.
+    A second signal acts as usual. At the end so does the first signal, unless the list was emptied meanwhile. A
+    long frame is left unfinished, by KeyboardInterrupt.
     """
-    requested: list[int] = []
     before = {number: signal.getsignal(number) for number in heard(*ALL)}
 
     def note(number: int, _: Any) -> None:
-        requested.append(number)
+        asked.append(number)
         for each, handler in before.items():
             signal.signal(each, handler)
         announce()
 
-    with handled(note):
-        yield requested
-    if requested:
-        ask(requested[0])
+    try:
+        with handled(note):
+            yield asked
+        if asked:
+            ask(asked[0])
+    finally:
+        asked.clear()
 
 
 def ignore() -> None:

@@ -45,7 +45,7 @@ from .model.model import Model as Model
 from .model.state import State as State, copy_vectors as copy_vectors
 from .springs.linearised import add_linearised as add_linearised, write_diagonal_blocks as write_diagonal_blocks
 from .stepping.assemble import Assembly as Assembly, assemble as assemble, assemble_worlds as assemble_worlds
-from .stepping.cpu_partition import THREADS as THREADS, threads_for as threads_for
+from .stepping.cpu_partition import THREADS as THREADS
 from .stepping.dynamics import Dynamics as Dynamics
 from .stepping.stages import Solve as Solve, Stage as Stage
 from .stepping.start_checks import (

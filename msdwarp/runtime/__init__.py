@@ -6,8 +6,10 @@ from .messages import start_warp as start_warp, verbose as verbose
 from .recording import CAPTURE_LOCK as CAPTURE_LOCK, record as record
 from .turns import (
     ReleasedInTurn as ReleasedInTurn,
+    asked as asked,
     calling as calling,
     completing as completing,
     exclusive as exclusive,
     in_turn as in_turn,
+    stop_if_asked as stop_if_asked,
 )

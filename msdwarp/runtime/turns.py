@@ -20,6 +20,8 @@ waiting = list[None]()
 """Not empty while a finalizer, within a collection, waits for a turn."""
 _dropped = list[Any]()
 """Objects to release when a turn ends."""
+asked = list[int]()
+"""Signals that wait for the end of a frame, or of one of the launches of a long frame."""
 PATIENCE = 60.0
 """Longest wait of a fork for another thread's turn [s]: that thread could itself wait for the one that forks."""
 
@@ -94,6 +96,12 @@ def calling(owner: Any, name: str, function: Callable[P, T], *args: P.args, **kw
         own["_busy"] = None
 
 
+def stop_if_asked() -> None:
+    """Raise KeyboardInterrupt if a signal waits for it; in the main thread, which alone gets signals."""
+    if asked and threading.current_thread() is threading.main_thread():
+        raise KeyboardInterrupt
+
+
 @contextlib.contextmanager
 def completing() -> Iterator[list[int]]:
     """Complete a block before Ctrl-C raises KeyboardInterrupt, so that no frame is left half done.
@@ -101,27 +109,29 @@ def completing() -> Iterator[list[int]]:
     Yields a list that is no longer empty once Ctrl-C was pressed: a long block should then end early. A second
     Ctrl-C raises at once. Handlers that a program has set itself, and other threads, are left alone.
     """
-    usual, pressed = _signal.default_int_handler, list[int]()
+    usual = _signal.default_int_handler
     in_main = threading.current_thread() is threading.main_thread()
     if not in_main or _signal.getsignal(_signal.SIGINT) is not usual:
-        yield pressed
+        yield []
         return
 
     def note(number: int, frame: Any) -> None:
-        if pressed:
+        if asked:
             usual(number, frame)
-        pressed.append(number)
+        asked.append(number)
 
+    asked.clear()
     try:
         _signal.signal(_signal.SIGINT, note)
-        yield pressed
+        yield asked
     finally:
         try:
             _signal.signal(_signal.SIGINT, usual)
         except BaseException:  # of the handler of another signal, which this calls first
             _signal.signal(_signal.SIGINT, usual)
             raise
-        if pressed:
+        if asked:
+            asked.clear()
             raise KeyboardInterrupt
 
 

@@ -20,7 +20,6 @@ from ..engine import (
     kicked,
 )
 from ..integrators import Integrator, StepChoice
-from ..runtime import record
 from .stepping import Stepping
 
 SHARE, SHARE_OF_SUBSTEPS = 1 / 4, 1 / 16
@@ -273,24 +272,20 @@ class Differentiated:
 
     def _play(self, launch: Callable[[], None]) -> None:
         """Run the launches of a method; they are recorded as a graph the first time, and then replayed."""
-        name, partition = launch.__name__, self._dynamics.partition
-        if partition is not None:
-            self._graphs[name] = self._graphs.get(name) or partition.record(launch)
-            self._graphs[name].replay()
-        else:
-            self._graphs[name] = self._graphs.get(name) or record(launch, self._model.device)
-            wp.capture_launch(self._graphs[name])
+        name = launch.__name__
+        self._graphs[name] = self._graphs.get(name) or self._dynamics.recorded(launch)
+        self._graphs[name]()
 
     def _launch_again(self) -> None:
         """Launch a frame's substeps once more, without checks: the first run of the frame has passed them."""
         self._stepping.stepper.take(self._stepping.choice.substeps)
 
-    def _launch_on_tape(self, substeps: int) -> None:
-        """Launch a frame's substeps, and keep all their states on the tape."""
+    def _launch_on_tape(self, substeps: int, first: int) -> None:
+        """Launch substeps of a frame, from number `first` on, and keep all their states on the tape."""
         now = self._stepping.state.x, self._stepping.state.v
-        copy_vectors(self._tape.states[0], now)
-        self._tape.launch()
-        copy_vectors(now, self._tape.states[-1])
+        copy_vectors(self._tape.states[first], now)
+        self._tape.launch(range(first, first + substeps))
+        copy_vectors(now, self._tape.states[first + substeps])
 
     def _launch_back(self) -> None:
         """Launch a frame's substeps again, and their adjoints."""

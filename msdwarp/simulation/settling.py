@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import LINEAR, System, scaled_parts
-from ..engine import Dynamics, assemble, rate_bounds, starting_state, threads_for, weight
+from ..engine import Dynamics, assemble, rate_bounds, starting_state, weight
 from ..integrators import SymplecticEuler, choose_stable
 from ..runtime import in_turn
 from ..world import Attachment, Collider, Load
@@ -106,7 +106,7 @@ def settled(
     fps = 1.0 / (SUBSTEPS * safety * limit)
     first = FRAMES_TO_SEPARATE if assembly.release_overlaps_within(FRAMES_TO_SEPARATE / fps) else 0
     stepping = Stepping(
-        Dynamics(assembly, threads=threads_for(assembly, threads)),
+        Dynamics(assembly, threads),
         state,
         method,
         [choose_stable(rates, method, fps, safety=safety)],

@@ -19,7 +19,6 @@ from ..engine import (
     check_blocks,
     rate_bounds,
     starting_state,
-    threads_for,
     warn_of_start,
 )
 from ..integrators import SAFETY, Integrator, StepChoice
@@ -100,8 +99,9 @@ class Simulation(Changing, Differentiable):
         Number of thread blocks and threads per block that compute all substeps of a frame in one launch: a pair,
         or "auto". None: each stage of each substep is a launch. This affects speed only.
     threads
-        Number of CPU threads; "auto" uses one for each core, or one thread for small bodies. The environment
-        variable MSDWARP_THREADS sets the maximum. This affects speed only: results are the same to the last bit.
+        Number of CPU threads; "auto" uses one for each core, or fewer for small bodies, and while other programs
+        need the cores. The environment variable MSDWARP_THREADS sets the maximum. This affects speed only:
+        results are the same to the last bit.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes
@@ -238,7 +238,7 @@ class Simulation(Changing, Differentiable):
             refinement, above = controller.refinement, controller.above_floor(self.stepping)
         choice = choice or self._stable_choice(assembly, state).refined(refinement)
         self.stepping = Stepping(
-            Dynamics(assembly, threads=threads_for(assembly, self._threads)),
+            Dynamics(assembly, self._threads),
             state,
             self._method,
             [choice],

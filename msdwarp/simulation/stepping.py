@@ -102,7 +102,7 @@ class Stepping:
             after_substep=None if self._substep_sensors is None else self._measure_substep,
             blocks=blocks,
         )
-        self._launch_substeps: Callable[[int], None] = self.stepper.take
+        self._launch_substeps: Callable[[int, int], None] = self.stepper.take
         self._balance_graph: Any = None
         self._generation = self.model.generation
         self.too_far = 0.0
@@ -112,9 +112,8 @@ class Stepping:
         small = is_told_by_frames(dynamics)
         self._can_sum_balance, self.sum_balance = watch_energy and small, True
         """Whether frames can sum the energy balance; whether the next ones do, instead of `balance_of_frame`."""
-        self.runs_ahead = small and can_judge_late(
-            self.assembly, forces, self._frame_sensors, self._substep_sensors
-        )
+        measured = forces, self._frame_sensors, self._substep_sensors
+        self.runs_ahead = small and can_judge_late(self.assembly, *measured)
         """Whether a frame can be tested for divergence while the next one runs."""
         self._new_energy_sums = partial(EnergySums, dynamics, state, own.lag * choice.step)
         self._energy_sums = self._new_energy_sums() if self._can_sum_balance else None
@@ -127,7 +126,7 @@ class Stepping:
 
     @property
     def graph(self) -> Any:
-        """The first recorded graph; None if there is none yet."""
+        """Function that replays the first recorded graph; None if there is none yet."""
         return next(iter(self._tracks.first.graphs.values()), None)
 
     def with_choice(self, choice: StepChoice) -> Self:
@@ -155,8 +154,8 @@ class Stepping:
         """The time of the state [s]; that of the caller, unless a signal kept it from counting the last frame."""
         return self._time
 
-    def launch_substeps_by(self, launch: Callable[[int], None]) -> None:
-        """Have `launch`, a function of their number, launch the substeps of later frames."""
+    def launch_substeps_by(self, launch: Callable[[int, int], None]) -> None:
+        """Have `launch`, a function of their number and of the first one, launch the substeps of later frames."""
         self._tracks.forget_graphs()
         self._launch_substeps = launch
 
@@ -166,8 +165,7 @@ class Stepping:
         with self._synchronized_velocities():
             self.model.fall(gravity)
             self.dynamics.scene.gravity = self.model.gravity
-        # Recording takes longer than a launch, and pays only if no other change follows soon.
-        self._unrecorded, self._unsummed = 1, 4
+        self._unrecorded, self._unsummed = 1, 4  # recording takes longer, and pays only if no change follows soon
         added_energy = potential(self.model, self.state) - energy_before
         self._shift_baseline(added_energy, max(0.0, weight(self.model) - weight_before) * size(self.state))
 
@@ -221,9 +219,8 @@ class Stepping:
         try:
             if not self._tracks.advance():
                 self._take_frame(time, self._tracks.current)
-            fps, track = self.choice.fps, self._tracks.current
-            self._frame_start, self._time = time, (round(time * fps) + 1) / fps
-            return self._judge(time, next_time, track)
+            self._frame_start, self._time = time, (round(time * self.choice.fps) + 1) / self.choice.fps
+            return self._judge(time, next_time, self._tracks.current)
         except BaseException:  # of a function of time or a signal's handler: the caller does not count this frame
             if self._tracks.current.time == time:
                 self._frame_start = time
@@ -234,12 +231,13 @@ class Stepping:
         """Launch the next frame ahead, and return whether the frame that begins at `time` [s] is fine."""
         if next_time is not None:
             self.dynamics.prepare(next_time)
-            if self.runs_ahead and not self._unrecorded:
+            if self.runs_ahead and not self._unrecorded and self.dynamics.pace.launches == 1:
                 ahead = self._tracks.other()
                 with suppress(Exception):  # raised again when that frame begins, if it does
                     self._take_frame(next_time, ahead)
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
+        self.dynamics.pace.learn(self.choice.substeps)
         # The sum calls every effect. If a neighbour list was too short or too old, the frame is repeated.
         while sum(effect.is_void() for effect in self.assembly.all):
             self.go_back()
@@ -249,8 +247,7 @@ class Stepping:
             self.frozen.tell_contact()
         elif self.assembly.body_contact is not None:
             self.too_far = self.assembly.body_contact.neighbors.too_far if fine else 0.0
-            return fine and not self.too_far
-        return fine
+        return fine and not self.too_far
 
     def _is_fine(self, track: Track) -> bool:
         """Wait for a frame; return False if it diverged. An ensemble must wait only if bodies may touch."""
@@ -268,31 +265,33 @@ class Stepping:
             self.dynamics.hold(self._time)
 
     def _take_frame(self, time: float, track: Track) -> None:
-        """Launch the frame that begins at `time` [s]."""
+        """Launch the frame that begins at `time` [s]; if it takes long, in several launches."""
         self._forget_outdated()
-        partition, graphs = self.dynamics.partition, track.graphs
-        summed = track.sums_balance = self._can_sum_balance and self.sum_balance
+        track.sums_balance = self._can_sum_balance and self.sum_balance
         self.stepper.takes_contact_along = not self._unrecorded and self.stepper.may_take_contact_along
-        contact = self.assembly.body_contact
-        kind = summed, self.stepper.takes_contact_along, contact and contact.recorded_for
-        if kind not in graphs and (partition is not None or not self._unrecorded):
-            launch = partial(self._launch_frame, track)
-            graphs[kind] = record(launch, self.model.device) if partition is None else partition.record(launch)
+        part, launch = self._launch_from(track, 0)
         self.dynamics.begin_frame(time)
         try:
-            if kind not in graphs:
-                self._unrecorded -= 1
-                self._launch_frame(track)
-            elif partition is not None:
-                graphs[kind].replay()
-            else:
-                wp.capture_launch(graphs[kind])
+            self.dynamics.pace.take(self.choice.substeps, part, launch, partial(self._launch_from, track))
             track.found.mark()
             track.time = time
         except BaseException:  # of a signal meanwhile
             track.restore()
             self.dynamics.hold(self._time)
             raise
+        self._unrecorded = max(0, self._unrecorded - 1)
+
+    def _launch_from(self, track: Track, first: int) -> tuple[range, Callable[[], None]]:
+        """Return the substeps of a frame's next launch, from number `first` on, and the function that launches."""
+        dynamics, contact = self.dynamics, self.assembly.body_contact
+        part, threads = dynamics.pace.part(first, self.choice.substeps), dynamics.pace.threads()
+        dynamics.share_among(threads)
+        kind = track.sums_balance, self.stepper.takes_contact_along, contact and contact.recorded_for
+        kind = *kind, threads, first, part.stop
+        launch = track.graphs.get(kind) or partial(self._launch_part, part, track)
+        if kind not in track.graphs and (dynamics.partition is not None or not self._unrecorded):
+            launch = track.graphs[kind] = dynamics.recorded(launch)
+        return part, launch
 
     def _forget_outdated(self) -> None:
         """Drop graphs with replaced arrays, arguments or kernels."""
@@ -317,12 +316,15 @@ class Stepping:
         self._tracks.current.restore()
         self.begin_at(self._frame_start)
 
-    def _launch_frame(self, track: Track) -> None:
-        """Launch the substeps of a frame, and then the checks and sensors at its end."""
-        track.backup.save()
-        if self.contact_forces is not None:
-            self.contact_forces.begin()
-        self._launch_substeps(self.choice.substeps)
+    def _launch_part(self, part: range, track: Track) -> None:
+        """Launch some substeps of a frame; after the last also the checks and sensors at the frame's end."""
+        if part.start == 0:
+            track.backup.save()
+            if self.contact_forces is not None:
+                self.contact_forces.begin()
+        self._launch_substeps(len(part), part.start)
+        if part.stop < self.choice.substeps:
+            return
         for effect in self.assembly.all:
             effect.look()
         if track.sums_balance and self._energy_sums is not None:

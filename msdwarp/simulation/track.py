@@ -1,6 +1,6 @@
 """Tracks: memory for two frames, so that the next frame can be launched before the current one is checked."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import warp as wp
@@ -17,8 +17,8 @@ class Track:
     def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
         self.backup = Backup(assembly, state, others)  # a copy of the state at the frame's start
         self.found = Found(state.model)  # sums over the state at the frame's end
-        # Recorded graphs of the frame, by whether they sum the energy balance, and by search intervals:
-        self.graphs: dict[tuple, Any] = {}
+        # Replay graphs, by whether they sum the energy balance, by search intervals, and by threads and substeps:
+        self.graphs: dict[tuple, Callable[[], None]] = {}
         self.sums_balance = False  # whether the last launched frame did
         self.time: float | None = None  # when the last launched frame began [s]; None once it is undone
 

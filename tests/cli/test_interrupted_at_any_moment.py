@@ -98,6 +98,24 @@ def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path
             assert not resumed(results)
 
 
+@posix
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_ends_within_a_frame_that_takes_long(tmp_path, number):
+    long = ["--size", "20", "--substeps", "60000", "--frames", "none", "--video", "none"]  # half a minute a frame
+    process = begun(tmp_path, "run", "cube", "--duration", "0.1", "--device", "cpu", *long)
+    started = tmp_path / "out" / "cube" / "restart.h5"
+    while not started.exists() and process.poll() is None:
+        time.sleep(0.05)
+    time.sleep(1.0)
+    process.send_signal(number)
+    code, _, err = ended(process)
+    assert code == 128 + number, err
+    assert "at 0 s, after frame 0 of 6: `msdwarp resume out/cube` goes on" in err  # not after frame 1
+    with Trajectory(started.parent / "trajectory.vtkhdf") as found:
+        assert len(found) == 1
+
+
 def test_what_is_imported_late_is_let_come_to_its_end(tmp_path, monkeypatch, heard):
     (tmp_path / "heard_late.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\nwhole = True\n")
     monkeypatch.syspath_prepend(tmp_path)

@@ -261,7 +261,7 @@ def test_a_gpu_has_its_own_threads():
 def test_what_a_thread_raises_is_raised_and_nobody_waits():
     simulation = Simulation(BODY, device="cpu", threads=3)
     simulation.step()
-    frame, x = simulation.stepping.graph, simulation.frame().position
+    frame, x = simulation.stepping.graph.__self__, simulation.frame().position
     good, frame._graphs[2] = frame._graphs[2], None
     with pytest.raises(AttributeError):
         frame.replay()

@@ -42,9 +42,9 @@ class Tape:
         """Make the start of a substep the current state."""
         self.state.state_in, self.state.state_out = self._instants[substep : substep + 2]
 
-    def launch(self) -> None:
-        """Launch all substeps of a frame, from the first state of the tape."""
-        for k in range(len(self._stages)):
+    def launch(self, substeps: range | None = None) -> None:
+        """Launch substeps of a frame, by default all, from the state before the first on the tape."""
+        for k in substeps or range(len(self._stages)):
             self.take(k)
 
     def take(self, substep: int, look: Callable[[int, wp.array, wp.array], None] | None = None) -> None:

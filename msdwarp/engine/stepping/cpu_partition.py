@@ -38,7 +38,7 @@ THREADS = "MSDWARP_THREADS"
 
 
 class CpuPartition(Launcher):
-    """Divides a body's particles among threads, at least 2, and records the launches of each thread for a frame.
+    """Divides a body's particles among threads, and records the launches of each thread for a frame.
 
     The first thread launches the whole frame, but only its part of the stages; the others only their parts.
     The graphs of all threads run at the same time; threads wait for each other inside kernels.

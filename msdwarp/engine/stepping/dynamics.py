@@ -20,14 +20,15 @@ from ...kernels.integrators import (
     scene,
 )
 from ...kernels.springs import NO_SUBSTEP
-from ..device.launcher import Launcher
+from ...runtime import record
 from ..model.effect import Effect, Steps
 from ..model.state import State
 from ..springs.force_algorithms import forces_of
 from ..springs.fracture import Fracture
 from ..springs.spring_constants_by_world import ensemble_forces
 from .assemble import Assembly
-from .cpu_partition import CpuPartition, repeat
+from .cpu_partition import CpuPartition, repeat, threads_for
+from .pace import Pace
 from .per_stage import PerStage, column_count, of_each_world
 from .persistent import launch_persistent
 from .stages import Solve, Stage, StageArrays
@@ -45,7 +46,7 @@ class Dynamics:
     Attributes
     ----------
     threads
-        CPU threads that share the particles.
+        CPU threads that share the particles in the frames recorded next.
     partition
         Divides the stages of recorded frames among the threads; None if there is one thread.
     frozen
@@ -53,9 +54,12 @@ class Dynamics:
     """
 
     frozen: Any = None
+    threads = 1
+    partition: CpuPartition | None = None
 
-    def __init__(self, assembly: Assembly, threads: int = 1) -> None:
-        self.assembly, self.model, self.threads = assembly, assembly.model, threads
+    def __init__(self, assembly: Assembly, threads: int | str = 1) -> None:
+        self.assembly, self.model, most = assembly, assembly.model, threads_for(assembly, threads)
+        self.pace = Pace(assembly, 1 if threads == "auto" else most, most)
         self._preceding = [one for one in assembly.all if one.precedes]
         self._searching = [one for one in assembly.all if one.overrides("search")]
         self._ending = [one for one in assembly.all if one.overrides("end_substep")]
@@ -66,11 +70,9 @@ class Dynamics:
         self.scene = scene(self.composition)()
         self._fill_scene(forces, effect_mask)
         self._per_stage = PerStage(self.model, self.composition, self.launches_before_forces)
-        self.partition = CpuPartition(self.model, self.composition, threads) if threads > 1 else None
         self._left = wp.zeros(1, dtype=int, device=self.model.device)
         """How many repetitions of launches are left."""
-        for effect in assembly.all:
-            effect.use_launcher(self.partition or Launcher())
+        self.share_among(most)
         self._single_launch = not assembly.begins_substeps
         """Whether one launch can do all that a stage does to particles and springs."""
         slow = self.launches_before_forces or self.model.in_worlds  # if launches have a thread per particle
@@ -79,6 +81,20 @@ class Dynamics:
         self.steps, self._last_stage, self._stage = Steps(1.0, 1), 0, 0
         """The substeps of the coming frames."""
         self._measuring = self._in_frame = self._at_substep_start = self._at_frame_start = False
+
+    def share_among(self, threads: int) -> None:
+        """Let so many CPU threads share the particles in the frames recorded from now on."""
+        if threads != self.threads:
+            self.threads, self.partition = threads, CpuPartition(self.model, self.composition, threads)
+            for effect in self.assembly.all:
+                effect.use_launcher(self.partition)
+
+    def recorded(self, launch: Callable[[], None]) -> Callable[[], None]:
+        """Return a function that replays the launches of `launch`, recorded as a graph of each thread."""
+        if self.partition is not None:
+            return self.partition.record(launch).replay
+        graph = record(launch, self.model.device)
+        return lambda: wp.capture_launch(graph)
 
     def _forces(self) -> tuple[Any, Differences | None]:
         """Return the force algorithm with its data, and for an ensemble the differences between worlds."""

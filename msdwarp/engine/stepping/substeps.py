@@ -95,7 +95,7 @@ class Stepper:
                 self._state.flip()
         elif self.blocks is None:
             begun, pairs = 2, (substeps - 3) // 2  # the first two and the last substep differ from the others
-            if not self._repeats or pairs < 2 or first > 0:
+            if not self._repeats or pairs < 2:
                 begun = pairs = 0
             self._take_each(range(begun), first)
             if pairs:
