@@ -67,9 +67,14 @@ class Version:
 
     def __init__(self, folder: Path) -> None:
         path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
-        command = [sys.executable, __file__, "--serve"]
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-        self._process = subprocess.Popen(command, cwd=folder, env=os.environ | {"PYTHONPATH": path}, **pipes)
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, "--serve"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": path},
+        )
         imported = self._read()
         assert Path(imported).resolve() == folder.resolve(), f"{folder} has no msdwarp: {imported} was imported"
 
@@ -79,6 +84,7 @@ class Version:
         return self._read()
 
     def _read(self) -> str:
+        assert self._process.stdout is not None
         line = self._process.stdout.readline().strip()
         if not line:
             raise SystemExit("a version ended; see above")
@@ -95,7 +101,7 @@ def measure(versions: list[Version], body: str, neighbors: list[int], rounds: in
     for one in versions:
         one.ask(f"prepare {body}")
     frames = max(1, round(1e3 * SECONDS / versions[1].timed(5)[0]))
-    alone = None
+    alone = 0.0
     for count in neighbors:
         others = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(count)]
         try:

@@ -35,7 +35,7 @@ class Machine:
             self.wall += 10 * seconds
             self.computing += 10 * seconds * computes * threads
 
-        choice.take(10, range(10), take, None)
+        choice.take(10, range(10), take, lambda first: (range(first, first), take))
         return threads
 
 
