@@ -49,16 +49,15 @@ def projected_force(dim: int, scalar: type, laws: Laws):
         pull = stiffness * (length - rest_length)
         if wp.static(spring is not None):
             pull = stiffness * rest_length * stress(length / rest_length - scalar(1.0))
-        pull -= stiffness * rest_length * strain
         if wp.static(damper is not None):
             if wp.static(own is None):
                 resisting = resistance(wp.dot(dv, dx) / length, damping)
             else:
                 resisting = own(length / rest_length - scalar(1.0), wp.dot(dv, dx) / length, damping)
-            if wp.static(slack):
-                if length < rest_length:
-                    resisting = scalar(0.0)
+            if wp.static(slack):  # not `clamp`, whose derivative by `resisting` is 1 where all three are 0
+                resisting = wp.max(wp.min(resisting, pull), -pull)
             pull += resisting
+        pull -= stiffness * rest_length * strain
         return -(pull / length) * wp.dot(psi, dx)
 
     return projected

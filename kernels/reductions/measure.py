@@ -230,15 +230,16 @@ def sum_up(
                     elastic += wp.float64(0.5) * spring * stretch * stretch
                 else:
                     elastic += spring * rest * rest * energy(stretch / rest)
-                    if wp.static(slack):
-                        if stretch < wp.float64(0.0):
-                            damper = wp.float64(0.0)
                 if length > wp.float64(0.0):
                     rate = closing / length
                     if wp.static(own_damper is None):
-                        dissipated += resistance(rate, damper) * rate
+                        resisting = resistance(rate, damper)
                     else:
-                        dissipated += own_damper(stretch / rest, rate, damper) * rate
+                        resisting = own_damper(stretch / rest, rate, damper)
+                    if wp.static(slack):
+                        pull = spring * wp.max(stretch, wp.float64(0.0))
+                        resisting = wp.max(wp.min(resisting, pull), -pull)
+                    dissipated += resisting * rate
                 if wp.static(tears):
                     if spring == wp.float64(0.0) and damper == wp.float64(0.0):
                         stretch = wp.float64(0.0)

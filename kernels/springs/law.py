@@ -63,7 +63,7 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
     gets −F. Another damping law replaces b Δv·Δx̂; a user's law also depends on strain; without a damper this part
     is not compiled. Another spring law replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1). For springs that bear only
-    tension, dampers act only in tension.
+    tension, a damper's force is at most the spring's.
     """
     V, (damper, spring) = vector(dim, scalar), laws
     stress = None if spring is None else spring_stress(scalar, spring)
@@ -86,8 +86,7 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
                     strain = length / rest_length - scalar(1.0)
                     resisting = own(strain, wp.dot(dv, dx) * inverse_length, damping)
                 if wp.static(slack):
-                    if length < rest_length:
-                        resisting = scalar(0.0)
+                    resisting = wp.max(wp.min(resisting, pull), -pull)
                 pull += resisting
             return pull * inverse_length
         tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density

@@ -31,7 +31,7 @@ class Laws(NamedTuple):
 
     @property
     def slacken(self) -> bool:
-        """Whether springs and their dampers exert no force while shorter than their rest length."""
+        """Whether springs exert no force while shorter than their rest length, nor dampers more than springs."""
         return self.spring == ("tension",)
 
 

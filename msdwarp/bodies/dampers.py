@@ -87,8 +87,8 @@ class OwnDamper(Damper):
     ----------
     function
         A `wp.func` of the strain l/l0 − 1, the rate l' [m/s] and b that returns the force [N], positive in
-        tension. It should have the sign of l', or be 0, so that it dissipates energy. It is called with float32
-        and with float64 numbers, so its arguments must be annotated `Any`.
+        tension. It should have the sign of l', or be 0, so that it dissipates energy; gradients are wrong if it
+        jumps. It is called with float32 and with float64 numbers, so its arguments must be annotated `Any`.
     steepest
         Upper bound of the force's derivative with respect to the rate, divided by b; it limits the stable step.
     """

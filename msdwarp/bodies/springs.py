@@ -29,7 +29,9 @@ class Spring:
 class TensionOnlySpring(Spring):
     """s = max(ε, 0): a rope, cable or net, which is slack if it is shorter than its rest length.
 
-    The damper of the connection acts only while it is taut.
+    The damper's force is at most that of the spring. So the force of a rope that becomes taut or slack does not
+    jump, as gradients need it, and a rope never pushes. The Modelica Standard Library limits the damper of its
+    `ElastoGap` likewise.
     """
 
     @property

@@ -75,11 +75,15 @@ def strained(system: System) -> tuple[np.ndarray, ...]:
     return i, j, axis, length, length / system.rest_length - 1, (dv * axis).sum(axis=1)
 
 
+def damping(resisting: np.ndarray, pull: np.ndarray, name: str | None) -> np.ndarray:
+    """Return the forces of dampers beside springs that pull so much: no more than these, if they only pull."""
+    return np.clip(resisting, -pull, pull) if name == "tension" else resisting
+
+
 def expected_forces(system: System, name: str, stress: Callable | None = None) -> np.ndarray:
     i, j, axis, _, strain, rate = strained(system)
-    stress = stress or LAWS[name][1]
-    damping = system.damping * rate * ((strain > 0) | (name != "tension"))
-    pull = (system.stiffness * system.rest_length * stress(strain) + damping)[:, None] * axis
+    pull = system.stiffness * system.rest_length * (stress or LAWS[name][1])(strain)
+    pull = (pull + damping(system.damping * rate, pull, name))[:, None] * axis
     total = np.zeros_like(system.position)
     np.add.at(total, i, -pull)
     np.add.at(total, j, pull)
@@ -154,8 +158,9 @@ def test_energy_is_the_integral_of_the_force(plain_device, name):
     stored = (system.stiffness * system.rest_length**2 * LAWS[name][2](strain)).sum()
     found = simulation.measure()
     assert found.elastic_energy == pytest.approx(stored, rel=1e-9)  # of Gauss's rule, for the exponential
-    acts = (strain > 0) | (name != "tension")
-    assert found.dissipated_power == pytest.approx((system.damping * rate**2 * acts).sum(), rel=1e-12)
+    pull = system.stiffness * system.rest_length * LAWS[name][1](strain)
+    lost = damping(system.damping * rate, pull, name) * rate
+    assert found.dissipated_power == pytest.approx(lost.sum(), rel=1e-12)
 
 
 @every_law
@@ -199,6 +204,19 @@ def test_a_slack_rope_pulls_and_brakes_nothing(plain_device):
     assert simulation.frame().velocity[1, 0] == pytest.approx(0.1, rel=1e-12)
     simulation.step(60)
     assert simulation.frame().velocity[1, 0] < 0.09  # it has become taut
+
+
+def test_a_cable_becomes_taut_without_a_jump_and_never_pushes(plain_device):
+    # As Modelica's ElastoGap: its damper pulls or slackens by no more than its spring pulls.
+    rates, pulls = np.array([-2.0, 2.0]), []
+    for strain in (-1e-6, 1e-6, 0.02, 0.2):
+        pair = chain(2, 1.0 + strain, stiffness=100.0, damping=5.0, mass=1.0)
+        pair = pair.replace(rest_length=1.0, spring=TensionOnlySpring())
+        thrown = (pair.with_velocity([[0.0, 0, 0], [rate, 0, 0]]) for rate in rates)
+        pulls.append([-evaluate(one, plain_device, "float64")[1, 0] for one in thrown])
+    spring = 100.0 * np.array([0.0, 1e-6, 0.02, 0.2])[:, None]
+    expected = spring + np.clip(5.0 * rates, -spring, spring)
+    np.testing.assert_allclose(pulls, expected, rtol=0, atol=1e-13 * 100.0)  # rounding of a length of 1 m
 
 
 @pytest.mark.slow
@@ -251,11 +269,9 @@ def test_a_damper_that_knows_the_strain(device, body, spring):
     system = BODIES[body].replace(damper=OwnDamper(taut, 4.0))
     system = system if spring is None else system.replace(spring=LAWS[spring][0])
     i, j, axis, _, strain, rate = strained(system)
-    acts = (strain > 0) | (spring != "tension")
-    damping = system.damping * (1 + 3 * strain) * rate * acts
-    pull = (
-        system.stiffness * system.rest_length * (strain if spring is None else LAWS[spring][1](strain)) + damping
-    )
+    pull = system.stiffness * system.rest_length * (strain if spring is None else LAWS[spring][1](strain))
+    resisting = damping(system.damping * (1 + 3 * strain) * rate, pull, spring)
+    pull += resisting
     expected = np.zeros_like(system.position)
     np.add.at(expected, i, -pull[:, None] * axis)
     np.add.at(expected, j, pull[:, None] * axis)
@@ -263,7 +279,7 @@ def test_a_damper_that_knows_the_strain(device, body, spring):
     found = evaluate(system, device, "float64", algorithm)
     assert np.abs(found - expected).max() < 1e-11 * np.abs(pull).max()  # sums of some 26 terms
     measured = Simulation(system, gravity=0.0, device="cpu", precision="float64", substeps=1, allow_unstable=True)
-    assert measured.measure().dissipated_power == pytest.approx((damping * rate).sum(), rel=1e-11)
+    assert measured.measure().dissipated_power == pytest.approx((resisting * rate).sum(), rel=1e-11)
 
 
 def test_what_a_damper_takes_follows_from_the_way(plain_device):

@@ -26,6 +26,7 @@ from msdwarp import (
     box,
     join,
 )
+from msdwarp.bodies import LINEAR, LINEAR_SPRING
 
 
 @wp.func
@@ -131,6 +132,49 @@ def tied(body: System) -> System:
     """Return a block and another one beside it, joined by springs."""
     other = body.translate((0.45, 0, 0))
     return join(body, other, pairs=[(35, 0), (32, 4)], stiffness=200.0, damping=0.1)
+
+
+KINKS = {
+    "slack": (TensionOnlySpring(), LINEAR),
+    "slack, with friction": (TensionOnlySpring(), CoulombDamper(0.1)),
+    "slack, with a damper of one's own": (TensionOnlySpring(), OwnDamper(taut, 4.0)),
+    "a strain limit": (LimitedSpring(0.05, 4.0), LINEAR),
+    "a speed limit": (LINEAR_SPRING, QuadraticDamper(0.5)),
+    "friction": (LINEAR_SPRING, CoulombDamper(0.2)),
+}
+"""Laws of springs and dampers with a kink; the motion below crosses each of them."""
+
+
+@pytest.mark.parametrize(
+    "kink", [one if one == "slack" else pytest.param(one, marks=pytest.mark.slow) for one in KINKS]
+)
+def test_derivatives_across_a_kink_are_those_of_differences(kink, plain_device):
+    spring, damper = KINKS[kink]
+    start = {"velocity": -1.0, "stiffness": 100.0, "damping": 3.0, "rest_length": 1.0}
+
+    def run(**given) -> msd.Simulation:
+        now = start | given
+        ends = {"position": [[0.0, 0, 0], [1.05, 0, 0]], "mass": [np.inf, 1.0], "connections": [(0, 1)]}
+        ends |= {"velocity": [[0.0, 0, 0], [now.pop("velocity"), 0, 0]], "spring": spring, "damper": damper}
+        how = {"substeps": 50, "precision": "float64", "fps": 100.0, "device": plain_device}
+        return msd.Simulation(System(**ends, **now), gravity=(3.0, 0, 0), **how)
+
+    def end(frames: msd.Frames) -> tuple[float, np.ndarray, None]:
+        by_x = np.zeros(frames.position.shape)
+        by_x[-1, 1, 0] = 1.0
+        return frames.position[-1, 1, 0], by_x, None
+
+    found = run().gradient(end, 70, by=list(start))
+    for name, value in start.items():
+        values = []
+        for sign in (1, -1):
+            moved = run(**{name: value * (1 + 1e-3 * sign)})
+            moved.step(70)
+            values.append(moved.frame().position[1, 0])
+        one = found[name][1, 0] if name == "velocity" else found[name][0]
+        # A kink moves the derivative by its jump, times a step of 2e-4 s, and the differences by their own, 1e-3.
+        # A jump of the force would put it off by half and more.
+        assert one == pytest.approx((values[0] - values[1]) / (2e-3 * value), rel=0.01)
 
 
 def method_for(effect: str) -> msd.Integrator:
