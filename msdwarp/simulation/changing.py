@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import LINEAR_SPRING, System
-from ..engine import Assembly, State, assemble, caught, resists, starting_state
+from ..engine import Assembly, State, assemble, caught, resists
 from ..integrators import Integrator, UnstableStep
 from ..runtime import completing, exclusive
 from ..world import (
@@ -62,10 +62,6 @@ class Changing(PresentWorld):
 
     def _assembled(self) -> tuple[Assembly, State]:
         """Return a new assembly of the scene, and its current state."""
-        # At the start velocities are as given; later the method's velocities are shifted by half a substep.
-        if self.stepping.at_start:
-            assembly = assemble(self.system, **self._surroundings)
-            return assembly, starting_state(self.system, assembly, 0, self.time, self.fps)
         system = self.snapshot()
         assembly = assemble(system, **self._surroundings)
         return assembly, State.from_system(system, assembly.model)

@@ -319,11 +319,9 @@ class Ensemble(Differentiable):
     def _assembled(self) -> tuple[Assembly, State]:
         """Return a new assembly of the worlds, and their current state."""
         assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
-        state = starting_state(self._base, assembly, 0, self.time, self.fps)
-        if not self.stepping.at_start:
-            frame = self.frame()
-            state.write("x", frame.position)
-            state.write("v", frame.velocity)
+        state, frame = State(assembly.model), self.frame()
+        state.write("x", frame.position)
+        state.write("v", frame.velocity)
         return assembly, state
 
     @in_turn

@@ -192,7 +192,7 @@ class Differentiable(Present):
         start = (self.time, names, self._energy_limit)
         assembly, state = self._assembled()
         choices, threads = self.stepping.choices, self.stepping.dynamics.threads
-        run = Differentiated(assembly, state, method, choices, *start, threads)
+        run = Differentiated(assembly, state, self.state.v, method, choices, *start, threads)
         if self.stepping.frozen is not None:
             run.stop(self.stepping.frozen.found().status)
         return run, run.forward(count)

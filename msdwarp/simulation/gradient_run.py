@@ -58,6 +58,8 @@ class Differentiated:
     ----------
     assembly, state
         The scene, at its start.
+    own_v
+        The method's velocities there [m/s]; those of `state` are at the time of its positions.
     method, choices
         The integrator, and the substeps of all frames; in an ensemble those that each world needs.
     start
@@ -74,6 +76,7 @@ class Differentiated:
         self,
         assembly: Assembly,
         state: State,
+        own_v: wp.array,
         method: Integrator,
         choices: Sequence[StepChoice],
         start: float,
@@ -89,6 +92,7 @@ class Differentiated:
             dynamics, state, method, choices, energy_limit=energy_limit, blocks="auto", time=start
         )
         choice = self._stepping.choice
+        wp.copy(state.v, own_v)
         self._first = self._model.vectors_together(2)
         copy_vectors(self._first, (state.x, state.v))
         self._dynamics, self._h, own = dynamics, choice.step, self._stepping.integrator
@@ -254,8 +258,12 @@ class Differentiated:
         self._play(self._launch_adjoint if self._tapes else self._launch_back)
         if k == 0 and self._lag:
             x, v = self._checkpoints[0]
+            if self._start > 0:  # what functions of time were before a later start is past
+                self._keep_stages(k)
             self._dynamics.hold(float(self._times[0]))
             self._adjoint.kick(0.0, -self._lag, x, self._given_v, v, 0)
+            if self._start > 0:
+                self._adjoint.take_stages()
         self._keep_stages(k)
         if self._adjoint.motions is not None:
             self._adjoint.motions.take_frame(float(self._times[k]))

@@ -385,10 +385,9 @@ class Simulation(Changing, Differentiable):
             self._step_controller = self._step_controller and StepController()
             self.frame_index = frame_index
             self.readings = Readings(self._surroundings["probes"], system.dim)
-            if reusable:  # in a sweep, an upload for each restored world would take as long as a new simulation
-                self.stepping.begin_at(self.time)
-            else:
+            if not reusable:  # in a sweep, an upload for each world would take as long as a new simulation
                 self._load(system, choice)
+            self.stepping.begin_at(self.time)
             self._due = self._schedule[changes:]
             checkpoint.restore_arrays(self.stepping, arrays)
             for effect in self.assembly.all:

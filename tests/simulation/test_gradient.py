@@ -203,6 +203,49 @@ def test_a_gradient_from_the_middle_has_the_frames_of_the_run(plain_device):
     np.testing.assert_array_equal(found.frames.position[-1], body.frame().position)
 
 
+@pytest.mark.slow
+def test_derivatives_from_a_later_start_are_those_of_runs_that_are_restored_there(plain_device):
+    def at_end(frames: msd.Frames) -> tuple[float, np.ndarray, np.ndarray]:
+        by_x, by_v = np.zeros((2, *frames.position.shape))
+        by_x[-1], by_v[-1] = frames.position[-1], 0.02 * frames.velocity[-1]
+        return 0.5 * (frames.position[-1] ** 2).sum() + 0.01 * (frames.velocity[-1] ** 2).sum(), by_x, by_v
+
+    def run(pull: float, contraction: float) -> Simulation:
+        loads = [
+            Force(lambda t: (pull * math.sin(40 * t + 1), 0, 0)),
+            Actuator(lambda t: contraction * math.cos(40 * t)),
+        ]
+        return simulation(block(), loads=loads, integrator=Leapfrog(), device=plain_device)
+
+    simulated = run(1.0, 0.1)
+    simulated.step(3)
+    start, found = simulated.checkpoint(), simulated.gradient(at_end, FRAMES, by=("loads[0].force", "strain"))
+    waves = (np.sin(40 * found.times["loads[0].force"] + 1), np.cos(40 * found.times["strain"]))
+    for k, by in enumerate((found["loads[0].force"][:, 0], found["strain"][:, 0])):
+        values = []
+        for sign in (1, -1):
+            other = run(*np.array((1.0, 0.1)) + sign * STEP * np.eye(2)[k])
+            other.restore(*start)
+            other.step(FRAMES)
+            frame = other.frame()
+            values.append(0.5 * (frame.position**2).sum() + 0.01 * (frame.velocity**2).sum())
+        # As in `differences.check`. Half a substep too little of the first value would be 5e-3 of it.
+        tolerance = 1e-6 * np.abs(by).max() + 4 * EPS64 * values[0] / STEP
+        assert by @ waves[k] == pytest.approx((values[0] - values[1]) / (2 * STEP), rel=0, abs=tolerance)
+
+
+def test_a_gradient_starts_from_the_velocities_there_are(plain_device):
+    run = simulation(block(), integrator=Leapfrog(), device=plain_device)
+    run.change(velocity=(0.0, 0.0, 1.0))
+    found = run.gradient(loss, FRAMES, by=())
+    run.step(FRAMES)
+    # A block's sums are made in another order, of roundings of 1e-16, which 60 substeps multiply by less than 1e3.
+    np.testing.assert_allclose(found.frames.position[-1], run.frame().position, rtol=0, atol=1e-13)
+    found = run.gradient(loss, FRAMES, by=())  # and from the middle
+    run.step(FRAMES)
+    np.testing.assert_allclose(found.frames.position[-1], run.frame().position, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize(("share", "states"), [(1.0, 100 - 25), (0.0, 19 - 9)])
 def test_memory_grows_with_the_root_of_frames_that_do_not_fit(share, states, monkeypatch):
     made, make = [0], Model.vectors_together

@@ -13,23 +13,33 @@ class Velocities:
 
     The method's velocities lag behind positions by `lag` [s], which is negative if time runs backwards. Velocities
     are shifted only if they are `staggered`; else users give and read them at the method's time.
+
+    Dampers act on the velocities before a shift, so a shift forward does not undo one back. Until the state moves
+    (`forget`), the velocities that are read are therefore those that were given.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float, staggered: bool) -> None:
         self._dynamics, self._state, self._lag, self._staggered = dynamics, state, lag, staggered
-        self._v = state.model.vectors() if staggered else state.v
+        self._v, self._given = (state.model.vectors() if staggered else state.v), False
 
     def start(self) -> None:
         """Shift velocities from the time of the positions to the method's own time."""
         state = self._state.state_in
         if self._staggered:
-            for dampers_v in state.method_state:
-                wp.copy(dampers_v, state.v)
-            wp.copy(state.v, kicked(self._dynamics, self._state, -self._lag, self._v))
+            for given in (*state.method_state, self._v):
+                wp.copy(given, state.v)
+            kicked(self._dynamics, self._state, -self._lag, state.v, self._v)
+            self._given = True
 
     def read(self) -> wp.array:
         """Return velocities at the time of the positions [m/s]."""
-        return kicked(self._dynamics, self._state, self._lag, self._v) if self._staggered else self._state.v
+        if self._staggered and not self._given:
+            kicked(self._dynamics, self._state, self._lag, self._v)
+        return self._v
+
+    def forget(self) -> None:
+        """Forget the velocities that were given, since the state moves, or is replaced."""
+        self._given = False
 
     def change_lag(self, lag: float, most: float) -> None:
         """Shift the state's velocities for substeps with another lag [s].
@@ -42,19 +52,23 @@ class Velocities:
         """
         now = min(self._lag, most)
         if self._staggered:
-            wp.copy(self._state.v, kicked(self._dynamics, self._state, now, self._v))
+            given = self._v if self._given else kicked(self._dynamics, self._state, now, self._v)
+            wp.copy(self._state.v, given)
         elif self._lag:
             v = self._state.model.vectors()
             wp.copy(self._state.v, kicked(self._dynamics, self._state, now - lag, v))
 
 
-def kicked(dynamics: Dynamics, state: State, seconds: float, v_out: wp.array) -> wp.array:
-    """Write to `v_out`, and return, the state's velocities shifted by `seconds` [m/s].
+def kicked(
+    dynamics: Dynamics, state: State, seconds: float, v_out: wp.array, v: wp.array | None = None
+) -> wp.array:
+    """Write to `v_out`, and return, velocities, by default those of the state, shifted by `seconds` [m/s].
 
     The forces are those at the state's positions, without contact.
     """
     start = state.state_in
-    v = start.method_state[0] if start.method_state else start.v  # the velocities that dampers act on
-    fields = {"compensation": start.compensation, "x": start.x, "v": v, "v_half": start.v, "v_out": v_out}
+    v = start.v if v is None else v
+    dampers_v = start.method_state[0] if start.method_state else v
+    fields = {"compensation": start.compensation, "x": start.x, "v": dampers_v, "v_half": v, "v_out": v_out}
     dynamics.run(Stage(kick, {"h": seconds, **fields}))
     return v_out
