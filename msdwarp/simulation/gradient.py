@@ -14,7 +14,7 @@ from .. import checks
 from ..engine import Assembly, State, without_adjoint
 from ..integrators import Leapfrog, SymplecticEuler
 from ..runtime import calling, in_turn
-from ..world import Actuator
+from ..world import Actuator, Change
 from .gradient_run import Differentiated, Frames
 from .properties import Present
 
@@ -87,6 +87,7 @@ class Differentiable(Present):
     """A simulation, or an ensemble, whose frames can be differentiated."""
 
     _surroundings: dict[str, Any]
+    _due: Sequence[Change] = ()
 
     @abstractmethod
     def _assembled(self) -> tuple[Assembly, State]:
@@ -167,6 +168,17 @@ class Differentiable(Present):
 
     def differentiated(self, frames: int, by: Sequence[str]) -> tuple[Differentiated, Frames]:
         """Simulate frames, and return the run and its frames; see `gradient` for the arguments and errors."""
+        count, names = self.check_differentiable(frames, by)
+        start = (self.time, names, self._energy_limit)
+        assembly, state = self._assembled()
+        choices, threads = self.stepping.choices, self.stepping.dynamics.threads
+        run = Differentiated(assembly, state, self.state.v, self.integrator, choices, *start, threads)
+        if self.stepping.frozen is not None:
+            run.stop(self.stepping.frozen.found().status)
+        return run, run.forward(count)
+
+    def check_differentiable(self, frames: int, by: Sequence[str]) -> tuple[int, list[str]]:
+        """Return the arguments of `gradient`; raise ValueError as it does, before anything is simulated."""
         count = checks.count("frames", frames, 1)
         names = checks.sequence("by", by, str, "'stiffness'")
         of_loads = [name for one in self.assembly.all for name in one.parameters() if name != "strain"]
@@ -189,10 +201,9 @@ class Differentiable(Present):
         for name in ("gravity", "mass"):
             if name in names and callable(around["gravity"]):
                 raise ValueError(f"by has {name!r}, and gravity is a function of time here; it must be constant")
-        start = (self.time, names, self._energy_limit)
-        assembly, state = self._assembled()
-        choices, threads = self.stepping.choices, self.stepping.dynamics.threads
-        run = Differentiated(assembly, state, self.state.v, method, choices, *start, threads)
-        if self.stepping.frozen is not None:
-            run.stop(self.stepping.frozen.found().status)
-        return run, run.forward(count)
+        if self._due and self._due[0].is_due(self.frame_index + count - 1, self.fps):
+            raise ValueError(
+                f"schedule has a change at {self._due[0].time:g} s; gradients through it are not possible, so the "
+                f"{count} frames from {self.time:g} s must end before it, or begin after it"
+            )
+        return count, names

@@ -111,7 +111,7 @@ def fit_field(
     ------
     ValueError
         If an argument is out of range, the measurements are not of points, SciPy is missing, or a part of the
-        scene has no derivative.
+        scene has no derivative, such as a change of its schedule. Nothing is simulated then.
 
     Reference: Liu and Nocedal, On the limited memory BFGS method, Math. Programming 45 (1989) 503-528.
     """
@@ -125,6 +125,11 @@ def fit_field(
     (channel, *others) = channels_of(measured, scene, noise)
     if others or channel.entry is None:
         raise ValueError("measured has probes or energies; a field is fitted to tracked points")
+    if scene.settled:
+        raise ValueError(
+            "scene has settled=True, and where it rests would depend on the values sought; it must be False, such as "
+            "scene.replace(system=Simulation.from_scene(scene).system, settled=False)"
+        )
     rate = frame_rate([channel]) if fps is None else checks.positive("fps", fps)
     field = FieldProblem(scene, channel, name, rate, variation, reach, integrator, device)
     return field.fit(iterations)
@@ -167,8 +172,10 @@ class FieldProblem:
         self._prior = (diags_array(np.asarray(meets.sum(axis=0)).ravel()) - meets.T @ mean) / variation**2
         self._reach = np.log(reach)
         self._how = {"fps": rate, "integrator": integrator or Leapfrog(), "precision": "float64", "device": device}
-        ends = (self._simulation(np.full(self.count, way)) for way in (self._reach, -self._reach))
+        ends = [self._simulation(np.full(self.count, way)) for way in (self._reach, -self._reach)]
         self._how["substeps"] = max(one.substeps for one in ends)
+        self._last = float(channel.time[np.isfinite(channel.values).any(axis=1)].max())
+        ends[0].check_differentiable(frame_count(max(self._last, 1.0 / rate), rate), (name,))
 
     def _values(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         values = self._start.copy()
@@ -215,8 +222,7 @@ class FieldProblem:
         """Return the best field, fitted to successively longer parts of the measured time."""
         from scipy.optimize import minimize
 
-        channel, theta, converged = self._channel, np.zeros(self.count), False
-        last = float(channel.time[np.isfinite(channel.values).any(axis=1)].max())
+        channel, last, theta, converged = self._channel, self._last, np.zeros(self.count), False
         bounds = [(-self._reach, self._reach)] * len(theta)
         for share, steps in HORIZONS:
             end = max(share * last, 1.0 / self._rate)

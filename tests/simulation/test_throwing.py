@@ -93,7 +93,7 @@ def test_velocities_may_be_a_function_of_those_there_are(device):
 
 
 def test_velocities_before_a_step_are_the_given_ones(device):
-    # Leapfrog kicks them back by half a substep, and dampers would change them by 6e-4 m/s on the way there and back.
+    # Leapfrog kicks them back by half a substep; dampers would change them by 6e-4 m/s on the way there and back.
     body = block().with_velocity(np.random.default_rng(0).normal(size=(27, 3)))
     simulation = simulated(device, body, integrator=Leapfrog())
 
