@@ -126,7 +126,9 @@ def test_a_trajectory_says_what_is_in_it_also_when_it_is_closed(tmp_path):
 
 def test_a_gradient_says_by_what_it_is():
     simulation = msd.Simulation(BLOCK, device="cpu")
-    gradient = simulation.gradient(lambda frames: (0.5, None, None), 1, by=("stiffness", "velocity"))
+    gradient = simulation.gradient(
+        lambda frames: (0.5, 0 * frames.position, None), 1, by=("stiffness", "velocity")
+    )
     assert repr(gradient) == f"Gradient of 0.5 by stiffness ({BLOCK.connection_count},), velocity (24, 3)"
 
 

@@ -55,3 +55,4 @@ from .stepping.start_checks import (
 )
 from .stepping.substeps import Blocks as Blocks, Stepper as Stepper, check_blocks as check_blocks
 from .stepping.velocities import Velocities as Velocities, kicked as kicked
+from .stepping.world_differences import threads_of_world as threads_of_world

@@ -12,7 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import Assembly, Dynamics, State, WorldStatus, assemble_worlds, starting_state, world_rates
+from ..engine import (
+    Assembly,
+    Dynamics,
+    State,
+    WorldStatus,
+    assemble_worlds,
+    starting_state,
+    threads_of_world,
+    world_rates,
+)
 from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
 from ..runtime import calling, completing, exclusive, in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
@@ -158,6 +167,7 @@ class Ensemble(Differentiable):
     def reset(self) -> None:
         """Go back to the start."""
         assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
+        threads_of_world(assembly, self._threads)  # raise before kernels are compiled
         state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
         choices = list[StepChoice]()
         for k, rates in enumerate(world_rates(assembly, state)):

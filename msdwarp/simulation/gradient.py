@@ -1,6 +1,7 @@
 """Gradients: how a loss changes with the start and the parameters of a run."""
 
 import math
+import sys
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
@@ -18,24 +19,14 @@ from ..world import Actuator, Change
 from .gradient_run import Differentiated, Frames
 from .properties import Present
 
-GRADIENT_NAMES = (
-    "position",
-    "velocity",
-    "stiffness",
-    "damping",
-    "rest_length",
-    "mass",
-    "gravity",
-    "force",
-    "strain",
-)
-"""Names of variables with respect to which derivatives may be requested."""
+ARRAYS = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity")
+"""Names of arguments with respect to which derivatives may be requested; there are also "force" and "strain"."""
 EXPLODES = 1000.0
 """Growth of a gradient for each frame, above which `GradientWarning` says that it explodes."""
 
 
-Loss = Callable[[Frames], tuple[Any, Any, Any]]
-"""Function of frames -> (value, ∂/∂position, ∂/∂velocity); a derivative may be None if it is 0."""
+Loss = Callable[[Frames], Any]
+"""Function of frames -> (value, ∂/∂position, ∂/∂velocity), one of which may be None for 0; or -> value."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +100,9 @@ class Differentiable(Present):
         ----------
         loss
             Function of the `Frames`, from the present one on. It returns the loss, and its derivatives by their
-            positions and by their velocities, of the same shapes, or None for 0.
+            positions and by their velocities, of the same shapes, one of which may be None for 0. If it returns an
+            array of JAX or a tensor of PyTorch alone, it is called again with frames of such arrays, from which
+            that library finds the derivatives.
         frames
             Number of frames to simulate.
         by
@@ -131,11 +124,11 @@ class Differentiable(Present):
             raise ValueError(f"loss is {checks.repr_short(loss)}; it must be a function of the frames")
         by = checks.sequence("by", by, str, "'stiffness'")
         run, found = self.differentiated(frames, by)
-        told, both, stopped = calling(self, "gradient", loss, found), [], run.stopped
+        told, both, stopped = calling(self, "gradient", told_by, loss, found), [], run.stopped
         if not isinstance(told, tuple) or len(told) != 3:
             raise ValueError(
                 f"loss returned {checks.repr_short(told)}; it must return a tuple of its value, and its "
-                "derivatives by positions and by velocities (or None)"
+                "derivatives by positions and by velocities (or None), or an array of JAX or a tensor of PyTorch"
             )
         value = checks.array("the value of loss", told[0])
         if value.shape != stopped.shape:
@@ -143,6 +136,10 @@ class Differentiable(Present):
             raise ValueError(f"loss returned a value of shape {value.shape}; it must be {allowed}")
         checks.every("the value of loss", value, np.isfinite(value) | stopped, "finite")
         value[stopped] = np.nan
+        if told[1] is None and told[2] is None:
+            raise ValueError(
+                "loss returned None for its derivatives by positions and by velocities; one must be an array"
+            )
         for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
             if each is not None:
                 given, shape = checks.array(f"{name} of the loss", each), found.position.shape
@@ -183,7 +180,7 @@ class Differentiable(Present):
         names = checks.sequence("by", by, str, "'stiffness'")
         of_loads = [name for one in self.assembly.all for name in one.parameters() if name != "strain"]
         for k, name in enumerate(names):
-            checks.one_of(f"by[{k}]", name, [*GRADIENT_NAMES, *of_loads])
+            checks.one_of(f"by[{k}]", name, [*ARRAYS, "force", "strain", *of_loads])
         method, around = self.integrator, self._surroundings
         differentiated = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
         if not differentiated or method.method_state:
@@ -207,3 +204,20 @@ class Differentiable(Present):
                 f"{count} frames from {self.time:g} s must end before it, or begin after it"
             )
         return count, names
+
+
+def told_by(loss: Loss, frames: Frames) -> Any:
+    """Return what a loss returns; if that is a value of JAX or PyTorch, with its derivatives by that library."""
+    told = loss(frames)
+    library = type(told).__module__.partition(".")[0]
+    if library == "torch":
+        torch = sys.modules["torch"]
+        both = [torch.tensor(one, dtype=torch.float64, requires_grad=True) for one in frames[1:]]
+        value = loss(Frames(frames.time, *both))
+        by = torch.autograd.grad(value.sum(), both, allow_unused=True) if value.requires_grad else (None, None)
+        return value.detach().numpy(), *(None if one is None else one.numpy() for one in by)
+    if library in ("jax", "jaxlib"):
+        jax = sys.modules["jax"]
+        value, back = jax.vjp(lambda *both: loss(Frames(frames.time, *both)), *frames[1:])
+        return value, *back(jax.numpy.ones_like(value))
+    return told

@@ -267,7 +267,7 @@ class Stepping:
     def _take_frame(self, time: float, track: Track) -> None:
         """Launch the frame that begins at `time` [s]; if it takes long, in several launches."""
         self._forget_outdated()
-        self._velocities.forget()
+        self._velocities.given = False
         track.sums_balance = self._can_sum_balance and self.sum_balance
         self.stepper.takes_contact_along = not self._unrecorded and self.stepper.may_take_contact_along
         part, launch = self._launch_from(track, 0)
@@ -302,8 +302,7 @@ class Stepping:
 
     def begin_at(self, time: float) -> None:
         """Set the time [s] of the state that the caller writes next."""
-        self._time = self._frame_start = time
-        self._velocities.forget()
+        self._time, self._frame_start, self._velocities.given = time, time, False
         self.dynamics.hold(time)
 
     def reset_baseline(self) -> None:

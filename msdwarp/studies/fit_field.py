@@ -125,11 +125,7 @@ def fit_field(
     (channel, *others) = channels_of(measured, scene, noise)
     if others or channel.entry is None:
         raise ValueError("measured has probes or energies; a field is fitted to tracked points")
-    if scene.settled:
-        raise ValueError(
-            "scene has settled=True, and where it rests would depend on the values sought; it must be False, such as "
-            "scene.replace(system=Simulation.from_scene(scene).system, settled=False)"
-        )
+    checks.one_of("scene.settled", scene.settled, (False,))  # where it rests depends on the values
     rate = frame_rate([channel]) if fps is None else checks.positive("fps", fps)
     field = FieldProblem(scene, channel, name, rate, variation, reach, integrator, device)
     return field.fit(iterations)

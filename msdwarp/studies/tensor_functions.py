@@ -1,7 +1,9 @@
 """Simulations as functions of PyTorch and JAX, with gradients; each library is imported on the first call."""
 
 import importlib
+import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,9 +11,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import System
-from ..simulation import GRADIENT_NAMES, Differentiated, Ensemble, Frames, Simulation
-
-ARRAYS = tuple(name for name in GRADIENT_NAMES if name not in ("force", "strain"))
+from ..simulation import ARRAYS, Differentiated, Ensemble, Frames, Simulation
 
 
 def split_arrays(options: dict[str, Any], kind: Any) -> tuple[list[str], list[Any]]:
@@ -24,11 +24,11 @@ def differentiated(
     system: System, frames: int, worlds: int | None, values: Mapping[str, NDArray], options: Mapping[str, Any]
 ) -> tuple[Differentiated, Frames]:
     """Simulate frames of a system, or of many worlds of it, with other values, ready for differentiation."""
-    own: dict[str, Any] = {name: np.asarray(one, dtype=np.float64) for name, one in values.items()}
+    given = {**options, **{name: np.asarray(one, dtype=np.float64) for name, one in values.items()}}
     if worlds is not None:
-        return Ensemble(system, worlds, **options, **own).differentiated(frames, list(values))
-    around: dict[str, Any] = {"gravity": own.pop("gravity")} if "gravity" in own else {}
-    return Simulation(system.replace(**own), **options, **around).differentiated(frames, list(values))
+        return Ensemble(system, worlds, **given).differentiated(frames, list(values))
+    own = {name: given.pop(name) for name in ARRAYS if name in given and name != "gravity"}
+    return Simulation(system.replace(**own), **given).differentiated(frames, list(values))
 
 
 def derivatives_of(
@@ -64,10 +64,11 @@ def simulate_torch(system: System, frames: int, *, worlds: int | None = None, **
     worlds
         Number of worlds to simulate at once; None for one without an axis of worlds.
     options
-        Tensors for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or "gravity" in place of
-        the system's; those that require gradients receive them. One number may stand for all connections or
-        particles; gravity is a vector, or a number downwards. Other options are arguments of `Simulation`; with
-        `worlds`, of `Ensemble`, and tensors have the shapes of its arguments: rows first, one for each world.
+        Tensors, arrays or numbers for "position", "velocity", "stiffness", "damping", "rest_length", "mass" or
+        "gravity" in place of the system's; tensors that require gradients receive them. One number may stand for
+        all connections or particles; gravity is a vector, or a number downwards. Other options are arguments of
+        `Simulation`; with `worlds`, of `Ensemble`, and tensors have the shapes of its arguments: rows first, one
+        for each world.
 
     Returns
     -------
@@ -111,8 +112,9 @@ def simulate_torch(system: System, frames: int, *, worlds: int | None = None, **
 def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **options: Any) -> tuple[Any, Any]:
     """Return positions [m] and velocities [m/s] of the coming frames as JAX arrays that can be differentiated.
 
-    Works within `jax.jit` and `jax.grad` (reverse mode, first derivatives), not within `jax.vmap`: use `worlds`.
-    Within `jax.jit` the backward pass repeats the simulation, as JAX keeps only arrays.
+    Works within `jax.jit`, `jax.grad` (reverse mode, first derivatives) and `jax.vmap`, which simulates worlds of
+    an `Ensemble`: then options are those of `Ensemble`, without `worlds`. Within `jax.jit` and `jax.vmap` the
+    backward pass repeats the simulation, as JAX keeps only arrays.
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     frames
         Number of frames to simulate.
     worlds, options
-        As for `simulate_torch`, with arrays in place of tensors; all arrays receive gradients.
+        As for `simulate_torch`, with arrays or numbers in place of tensors; all of them receive gradients.
 
     Returns
     -------
@@ -134,14 +136,14 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     ValueError
         If an argument is out of range.
     jax.errors.JaxRuntimeError
-        The same errors within `jax.jit`, with the message in the text, if a value is out of range.
+        The same errors within `jax.jit` or `jax.vmap`, with the message in the text, if a value is out of range.
     ImportError
         Without JAX.
     """
     jax: Any = importlib.import_module("jax")
     checks.instance("system", system, System, "chain(5)")
     frames = checks.count("frames", frames, 1)
-    names, arrays = split_arrays(options, (jax.Array, np.ndarray))
+    names, arrays = split_arrays(options, (jax.Array, np.ndarray, np.number, int, float))
     dtype = jax.dtypes.canonicalize_dtype(np.float64)
     each_world = () if worlds is None else (checks.count("worlds", worlds, 1),)
     shape = jax.ShapeDtypeStruct((*each_world, frames + 1, system.particle_count, system.dim), dtype)
@@ -149,16 +151,27 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     kept: list[Differentiated] = []
     """The run to differentiate next when JAX does not compile; compiled code may run others meanwhile."""
 
-    def take_frames(*given: Any) -> Any:
-        values = dict(zip(names, map(np.asarray, given), strict=True))
-        run, found = differentiated(system, frames, worlds, values, options)
-        return run, (found.position.astype(dtype), found.velocity.astype(dtype))
+    def mapped_over(values: Any, own: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the axes that `jax.vmap` has put before those of a value."""
+        return np.shape(values)[: np.ndim(values) - len(own)]
 
-    def propagate(given: Any, by_frames: Any) -> Any:
-        run = kept.pop() if kept else take_frames(*given)[0]
-        shapes = {name: tuple(one.shape) for name, one in zip(names, given, strict=True)}
-        found = derivatives_of(run, [np.asarray(one, dtype=np.float64) for one in by_frames], shapes)
-        return tuple(np.asarray(one, dtype=like.dtype) for one, like in zip(found, given, strict=True))
+    def take_frames(shapes: Any, given: Any) -> tuple[Differentiated, tuple[NDArray, ...]]:
+        axes = mapped_over(given[0], shapes[0]) if given else ()
+        if axes and worlds is not None:
+            raise ValueError(f"worlds is {worlds}; within jax.vmap it must be None: each value has its own world")
+        rows = (math.prod(axes),) * bool(axes)
+        each = [np.asarray(one).reshape(rows + own) for own, one in zip(shapes, given, strict=True)]
+        values = dict(zip(names, each, strict=True))
+        run, found = differentiated(system, frames, rows[0] if rows else worlds, values, options)
+        return run, tuple(one.reshape(axes + shape.shape).astype(dtype) for one in found[1:])
+
+    def propagate(shapes: Any, given: Any, by_frames: Any) -> Any:
+        axes = mapped_over(by_frames[0], shape.shape)
+        rows = (math.prod(axes),) * bool(axes)
+        run = kept.pop() if kept and not axes else take_frames(shapes, given)[0]
+        by = [np.asarray(one, dtype=np.float64).reshape(rows + shape.shape) for one in by_frames]
+        found = derivatives_of(run, by, {name: rows + own for name, own in zip(names, shapes, strict=True)})
+        return tuple(one.reshape(like.shape).astype(like.dtype) for one, like in zip(found, given, strict=True))
 
     def compiles(given: Any) -> bool:
         return any(isinstance(one, jax.core.Tracer) for one in jax.tree.leaves(given))
@@ -166,12 +179,16 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
     def as_arrays(values: Any) -> Any:
         return jax.tree.map(jax.numpy.asarray, values)
 
-    # JAX keeps every callback function for ever, so callbacks are used only in compiled code.
+    # JAX keeps every callback function for ever, so callbacks are used only in compiled code. `jax.vmap` calls one
+    # once for all values, which have further axes in front.
+    callback = partial(jax.pure_callback, vmap_method="broadcast_all")
+
     @jax.custom_vjp
     def simulate(*given: Any) -> Any:
+        shapes = tuple(one.shape for one in given)
         if compiles(given):
-            return jax.pure_callback(lambda *values: take_frames(*values)[1], (shape, shape), *given)
-        run, found = take_frames(*given)
+            return callback(lambda *values: take_frames(shapes, values)[1], (shape, shape), *given)
+        run, found = take_frames(shapes, given)
         kept[:] = [run]
         return as_arrays(found)
 
@@ -179,10 +196,12 @@ def simulate_jax(system: System, frames: int, *, worlds: int | None = None, **op
         return simulate(*given), given
 
     def backward(given: Any, by_frames: Any) -> Any:
+        shapes = tuple(one.shape for one in given)
         if compiles((given, by_frames)):
-            shapes = tuple(jax.ShapeDtypeStruct(one.shape, one.dtype) for one in given)
-            return jax.pure_callback(propagate, shapes, given, by_frames)
-        return as_arrays(propagate(given, by_frames))
+            like = tuple(jax.ShapeDtypeStruct(one.shape, one.dtype) for one in given)
+            return callback(partial(propagate, shapes), like, given, by_frames)
+        return as_arrays(propagate(shapes, given, by_frames))
 
     simulate.defvjp(forward, backward)
-    return simulate(*arrays)
+    each = (np if isinstance(one, np.ndarray) else jax.numpy for one in arrays)  # JAX may round to float32
+    return simulate(*(kind.asarray(one, float) for kind, one in zip(each, arrays, strict=True)))

@@ -23,6 +23,7 @@ from msdwarp import (
     chain,
     sheet,
 )
+from msdwarp.simulation import ensemble as ensemble_module
 
 WORLDS = 6
 METHODS = {
@@ -331,7 +332,8 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
         ),
     ],
 )
-def test_what_worlds_cannot_be_is_said(own, said):
+def test_what_worlds_cannot_be_is_said(own, said, monkeypatch):
+    monkeypatch.setattr(ensemble_module, "world_rates", None)  # before the first kernels of a step are compiled
     given = {"scene": block(), "worlds": WORLDS, "device": "cpu"} | own
     with pytest.raises(ValueError, match=said):
         Ensemble(given.pop("scene"), given.pop("worlds"), **given)

@@ -84,6 +84,64 @@ def test_one_number_for_all_has_the_sum_of_derivatives():
     assert float(one) == pytest.approx(float(two.sum()), rel=1e-12)
 
 
+def test_numbers_of_python_are_values_too():
+    def end(stiffness, **others):
+        return simulate_jax(CHAIN, 4, stiffness=stiffness, **others, **HOW, device="cpu")[0][-1].sum()
+
+    one = jax.numpy.array(60.0)
+    assert end(60.0) == end(60) == end(one)
+    assert end([60.0, 60.0], gravity=9.82, damping=np.array(0.2)) == end(one)
+    assert jax.grad(end)(60.0) == jax.grad(end)(one)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_mapped_values_are_worlds(compiled):
+    # The worlds of an ensemble sum in the same order as a run alone, on the CPU to the last bit.
+    def end(stiffness, mass):
+        return (simulate_jax(CHAIN, 4, stiffness=stiffness, mass=mass, **HOW, device="cpu")[0][-1] ** 2).sum()
+
+    step = jax.value_and_grad(end, (0, 1))
+    stiffness, mass = CHAIN.stiffness * np.array([[0.8], [1.2]]), jax.numpy.array([0.3, 0.5])
+    over_mass = jax.vmap(jax.jit(step) if compiled else step, (None, 0))
+    value, found = jax.vmap(over_mass, (0, None))(jax.numpy.array(stiffness), mass)
+    assert [one.shape for one in found] == [(2, 2, 2), (2, 2)]
+    for k, row in enumerate(stiffness):
+        for w in range(2):
+            alone, wanted = step(jax.numpy.array(row), mass[w])
+            assert value[k, w] == pytest.approx(float(alone), rel=1e-14)
+            for one, other in zip(found, wanted, strict=True):  # rounding of 16 substeps
+                np.testing.assert_allclose(one[k, w], other, rtol=0, atol=1e-13 * np.abs(other).max())
+
+
+def test_worlds_are_not_mapped_again():
+    def end(stiffness):
+        return simulate_jax(CHAIN, 2, worlds=2, stiffness=stiffness, **HOW, device="cpu")[0].sum()
+
+    with pytest.raises(jax.errors.JaxRuntimeError, match=r"worlds is 2; within jax\.vmap it must be None"):
+        jax.block_until_ready(jax.vmap(end)(jax.numpy.array([50.0, 60.0])))
+
+
+@pytest.mark.parametrize("worlds", [None, 4])
+def test_a_loss_of_jax_has_the_derivatives_that_jax_finds(worlds, plain_device):
+    def run():
+        made = Simulation(CHAIN, **HOW, device=plain_device)
+        return made if worlds is None else Ensemble(CHAIN, worlds, **ROWS, **HOW, device=plain_device)
+
+    def loss(frames):
+        return (frames.position[..., -1, :, :] ** 2).sum((-1, -2)) + jax.numpy.sin(frames.velocity[..., 2, 0, 1])
+
+    def by_hand(frames):
+        by_x, by_v = np.zeros((2, *frames.position.shape))
+        by_x[..., -1, :, :] = 2 * frames.position[..., -1, :, :]
+        by_v[..., 2, 0, 1] = np.cos(frames.velocity[..., 2, 0, 1])
+        return np.asarray(loss(frames)), by_x, by_v
+
+    found, wanted = (run().gradient(one, 3, by=("position", "stiffness")) for one in (loss, by_hand))
+    np.testing.assert_allclose(found.value, wanted.value, rtol=1e-14)
+    for name in ("position", "stiffness"):  # of a few roundings in the derivatives of the loss
+        np.testing.assert_allclose(found[name], wanted[name], rtol=0, atol=1e-13 * np.abs(wanted[name]).max())
+
+
 @pytest.mark.slow
 def test_a_loop_keeps_nothing():
     def kept() -> int:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from differences import CHAIN, ROWS
 
-from msdwarp import Leapfrog, simulate_torch
+from msdwarp import Leapfrog, Simulation, simulate_torch
 
 torch = pytest.importorskip("torch")
 NAMES = ("position", "velocity", "stiffness", "damping", "rest_length", "mass")
@@ -64,3 +64,29 @@ def test_one_number_for_all_has_the_sum_of_derivatives():
     assert float(found[0]) == pytest.approx(float(found[1].sum()), rel=1e-12)
     with pytest.raises(ValueError, match="gravity has shape"):
         simulate_torch(CHAIN, 4, gravity=torch.tensor([0.0, 9.82]), **how)
+
+
+def test_a_loss_of_pytorch_has_the_derivatives_that_it_finds():
+    def loss(frames):  # frames are arrays when it is called first, and tensors then
+        return (torch.as_tensor(frames.position)[-1] ** 2).sum()
+
+    def by_hand(frames):
+        by_x = np.zeros(frames.position.shape)
+        by_x[-1] = 2 * frames.position[-1]
+        return (frames.position[-1] ** 2).sum(), by_x, None
+
+    run = Simulation(CHAIN, integrator=Leapfrog(), precision="float64", substeps=4, device="cpu")
+    found, wanted = (run.gradient(one, 3, by=("position", "stiffness")) for one in (loss, by_hand))
+    assert found.value == pytest.approx(wanted.value, rel=1e-14)
+    for name in ("position", "stiffness"):
+        np.testing.assert_allclose(found[name], wanted[name], rtol=1e-13)
+    with pytest.raises(ValueError, match="loss returned None for its derivatives"):
+        run.gradient(lambda frames: torch.tensor(1.0), 3)
+
+
+def test_numbers_and_arrays_are_constants_beside_tensors():
+    how = {"precision": "float64", "substeps": 8, "device": "cpu"}
+    mass = torch.tensor(0.4, dtype=torch.float64, requires_grad=True)
+    position, _ = simulate_torch(CHAIN, 4, mass=mass, stiffness=60.0, damping=np.array([0.1, 0.2]), **how)
+    body = CHAIN.replace(mass=0.4, stiffness=60.0, damping=[0.1, 0.2])
+    np.testing.assert_array_equal(position[-1].detach(), simulate_torch(body, 4, **how)[0][-1])

@@ -1,5 +1,7 @@
 """Velocities at the time of the positions, and at the time to which the method's velocities belong."""
 
+from typing import Any
+
 import warp as wp
 
 from ...kernels.integrators import kick
@@ -14,32 +16,28 @@ class Velocities:
     The method's velocities lag behind positions by `lag` [s], which is negative if time runs backwards. Velocities
     are shifted only if they are `staggered`; else users give and read them at the method's time.
 
-    Dampers act on the velocities before a shift, so a shift forward does not undo one back. Until the state moves
-    (`forget`), the velocities that are read are therefore those that were given.
+    Dampers act on the velocities before a shift, so a shift forward does not undo one back. While `given`, until
+    the state moves or is replaced, the velocities that are read are therefore those at `start`.
     """
 
     def __init__(self, dynamics: Dynamics, state: State, lag: float, staggered: bool) -> None:
         self._dynamics, self._state, self._lag, self._staggered = dynamics, state, lag, staggered
-        self._v, self._given = (state.model.vectors() if staggered else state.v), False
+        self._v, self.given = (state.model.vectors() if staggered else state.v), False
 
     def start(self) -> None:
         """Shift velocities from the time of the positions to the method's own time."""
         state = self._state.state_in
         if self._staggered:
-            for given in (*state.method_state, self._v):
-                wp.copy(given, state.v)
+            for v in (*state.method_state, self._v):
+                wp.copy(v, state.v)
             kicked(self._dynamics, self._state, -self._lag, state.v, self._v)
-            self._given = True
+            self.given = True
 
     def read(self) -> wp.array:
         """Return velocities at the time of the positions [m/s]."""
-        if self._staggered and not self._given:
+        if self._staggered and not self.given:
             kicked(self._dynamics, self._state, self._lag, self._v)
-        return self._v
-
-    def forget(self) -> None:
-        """Forget the velocities that were given, since the state moves, or is replaced."""
-        self._given = False
+        return self._v if self._staggered else self._state.v
 
     def change_lag(self, lag: float, most: float) -> None:
         """Shift the state's velocities for substeps with another lag [s].
@@ -52,16 +50,13 @@ class Velocities:
         """
         now = min(self._lag, most)
         if self._staggered:
-            given = self._v if self._given else kicked(self._dynamics, self._state, now, self._v)
-            wp.copy(self._state.v, given)
+            wp.copy(self._state.v, self._v if self.given else kicked(self._dynamics, self._state, now, self._v))
         elif self._lag:
             v = self._state.model.vectors()
             wp.copy(self._state.v, kicked(self._dynamics, self._state, now - lag, v))
 
 
-def kicked(
-    dynamics: Dynamics, state: State, seconds: float, v_out: wp.array, v: wp.array | None = None
-) -> wp.array:
+def kicked(dynamics: Dynamics, state: State, seconds: float, v_out: wp.array, v: Any = None) -> wp.array:
     """Write to `v_out`, and return, velocities, by default those of the state, shifted by `seconds` [m/s].
 
     The forces are those at the state's positions, without contact.
