@@ -40,8 +40,6 @@ class Changing(PresentWorld):
     """The current loads, as given."""
     _step_controller: StepController | None
     _threads: int | str
-    _due: list[Change]
-    """Scheduled changes that have not been made yet."""
     _pressed: Mapping[str, NDArray] | None = None
     """The contacts at the start of a settled scene, see `Assembly.press`; None if it is not settled."""
 
@@ -74,7 +72,7 @@ class Changing(PresentWorld):
             raise UnstableStep(f"after the change at {self._due[0].time:g} s {error}") from error
         except ValueError as error:
             raise ValueError(f"the change at {self._due[0].time:g} s cannot be made: {error}") from error
-        del self._due[0]  # removed only after the change has succeeded
+        self._due = self._due[1:]  # only after the change has succeeded
 
     def _restore_contact(self, arrays: Mapping[str, NDArray]) -> None:
         """Restore the contacts between bodies from a checkpoint (`BodyContact.checkpoint`)."""

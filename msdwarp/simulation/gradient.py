@@ -15,7 +15,7 @@ from .. import checks
 from ..engine import Assembly, State, without_adjoint
 from ..integrators import Leapfrog, SymplecticEuler
 from ..runtime import calling, in_turn
-from ..world import Actuator, Change
+from ..world import Actuator
 from .gradient_run import Differentiated, Frames
 from .properties import Present
 
@@ -78,7 +78,6 @@ class Differentiable(Present):
     """A simulation, or an ensemble, whose frames can be differentiated."""
 
     _surroundings: dict[str, Any]
-    _due: Sequence[Change] = ()
 
     @abstractmethod
     def _assembled(self) -> tuple[Assembly, State]:
@@ -137,9 +136,7 @@ class Differentiable(Present):
         checks.every("the value of loss", value, np.isfinite(value) | stopped, "finite")
         value[stopped] = np.nan
         if told[1] is None and told[2] is None:
-            raise ValueError(
-                "loss returned None for its derivatives by positions and by velocities; one must be an array"
-            )
+            raise ValueError("loss returned None for both of its derivatives; one of them must be an array")
         for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
             if each is not None:
                 given, shape = checks.array(f"{name} of the loss", each), found.position.shape
@@ -174,7 +171,7 @@ class Differentiable(Present):
             run.stop(self.stepping.frozen.found().status)
         return run, run.forward(count)
 
-    def check_differentiable(self, frames: int, by: Sequence[str]) -> tuple[int, list[str]]:
+    def check_differentiable(self, frames: int, by: Sequence[str]) -> tuple[int, Sequence[str]]:
         """Return the arguments of `gradient`; raise ValueError as it does, before anything is simulated."""
         count = checks.count("frames", frames, 1)
         names = checks.sequence("by", by, str, "'stiffness'")

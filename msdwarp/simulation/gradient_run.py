@@ -56,10 +56,8 @@ class Differentiated:
 
     Parameters
     ----------
-    assembly, state
-        The scene, at its start.
-    own_v
-        The method's velocities there [m/s]; those of `state` are at the time of its positions.
+    assembly, state, own_v
+        The scene, at its start, with velocities at the time of the positions; the method's own velocities [m/s].
     method, choices
         The integrator, and the substeps of all frames; in an ensemble those that each world needs.
     start
@@ -256,22 +254,21 @@ class Differentiated:
             self._restart(k)
         self._dynamics.begin_frame(float(self._times[k]))
         self._play(self._launch_adjoint if self._tapes else self._launch_back)
+        self._keep_stages(k)
         if k == 0 and self._lag:
             x, v = self._checkpoints[0]
-            if self._start > 0:  # what functions of time were before a later start is past
-                self._keep_stages(k)
             self._dynamics.hold(float(self._times[0]))
             self._adjoint.kick(0.0, -self._lag, x, self._given_v, v, 0)
-            if self._start > 0:
-                self._adjoint.take_stages()
-        self._keep_stages(k)
+            self._keep_stages(k, before=self._start > 0)
         if self._adjoint.motions is not None:
             self._adjoint.motions.take_frame(float(self._times[k]))
 
-    def _keep_stages(self, k: int) -> None:
-        """Store the derivatives by functions of time that the launches of frame k have summed."""
+    def _keep_stages(self, k: int, *, before: bool = False) -> None:
+        """Store the derivatives by functions of time that the launches of frame k, or `before` it, have summed."""
         axis = int(self._model.in_worlds)
         for name, added in self._adjoint.take_stages().items():
+            if before and self._adjoint.varies(name):  # what it was then is past
+                continue
             added = np.moveaxis(added, axis, 0)
             if name not in self._by_stage:
                 self._by_stage[name] = np.zeros((self._stages * (len(self._times) - 1) + 1, *added.shape[1:]))

@@ -1,5 +1,6 @@
 """Properties of simulations and ensembles that can be read between two frames."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn
@@ -21,6 +22,7 @@ from ..integrators import (
     choose_stable,
 )
 from ..runtime import ReleasedInTurn, in_turn
+from ..world import Change
 from .arguments import given_substeps
 from .pinned_staging import to_host
 from .readings import Readings
@@ -43,6 +45,8 @@ class Present(ReleasedInTurn):
     stepping: Stepping
     fps: float
     frame_index: int
+    _due: Sequence[Change] = ()
+    """Scheduled changes that have not been made yet."""
 
     def __reduce__(self) -> NoReturn:
         """Refuse copying and pickling, since memory and graphs on the device cannot be copied."""

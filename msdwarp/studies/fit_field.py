@@ -125,7 +125,8 @@ def fit_field(
     (channel, *others) = channels_of(measured, scene, noise)
     if others or channel.entry is None:
         raise ValueError("measured has probes or energies; a field is fitted to tracked points")
-    checks.one_of("scene.settled", scene.settled, (False,))  # where it rests depends on the values
+    if scene.settled:
+        raise ValueError("scene has settled=True, and where it rests depends on the values; it must be False")
     rate = frame_rate([channel]) if fps is None else checks.positive("fps", fps)
     field = FieldProblem(scene, channel, name, rate, variation, reach, integrator, device)
     return field.fit(iterations)

@@ -352,7 +352,7 @@ def test_unknown_names_and_shapes_are_told():
     ):
         run.gradient(lambda frames: 1.0, 2)
     assert run.gradient(loss, 2, by=iter(["position"]))["position"].shape == (len(block().position), 3)
-    with pytest.raises(ValueError, match="loss returned None for its derivatives by positions and by velocities"):
+    with pytest.raises(ValueError, match="loss returned None for both of its derivatives; one of them must"):
         run.gradient(lambda frames: (frames.position[-1].sum(), None, None), 2)
     with pytest.raises(ValueError, match="the value of loss is nan; it must be finite"):
         run.gradient(lambda frames: (np.nan, None, None), 2)

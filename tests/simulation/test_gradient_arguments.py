@@ -145,7 +145,7 @@ def test_a_field_is_not_fitted_through_changes_or_from_a_rest_that_moves():
     late = scene.replace(schedule=[at(0.11, stiffness=200.0)])  # in the last frame alone
     for wrong, message in (
         (late, "schedule has a change at 0.11 s"),
-        (scene.replace(settled=True), "settled=True"),
+        (scene.replace(settled=True), "scene has settled=True, and where it rests"),
     ):
         with pytest.raises(ValueError, match=message):
             fit_field(wrong, measured, noise=1e-4, device="cpu")
