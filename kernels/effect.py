@@ -46,6 +46,11 @@ class ForceTerm(NamedTuple):
     v is the method's velocity, half a substep old in leapfrog. Read x and v with `records(dim, scalar).load`; in
     compensated precision a position is x − compensation.x. Particles are in the system's order.
     """
+    at_velocity: Callable[[Any], Any] | None = None
+    """wp.func (scene, x, u, i) -> `force` if particle i were at x with velocity u; only if u matters.
+
+    Kicks of methods whose velocities lag take it at the velocity of the positions' time (`mid_velocity`).
+    """
     parts: Callable[[Any], Any] | None = None
     """(count, evaluate): wp.func (scene) -> number of parts, and wp.func (scene, compensation, x, v, c).
 

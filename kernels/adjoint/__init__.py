@@ -13,6 +13,7 @@ from .kick import (
     squares as squares,
     widen as widen,
 )
+from .mid_velocity import mid_velocity_adjoint as mid_velocity_adjoint
 from .springs import (
     Neighbours as Neighbours,
     Wanted as Wanted,

@@ -4,6 +4,7 @@ from .composition import (
     Composition as Composition,
     beginning as beginning,
     scene as scene,
+    tools as tools,
 )
 from .conjugate_gradients import conjugate_gradients as conjugate_gradients
 from .cpu_partition import (
@@ -26,6 +27,7 @@ from .implicit import (
     impulse as impulse,
     mass_product as mass_product,
 )
+from .mid_velocity import inverse_of_kick as inverse_of_kick, velocity_force as velocity_force
 from .persistent import MOST_THREADS as MOST_THREADS, persistent as persistent
 from .persistent_contact import (
     ContactNumbers as ContactNumbers,

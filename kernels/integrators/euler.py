@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from .composition import Composition, Stage, driving, tools
+from .mid_velocity import mid_velocity
 from .stages import finish, particle_acceleration
 
 
@@ -23,7 +24,7 @@ def _euler(composition: Composition, explicit: bool) -> Stage:
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
-    at_end = driving(composition).at_end
+    at_end, correction = driving(composition).at_end, None if explicit else mid_velocity(composition)
 
     @wp.struct
     class EulerStep:
@@ -37,6 +38,8 @@ def _euler(composition: Composition, explicit: bool) -> Stage:
     @wp.func
     def advance(scene: SceneData, step: EulerStep, force: V, i: int):
         v_old = load(step.v, i)
+        if wp.static(correction is not None):
+            force += correction(scene, step.compensation, step.x, v_old, v_old, force, step.h, scalar(0.5), i)
         v_new = add(v_old, step.h * acceleration(scene, force, i), step.compensation.v, step.compensation.v, i)
         dx = step.h * v_new
         if wp.static(explicit):
@@ -59,7 +62,7 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, add = tools(composition)
     acceleration, finish_substep = particle_acceleration(composition), finish(composition)
-    holds, *_, at_end = driving(composition)
+    (holds, *_, at_end), correction = driving(composition), mid_velocity(composition)
 
     @wp.struct
     class ExtrapolatedLeapfrogStep:
@@ -76,6 +79,9 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
     @wp.func
     def advance(scene: SceneData, step: ExtrapolatedLeapfrogStep, force: V, i: int):
         v_old = load(step.v_half, i)
+        if wp.static(correction is not None):
+            v = load(step.v, i)
+            force += correction(scene, step.compensation, step.x, v, v_old, force, step.h, scalar(0.5), i)
         dv = step.h * acceleration(scene, force, i)
         v_free = add(v_old, dv, step.compensation.v, step.compensation.v, i)
         x_old = load(step.x, i)
@@ -98,10 +104,13 @@ def extrapolated_leapfrog(composition: Composition) -> Stage:
 
 @functools.cache
 def kick(composition: Composition) -> Stage:
-    """Compose v_out = v_half + h a(x, v), which advances only velocities, at fixed positions."""
+    """Compose v_out = v_half + h a(x, v), which advances only velocities, at fixed positions.
+
+    Forces that are functions of velocity are at v_out, the time of the positions, unless h is negative.
+    """
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, _ = tools(composition)
-    acceleration = particle_acceleration(composition)
+    acceleration, correction = particle_acceleration(composition), mid_velocity(composition)
 
     @wp.struct
     class Kick:
@@ -114,6 +123,11 @@ def kick(composition: Composition) -> Stage:
 
     @wp.func
     def advance(scene: SceneData, step: Kick, force: V, i: int):
+        if wp.static(correction is not None):
+            if step.h > scalar(0.0):
+                v = load(step.v, i)
+                v_half = load(step.v_half, i)
+                force += correction(scene, step.compensation, step.x, v, v_half, force, step.h, scalar(1.0), i)
         a = acceleration(scene, force, i)
         store(step.v_out, i, load(step.v_half, i) + step.h * a)
 

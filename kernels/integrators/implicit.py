@@ -6,6 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from .composition import Composition, Stage, driving, tools
+from .mid_velocity import mid_velocity
 from .stages import finish, particle_acceleration
 
 LAUNCHES = 2
@@ -66,6 +67,7 @@ def impulse(composition: Composition) -> Stage:
     scalar = composition.scalar
     V, SceneData, Compensation, load, store, _ = tools(composition)
     acceleration, (holds, _, way, *_) = particle_acceleration(composition), driving(composition)
+    correction = mid_velocity(composition, alone=True)
 
     @wp.struct
     class Impulse:
@@ -79,6 +81,9 @@ def impulse(composition: Composition) -> Stage:
     @wp.func
     def advance(scene: SceneData, step: Impulse, force: V, i: int):
         p = V()
+        if wp.static(correction is not None):
+            v = load(step.v, i)
+            force += correction(scene, step.compensation, step.x, v, v, force, step.h, scalar(0.5), i)
         if scene.inverse_mass[i] > scalar(0.0):
             a = acceleration(scene, force, i)
             p = step.h * a / scene.inverse_mass[i]

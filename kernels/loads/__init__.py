@@ -4,6 +4,8 @@ from .actuators import actuated_springs as actuated_springs, add_tension as add_
 from .attachments import attachments as attachments
 from .drives import driven as driven
 from .forces import (
+    APART as APART,
+    add_function_slopes as add_function_slopes,
     function_force as function_force,
     function_projection as function_projection,
     given_force_projection as given_force_projection,

@@ -5,11 +5,15 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import vector
+from ..basis import kernel, vector
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
+from ..reductions import largest_eigenvalue
 from .work import Nothing
+
+APART = {wp.float32: 5e-3, wp.float64: 1e-5}
+"""Half the distance of points in central differences, as a fraction of their scale: the cube root of rounding."""
 
 
 @functools.cache
@@ -97,14 +101,23 @@ def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
 
 
 @functools.cache
-def function_force(dim: int, scalar: type, compensated: bool, function: Any, number: int) -> ForceTerm:
+def function_force(
+    dim: int, scalar: type, compensated: bool, function: Any, number: int, of_velocity: bool
+) -> ForceTerm:
     """Return the term of a force that is a function of position, velocity and time.
 
     `function` is a wp.func (x, v, t, i) -> force [N] on particle i at position x with velocity v at time t.
-    `number` distinguishes the functions of a scene.
+    `number` distinguishes the functions of a scene; `of_velocity`: whether v matters.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
+
+    def at_velocity(SceneData: Any):
+        @wp.func
+        def function_at(scene: SceneData, x: V, u: V, i: int) -> V:
+            return function(x, u, scene.time[scene.stage], i)
+
+        return function_at
 
     def force(SceneData: Any):
         @wp.func
@@ -116,7 +129,9 @@ def function_force(dim: int, scalar: type, compensated: bool, function: Any, num
 
         return function_of_place
 
-    return ForceTerm(f"function_force_{number}", Nothing, force=force, selective=True, timed=True, works=True)
+    late = at_velocity if of_velocity else None
+    kind = {"selective": True, "timed": True, "works": True}
+    return ForceTerm(f"function_force_{number}", Nothing, force=force, at_velocity=late, **kind)
 
 
 @functools.cache
@@ -129,3 +144,60 @@ def function_projection(dim: int, scalar: type, function: Any):
         return wp.dot(function(x[0], v[0], time, i), phi[0])
 
     return projected
+
+
+@functools.cache
+def add_function_slopes(dim: int, scalar: type, function: Any):
+    """Compose the kernel, over particles, that adds half of |∂F/∂x| and |∂F/∂v| to the blocks of the bound.
+
+    |J| is the largest singular value: forces across the motion count as those along it. The steepest counts of the
+    present place and two ahead, where the velocity leads to in half a frame and in one.
+    """
+    V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
+    largest, apart = largest_eigenvalue(dim), APART[scalar]
+
+    @kernel
+    def add_slopes(
+        member: wp.array(dtype=int),
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg]
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        time: scalar,  # present [s]
+        seconds: scalar,  # of a frame
+        size: scalar,  # of the system [m]
+        most: wp.float64,  # largest rate that is believed ahead [1/s]
+        # In and out:
+        stiffness_block: wp.array(dtype=Block),  # [N/m], shape [particle_count]
+        damping_block: wp.array(dtype=Block),  # [N s/m]
+    ):
+        i = member[wp.tid()]
+        w = wp.max(wp.float64(inverse_mass[i]), wp.float64(1e-300))
+        u = v[i]
+        steepest = wp.vec2d()
+        for ahead in range(3):
+            t = time + scalar(0.5) * scalar(ahead) * seconds
+            place = x[i] + (t - time) * u
+            by_x = Block()
+            by_v = Block()
+            for k in range(wp.static(dim)):
+                dx = V()
+                dv = V()
+                dx[k] = scalar(wp.static(apart)) * (size + wp.length(place))
+                dv[k] = scalar(wp.static(apart)) * (size / seconds + wp.length(u))
+                of_x = (function(place + dx, u, t, i) - function(place - dx, u, t, i)) / (dx[k] + dx[k])
+                of_v = (function(place, u + dv, t, i) - function(place, u - dv, t, i)) / (dv[k] + dv[k])
+                for j in range(wp.static(dim)):
+                    by_x[j, k] = wp.float64(of_x[j])
+                    by_v[j, k] = wp.float64(of_v[j])
+            here = wp.vec2d(largest(wp.transpose(by_x) * by_x), largest(wp.transpose(by_v) * by_v))
+            for n in range(2):
+                slope = wp.sqrt(here[n])
+                if ahead > 0:
+                    slope = wp.min(slope, wp.pow(most, wp.float64(2 - n)) / w)
+                if wp.isfinite(slope):  # a function may be undefined nearby
+                    steepest[n] = wp.max(steepest[n], slope)
+        for k in range(wp.static(dim)):
+            stiffness_block[i][k, k] += wp.float64(0.5) * steepest[0]
+            damping_block[i][k, k] += wp.float64(0.5) * steepest[1]
+
+    return add_slopes

@@ -16,4 +16,4 @@ from .probes import (
     sum_strain as sum_strain,
     sum_virial as sum_virial,
 )
-from .rate_bounds import largest_rate as largest_rate
+from .rate_bounds import largest_eigenvalue as largest_eigenvalue, largest_rate as largest_rate

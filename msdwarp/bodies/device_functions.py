@@ -1,5 +1,6 @@
 """Checks of users' functions that are compiled into kernels (`wp.func`)."""
 
+import ast
 import zlib
 from typing import Any
 
@@ -20,8 +21,11 @@ def check_law(name: str, function: Any, arguments: tuple[str, ...], returned: st
         check_types(name, function, dict.fromkeys(arguments, scalar), scalar)
 
 
-def check_types(name: str, function: Any, arguments: dict[str, type], returned: type) -> None:
-    """Raise ValueError unless a `wp.func` can be compiled for these types of arguments, and returns `returned`."""
+def check_types(name: str, function: Any, arguments: dict[str, type], returned: type) -> set[str]:
+    """Return which of these arguments the code of a `wp.func` names.
+
+    Raises ValueError unless it can be compiled for their types, and returns `returned`.
+    """
     import warp as wp
     from warp.types import type_repr, types_equal
 
@@ -44,6 +48,8 @@ def check_types(name: str, function: Any, arguments: dict[str, type], returned: 
     if len(given) != 1 or not types_equal(given[0], returned):
         is_given = ", ".join(map(type_repr, given)) or "nothing"
         raise ValueError(f"{name} returns {is_given} for ({taken}); it must return {type_repr(returned)}")
+    named = {one.id for one in ast.walk(overload.adj.tree) if isinstance(one, ast.Name)}
+    return {ours for ours, own in zip(arguments, overload.adj.args, strict=True) if own.label in named}
 
 
 def _hash_all_constants(overload: Any, seen: set[Any]) -> None:

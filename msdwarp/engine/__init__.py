@@ -34,6 +34,8 @@ from .diagnostics.energy_balance import (
 from .diagnostics.probes import GroupMeans as GroupMeans, Sensors as Sensors, sensors_of as sensors_of
 from .diagnostics.rate_bounds import (
     Rates as Rates,
+    functions_of as functions_of,
+    own_rates as own_rates,
     rate_bounds as rate_bounds,
     rates_by_part as rates_by_part,
     resists as resists,

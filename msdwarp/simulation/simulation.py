@@ -17,6 +17,8 @@ from ..engine import (
     Dynamics,
     assemble,
     check_blocks,
+    functions_of,
+    own_rates,
     rate_bounds,
     starting_state,
     warn_of_start,
@@ -284,9 +286,10 @@ class Simulation(Changing, Differentiable):
         """Advance by a frame; `continues`: another frame follows immediately."""
         while self._due and self._due[0].is_due(self.frame_index, self.fps):
             self._apply_scheduled_change()
-        if self._refresh:
+        follows = self._refresh or (self._forced is None and bool(functions_of(self.assembly)))
+        if follows and (self._refresh or self._functions_changed()):
             self._update_choice()
-        interrupted = self._refresh or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
+        interrupted = follows or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
         self._advance((self.frame_index + 1) / self.fps if continues and not interrupted else None)
         self._count_frame()
 
@@ -317,6 +320,13 @@ class Simulation(Changing, Differentiable):
         """Return the substeps for an assembly and a state, by default the current ones; or raise UnstableStep."""
         assembly, state = of or (self.assembly, self.state)
         return self._choose(rate_bounds(assembly.model.system, assembly, state), assembly, state)
+
+    def _functions_changed(self) -> bool:
+        """Return whether functions of one's own need other substeps in the coming frame than those chosen."""
+        for one in functions_of(self.assembly):
+            one.hold(self.time)
+        chosen = self.choice.rates.own
+        return not 0.5 * chosen <= own_rates(self.assembly, self.state)[0] <= 1.1 * chosen
 
     def _update_choice(self) -> None:
         """Choose the substeps for the current state."""

@@ -63,7 +63,7 @@ class Anchors(Effect):
     def begin_frame(self, time: float) -> None:
         self.told.append(("frame", time))
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         blocks = stiffness.numpy() + K * np.eye(self._model.dim)
         stiffness.assign(blocks)
 

@@ -1,6 +1,6 @@
 """Adjoint: propagates derivatives of a loss back through the launches of substeps."""
 
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,6 +14,7 @@ from ...kernels.adjoint import (
     add_given,
     forget,
     kick_adjoint,
+    mid_velocity_adjoint,
     squares,
     widen,
 )
@@ -84,6 +85,9 @@ class Adjoint:
         self._others = others
         self._kick = kick_adjoint(model.dim, model.scalar, *others)
         self._pull = self._springs.kernel(own, *others)
+        self._scene, self._correct = dynamics.scene, mid_velocity_adjoint(dynamics.composition, *others)
+        self._u = None if self._correct is None else model.vectors()
+        """Velocities at which a kick takes the forces that are functions of velocity; None without such forces."""
         self._own: dict[str, wp.array] = {
             name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
             for name in (*CONSTANTS, "strain")
@@ -98,14 +102,15 @@ class Adjoint:
         time = getattr(dynamics.scene, "time", None)  # None if no force depends on it
         time = wp.zeros(1, dtype=model.scalar, device=device) if time is None else time
         about = time, self._launch, self._launch_once
-        self._elements = list[ElementAdjoints]()
+        self._elements = list[tuple[ElementAdjoints, bool]]()
         for effect in assembly.all:
             elements = effect.elements()
             if elements is not None:
                 own = elements.numbers
                 sums = None if own is None else self._sums_of(effect, names, own.group, own.width)
                 if elements.of_motion or sums is not None:
-                    self._elements.append(ElementAdjoints(model, elements, *about, sums))
+                    of_velocity = getattr(effect.piece, "at_velocity", None) is not None
+                    self._elements.append((ElementAdjoints(model, elements, *about, sums), of_velocity))
         soft = next((one for one in assembly.all if isinstance(one, SoftColliders)), None)
         self._soft, self._soft_kernel = soft, None
         if soft is not None:
@@ -170,8 +175,9 @@ class Adjoint:
         `seconds` is the length of the kick and `drift` that of the drift [s]; `stage` is the stage of a frame at
         which the forces are.
         """
-        self._propagate_kick(drift, seconds, v, v_out)
-        self._propagate_forces(x, v, stage)
+        theta = 1.0 if seconds > 0.0 else 0.0
+        self._propagate_kick(drift, seconds, (x, v), v_out, stage, theta)
+        self._propagate_forces(x, v, stage, u=self._u)
 
     def forget_driven(self, stage: int) -> None:
         """Set derivatives of driven particles to 0, since their motion does not depend on earlier states."""
@@ -189,35 +195,47 @@ class Adjoint:
         """
         states, last = tape.states, len(tape.states) - 1
         self.forget_driven(last)
-        self._propagate_kick(h, h, states[-2][1], states[-1][1])
+        self._propagate_kick(h, h, states[-2], states[-1][1], last - 1)
         for n in reversed(range(last)):
             x, v = states[n]
             before = states[n - 1][1] if n else None
             if self._only_springs:
                 self._propagate_forces(x, v, n, h, before)
             else:
-                self._propagate_forces(x, v, n)
+                self._propagate_forces(x, v, n, u=self._u)
                 self.forget_driven(n)
                 if before is not None:
-                    self._propagate_kick(h, h, before, v)
+                    self._propagate_kick(h, h, states[n - 1], v, n - 1)
 
-    def _propagate_kick(self, drift: float, seconds: float, v: wp.array, v_out: wp.array) -> None:
-        """Propagate derivatives back through a kick and a drift; write those by the forces of the kick."""
-        inputs = [drift, seconds, self._inverse_mass, self._gravity, v, v_out, self.by_x, self.by_v]
+    def _propagate_kick(
+        self, drift: float, seconds: float, state: Sequence[wp.array], v_out: wp.array, stage: int, theta=0.5
+    ) -> None:
+        """Propagate derivatives back through a kick and a drift; write those by the forces of the kick.
+
+        `theta` is that of `kernels.integrators.mid_velocity`.
+        """
+        inputs = [drift, seconds, self._inverse_mass, self._gravity, state[1], v_out, self.by_x, self.by_v]
         inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
         self._launch(self._kick, self._count, inputs)
+        if self._correct is not None:
+            kick = [seconds, theta, self._inverse_mass, self._gravity, *state, v_out, self.by_v]
+            inputs = [self._scene, stage, self._model.stride, *kick, *inputs[-3:], self._u]
+            self._launch(self._correct, self._count, inputs)
 
     def _propagate_forces(
-        self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: wp.array | None = None
+        self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: Any = None, u: Any = None
     ) -> None:
-        """Propagate derivatives by forces to (x, v), and through the kick from `v_before` to v, if not None."""
+        """Propagate derivatives by forces to (x, v), and through the kick from `v_before` to v, if not None.
+
+        Forces that are functions of velocity have been evaluated at velocities u, if not None.
+        """
         state = [x, v, self._phi, self.by_x, self.by_v]
         h, v_before = (0.0, v) if v_before is None else (h, v_before)
         kick = [h, h, self._inverse_mass, self._gravity, v_before, self._by_inverse_mass, self._by_gravity]
         inputs = [self._springs.table, stage, *state, *self._own.values(), *kick, self._next_phi]
         self._springs.launch(self._pull, inputs, self._launch)
-        for one in self._elements:
-            one.propagate(x, v, self._phi, self.by_x, self.by_v, stage)
+        for one, of_velocity in self._elements:
+            one.propagate(x, u if of_velocity and u is not None else v, self._phi, self.by_x, self.by_v, stage)
         if self._soft is not None:
             inputs = [self._soft.data, self._inverse_mass, *state, self._by_inverse_mass, self._soft_by]
             self._launch(self._soft_kernel, self._count, inputs)

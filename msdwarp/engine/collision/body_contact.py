@@ -325,7 +325,7 @@ class BodyContact(WithHistory):
         for blocks, each in zip((stiffness, damping), self.blocks_of(len(stiffness)), strict=True):
             blocks.assign(blocks.numpy() + each[..., None, None] * np.eye(self._model.dim))
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness and damping of contacts to diagonal blocks, as if all points were in contact."""
         for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
             blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))

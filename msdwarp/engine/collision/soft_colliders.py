@@ -57,7 +57,7 @@ class SoftColliders(Effect):
         """Set the length of substeps [s], which limits friction."""
         self.data.dt = dt
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half of the largest stiffness to the block of each particle at any place: it may soon be in contact.
 
         If colliders dissipate, a particle that hits one at the speed 1/c has at most the damping √(k m).

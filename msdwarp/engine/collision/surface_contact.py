@@ -188,7 +188,7 @@ class SurfaceContact(WithHistory):
             f"out within {SEPARATION_TIME} s; move the body or the obstacle apart"
         )
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness and damping of contact with obstacles, if larger than those between bodies."""
         for blocks, each, others in zip((stiffness, damping), self._blocks, self._touching.blocks, strict=True):
             more = np.maximum(each - others[0], 0.0)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...bodies import LINEAR, System, is_uniform, stored
 from ...runtime import in_turn
 from ..collision.body_contact import DAMPING_LIMIT
+from ..loads.forces import ForceField
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import State
@@ -38,6 +39,8 @@ class Rates(NamedTuple):
     """If the step limits the dampers of contacts: `damping` without these dampers [1/s]."""
     limited_share: float = 0.0
     """Fraction of the longest stable step that limited dampers use; 0 if none are limited."""
+    own: float = 0.0
+    """Fastest rate √|∂a/∂x| or |∂a/∂v| of forces that are functions of one's own [1/s], also where they drive."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -70,6 +73,7 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     blocks = zero_blocks(model)
     write_diagonal_blocks(model, state.x, *blocks)
     bounds = _with_effects(assembly, state, blocks, assembly.all)
+    own = own_rates(assembly, state)
     effects, limited, share = np.zeros((model.different, 2)), np.zeros(model.different), 0.0
     contact = assembly.body_contact
     if contact is not None and contact.limits_dampers:
@@ -80,9 +84,24 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     if acts_on_rates(assembly.all) and not model.in_worlds:
         effects = _with_effects(assembly, state, zero_blocks(model), assembly.all)
     return [
-        Rates._make((*rates, _least_ratio(model, k), *effects[k], limited[k], share))
+        Rates._make((*rates, _least_ratio(model, k), *effects[k], limited[k], share, own[k]))
         for k, rates in enumerate(bounds.tolist())
     ]
+
+
+def functions_of(assembly: Assembly) -> list[ForceField]:
+    """Return the forces that are functions of one's own."""
+    return [one for one in assembly.all if isinstance(one, ForceField)]
+
+
+@in_turn
+def own_rates(assembly: Assembly, state: State) -> list[float]:
+    """Return `Rates.own` of each world with different parameters."""
+    functions = functions_of(assembly)
+    if not functions:
+        return [0.0] * assembly.model.different
+    found = _with_effects(assembly, state, zero_blocks(assembly.model), functions)
+    return np.maximum(np.sqrt(found[:, 0]), found[:, 1]).tolist()
 
 
 def _least_ratio(model: Model, world: int) -> float:
@@ -152,10 +171,10 @@ def _with_effects(assembly: Assembly, state: State, blocks: Any, effects: Any) -
     for world in range(model.different if acts_on_rates(others) else 0):
         here = slice(world * model.stride, world * model.stride + model.particle_count)
         parts: Any = (state.x[here], state.v[here], *(one[world] for one in blocks))
-        x, v, stiffness, damping = parts
+        x, v, _, damping = parts
         resistance = np.zeros(model.particle_count)
         for effect in others:
-            effect.add_blocks(x, stiffness, damping, world)
+            effect.add_blocks(*parts, world)
             effect.add_resistance(x, v, resistance)
         if resistance.any():
             damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))

@@ -68,7 +68,7 @@ class ActuatedSprings(StageTables):
         """Return the actuators' strains, for gradients."""
         return {"strain": Parameter(lambda sums: sums[..., 0], varies=True)}
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the transverse stiffness of actuators that contract, at their smallest strain (`_least`)."""
         model, system = self._model, self._model.system
         device, chosen = model.device, self.connection

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...bodies import check_types
 from ...kernels.loads import (
+    add_function_slopes,
     function_force,
     function_projection,
     given_force_projection,
@@ -22,6 +23,8 @@ from ..model.effect import Effect, Elements, Numbers, Parameter
 from ..model.model import Model
 from ..model.stage_tables import StageTables, exchanged
 
+MOST_AHEAD = 64.0
+"""Largest rate of a function where a particle goes next that is believed, times a frame: it may not get there."""
 Named = Sequence[tuple[str, Force]]
 """Forces, each with its name in messages."""
 
@@ -143,11 +146,25 @@ class ForceField(Effect):
 
     def __init__(self, model: Model, name: str, force: Force, number: int) -> None:
         kinds = {"x": model.vector, "v": model.vector, "t": model.scalar, "i": wp.int32}
-        check_types(name, force.force, kinds, model.vector)
-        self.piece = function_force(model.dim, model.scalar, model.compensated, force.force, number)
+        own = force.force, number, "v" in check_types(name, force.force, kinds, model.vector)
+        self.piece = function_force(model.dim, model.scalar, model.compensated, *own)
         self._projected = function_projection(model.dim, model.scalar, force.force)
         self.data, self.members = self.piece.Data(), force.particles(model.system)
-        self._on = np.flatnonzero(self.members)
+        self._model, self._time, self._on = model, 0.0, np.flatnonzero(self.members)
+        self._slopes = add_function_slopes(model.dim, model.scalar, force.force)
+        self._member = wp.array(self._on, dtype=int, device=model.device)
+        self._size = float(np.ptp(model.system.position, axis=0).max()) or 1.0
+
+    def hold(self, time: float) -> None:
+        """Have the next bound begin at `time` [s]."""
+        self._time = time
+
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+        """Add half of |∂F/∂x| and |∂F/∂v| of each particle, the largest now and in the next frame."""
+        masses, fps = self._model.table("inverse_mass"), self.steps.fps
+        numbers = [self._time, 1.0 / fps, self._size, MOST_AHEAD * fps]
+        inputs = [self._member, masses[world % len(masses)], x, v, *numbers]
+        wp.launch(self._slopes, len(self._on), inputs, [stiffness, damping], device=self._model.device)
 
     def elements(self) -> Elements:
         """Return the particles that the force acts on, as elements for gradients."""

@@ -85,7 +85,7 @@ class GivenPressures(SurfacePressure, StageTables):
             for k, (name, one) in enumerate(self.named)
         }
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to the largest pressures."""
         self._add(stiffness, self._turning(x.numpy(), np.abs(self.now_and_ahead()).max(axis=0)))
 
@@ -147,7 +147,7 @@ class Gases(SurfacePressure):
             for n, word in enumerate(words)
         }
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness due to gases.
 
         Besides rotating area vectors, a gas resists volume changes with stiffness γ p / V: a matrix of rank 1,

@@ -242,7 +242,7 @@ class Effect:
         """Return current values of the system's fields that the run has changed, by name."""
         return {}
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the effect's stiffness [N/m] and damping [N s/m] to the diagonal blocks for the stability bound.
 
         The arrays hold the blocks A_i and B_i of `integrators.stability`, float64 matrices of shape

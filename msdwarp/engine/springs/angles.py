@@ -38,7 +38,7 @@ class AngleSprings(Effect):
             damping=angles.damping,
         )
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half a bound of angles' stiffness and damping to the blocks, which the stability bound doubles."""
         outputs = [stiffness, damping]
         wp.launch(angle_blocks(*self._kinds), self._count, [self.data, x], outputs, device=self._model.device)

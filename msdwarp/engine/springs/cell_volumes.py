@@ -100,7 +100,7 @@ class CellVolumes(Effect):
 
         self.launcher.launch_parts(launch)
 
-    def add_blocks(self, x: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half a bound of cells' stiffness and damping to the blocks, which the stability bound doubles."""
         model = self._model
         table = model.table("inverse_mass")

@@ -11,6 +11,8 @@ from ...bodies import System, pieces, stored
 from ...world import Collider
 from ..collision.colliders import DEPENETRATION_TIME
 from ..collision.penetration_depth import start_depths, touching, ways_out
+from ..loads.forces import ForceField
+from ..model.effect import Steps
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 from ..model.state import State
@@ -30,7 +32,8 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
     state = State.from_system(system, assembly.model, method_state)
     for effect in assembly.all:
         effect.place(state, time, fps)
-        if isinstance(effect, StageTables):  # stability bounds read the values of this time
+        effect.steps = Steps(fps, 1)  # `begin` will know how many
+        if isinstance(effect, StageTables | ForceField):  # stability bounds read the values of this time
             effect.hold(time)
     return state
 

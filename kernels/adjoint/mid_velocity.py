@@ -1,0 +1,67 @@
+"""The adjoint of a kick by forces that are functions of velocity (see `integrators.mid_velocity`)."""
+
+import functools
+
+import warp as wp
+
+from ..basis import kernel
+from ..integrators import Composition, inverse_of_kick, tools, velocity_force
+from .kick import kick_back
+
+
+@functools.cache
+def mid_velocity_adjoint(composition: Composition, by_mass: bool, by_gravity: bool):
+    """Compose the kernel, over particles, that corrects φ of `kick_adjoint`; None without such forces.
+
+    v' = v + s F(x, u)/m with u = v + θ (v' − v) gives φ = s/m q with q = (1 − θ s/m ∂F/∂u)^−T ∂L/∂v'; F is
+    differentiated at u, which is written as well.
+    """
+    if velocity_force(composition) is None:
+        return None
+    scalar, inverse = composition.scalar, inverse_of_kick(composition)
+    V, SceneData, _, load, store, _ = tools(composition)
+    propagate = kick_back(composition.dim, scalar, by_mass, by_gravity)
+
+    @kernel
+    def correct_kick(
+        scene: SceneData,
+        stage: int,
+        stride: int,  # particles from one world to the next
+        kick: scalar,  # s [s]
+        theta: scalar,
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
+        gravity: V,  # [m/s²]
+        # State:
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),  # velocities before the kick; below, after it
+        v_out: wp.array(dtype=V),
+        # In and out, derivatives by:
+        by_v: wp.array(dtype=V),
+        by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
+        by_gravity_of: wp.array(dtype=V),  # by the gravity of each particle
+        phi: wp.array(dtype=V),  # by the force
+        # Out:
+        u: wp.array(dtype=V),
+        begin: int,  # particles of this launch
+        end: int,
+        threads: int,  # of the launch
+    ):
+        scene.stage = stage
+        i = begin + wp.tid()
+        while i < end:
+            own = i % stride
+            w = inverse_mass[i]
+            change = load(v_out, i) - load(v, i)
+            middle = load(v, i) + theta * change
+            store(u, i, middle)
+            scale = wp.length(middle) + wp.length(change)
+            if own < scene.effect_mask.shape[0] and w * scale > scalar(0.0):
+                solve = inverse(scene, load(x, i), middle, scale, theta * kick * w, own, scene.effect_mask[own])
+                back = load(by_v, i)
+                more = wp.transpose(solve) * back - back
+                push = change - kick * gravity
+                added = propagate(i, kick, w, more, push, by_inverse_mass, by_gravity_of)
+                store(phi, i, load(phi, i) + added)
+            i += threads
+
+    return correct_kick
