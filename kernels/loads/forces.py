@@ -151,7 +151,7 @@ def add_function_slopes(dim: int, scalar: type, function: Any):
     """Compose the kernel, over particles, that adds half of |∂F/∂x| and |∂F/∂v| to the blocks of the bound.
 
     |J| is the largest singular value: forces across the motion count as those along it. The steepest counts of the
-    present place and two ahead, where the velocity leads to in half a frame and in one.
+    present place and, if asked for, two ahead, where the velocity leads to in half a frame and in one.
     """
     V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
     largest, apart = largest_eigenvalue(dim), APART[scalar]
@@ -166,6 +166,7 @@ def add_function_slopes(dim: int, scalar: type, function: Any):
         seconds: scalar,  # of a frame
         size: scalar,  # of the system [m]
         most: wp.float64,  # largest rate that is believed ahead [1/s]
+        places: int,  # 1, or 3 to look ahead
         # In and out:
         stiffness_block: wp.array(dtype=Block),  # [N/m], shape [particle_count]
         damping_block: wp.array(dtype=Block),  # [N s/m]
@@ -174,7 +175,7 @@ def add_function_slopes(dim: int, scalar: type, function: Any):
         w = wp.max(wp.float64(inverse_mass[i]), wp.float64(1e-300))
         u = v[i]
         steepest = wp.vec2d()
-        for ahead in range(3):
+        for ahead in range(places):
             t = time + scalar(0.5) * scalar(ahead) * seconds
             place = x[i] + (t - time) * u
             by_x = Block()
@@ -192,9 +193,9 @@ def add_function_slopes(dim: int, scalar: type, function: Any):
             here = wp.vec2d(largest(wp.transpose(by_x) * by_x), largest(wp.transpose(by_v) * by_v))
             for n in range(2):
                 slope = wp.sqrt(here[n])
-                if ahead > 0:
-                    slope = wp.min(slope, wp.pow(most, wp.float64(2 - n)) / w)
                 if wp.isfinite(slope):  # a function may be undefined nearby
+                    if ahead > 0:
+                        slope = wp.min(slope, wp.pow(most, wp.float64(2 - n)) / w)
                     steepest[n] = wp.max(steepest[n], slope)
         for k in range(wp.static(dim)):
             stiffness_block[i][k, k] += wp.float64(0.5) * steepest[0]

@@ -22,11 +22,6 @@ from .base import Integrator
 
 SAFETY = 0.8
 """Fraction of the limit at rest that was stable in every measured scene, even in strongly stretched bodies."""
-RESOLVED = 0.5
-"""Longest substep times the fastest rate of a function of one's own: 4π substeps to an oscillation or a turn.
-
-A body may leave its fastest modes unresolved. Such a force often is all that is asked about.
-"""
 MOST_SUBSTEPS = 100_000
 """Maximal number of automatic substeps per frame: recording more would take too long."""
 
@@ -158,7 +153,7 @@ def choose_stable(
                 f"{math.ceil(choice.least / safety)} with a margin"
             )
         return choice
-    wanted = max(1.0 / _longest_steps(rates, integrator, safety)[1], rates.own / RESOLVED) / fps
+    wanted = max(1.0 / _longest_steps(rates, integrator, safety)[1], rates.own) / fps
     if wanted > MOST_SUBSTEPS:
         raise UnstableStep(
             f"{wanted:.2g} substeps a frame would be needed, more than {MOST_SUBSTEPS}: raise fps, "

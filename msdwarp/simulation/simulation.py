@@ -49,6 +49,9 @@ from .stepping import Stepping
 from .substep_controller import StepControlFailed, StepController
 from .undoing import undoing
 
+EASE_AFTER = 60
+"""Frames between looks at whether functions of one's own are less steep: recording frames again is slow."""
+
 
 class Simulation(Changing, Differentiable):
     """Simulates a system frame by frame on a device. `Simulation.from_scene(scene)` makes one from a scene.
@@ -325,8 +328,8 @@ class Simulation(Changing, Differentiable):
         """Return whether functions of one's own need other substeps in the coming frame than those chosen."""
         for one in functions_of(self.assembly):
             one.hold(self.time)
-        chosen = self.choice.rates.own
-        return not 0.5 * chosen <= own_rates(self.assembly, self.state)[0] <= 1.1 * chosen
+        chosen, now = self.choice.rates.own, own_rates(self.assembly, self.state)[0]
+        return now > 1.1 * chosen or (now < 0.5 * chosen and self.frame_index % EASE_AFTER == 0)
 
     def _update_choice(self) -> None:
         """Choose the substeps for the current state."""

@@ -159,10 +159,12 @@ class ForceField(Effect):
         """Have the next bound begin at `time` [s]."""
         self._time = time
 
-    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of |∂F/∂x| and |∂F/∂v| of each particle, the largest now and in the next frame."""
+    def add_blocks(
+        self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0, places: int = 1
+    ) -> None:
+        """Add half of |∂F/∂x| and |∂F/∂v| of each particle; with 3 places, the largest now and in the next frame."""
         masses, fps = self._model.table("inverse_mass"), self.steps.fps
-        numbers = [self._time, 1.0 / fps, self._size, MOST_AHEAD * fps]
+        numbers = [self._time, 1.0 / fps, self._size, MOST_AHEAD * fps, places]
         inputs = [self._member, masses[world % len(masses)], x, v, *numbers]
         wp.launch(self._slopes, len(self._on), inputs, [stiffness, damping], device=self._model.device)
 
