@@ -85,7 +85,7 @@ class Simulation(Changing, Differentiable):
         Fraction of the stability limit that automatic substeps may use, 0 … 1.
     refresh
         Recompute the stability limit before every frame. By default only after a large change of the largest
-        strain.
+        strain, or of the slopes of forces that are functions of one's own.
     allow_unstable
         Accept a step beyond the stability limit.
     energy_limit
@@ -264,6 +264,8 @@ class Simulation(Changing, Differentiable):
         SimulationDiverged
             If numbers are no longer finite, or the energy has grown without a cause (and more automatic substeps
             did not help). The simulation is then back at the end of the last good frame.
+        UnstableStep
+            If a force that is a function of one's own has become so steep that no allowed number is enough.
 
         Warns
         -----

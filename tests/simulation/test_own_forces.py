@@ -28,10 +28,11 @@ FIELD, PUSH = 10.0, 3.0
 @wp.func
 def charged(x: Any, v: Any, t: Any, i: int):
     """A magnetic field along z; on particle 1 also an electric one along y."""
-    force = wp.cross(v, type(v)(type(t)(0.0), type(t)(0.0), type(t)(10.0)))
+    push = type(t)(0.0)
     if i == 1:
-        force[1] += type(t)(3.0)
-    return force
+        push = type(t)(3.0)
+    zero = type(t)(0.0)
+    return type(v)(zero, push, zero) + wp.cross(v, type(v)(zero, zero, type(t)(10.0)))
 
 
 @wp.func

@@ -110,8 +110,9 @@ def own_rates(assembly: Assembly, state: State) -> list[float]:
     blocks = zero_blocks(model)
     for world in range(model.different):
         here = slice(world * model.stride, world * model.stride + model.particle_count)
+        parts: Any = (state.x[here], state.v[here], *(each[world] for each in blocks), world)
         for one in functions:
-            one.add_blocks(state.x[here], state.v[here], *(each[world] for each in blocks), world, PLACES)
+            one.add_blocks(*parts, PLACES)
     found = largest_rates(model, *blocks)
     return np.maximum(np.sqrt(found[:, 0]) / OSCILLATION, found[:, 1] / RELAXATION).tolist()
 
@@ -183,10 +184,10 @@ def _with_effects(assembly: Assembly, state: State, blocks: Any, effects: Any) -
     for world in range(model.different if acts_on_rates(others) else 0):
         here = slice(world * model.stride, world * model.stride + model.particle_count)
         parts: Any = (state.x[here], state.v[here], *(one[world] for one in blocks))
-        x, v, _, damping = parts
+        x, v, stiffness, damping = parts
         resistance = np.zeros(model.particle_count)
         for effect in others:
-            effect.add_blocks(*parts, world)
+            effect.add_blocks(x, v, stiffness, damping, world)
             effect.add_resistance(x, v, resistance)
         if resistance.any():
             damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))

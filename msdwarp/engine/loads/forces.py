@@ -162,7 +162,7 @@ class ForceField(Effect):
     def add_blocks(
         self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0, places: int = 1
     ) -> None:
-        """Add half of |∂F/∂x| and |∂F/∂v| of each particle; with 3 places, the largest now and in the next frame."""
+        """Add half of |∂F/∂x| and |∂F/∂v| of each particle; with 3 places the largest until a frame later."""
         masses, fps = self._model.table("inverse_mass"), self.steps.fps
         numbers = [self._time, 1.0 / fps, self._size, MOST_AHEAD * fps, places]
         inputs = [self._member, masses[world % len(masses)], x, v, *numbers]
