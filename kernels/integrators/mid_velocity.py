@@ -126,7 +126,8 @@ def mid_velocity(composition: Composition, alone: bool = False):
             worked = wp.dot(change, v_given)
             if wp.static(alone):
                 scene.worked.last[i] += change
-            else:  # h F·u, now that u is known; half of it was to be summed in the next substep
+            elif scene.worked.weight_of_last[scene.stage] > wp.float64(0.0):
+                # It is h F·u, now that u is known; half of it was to be summed in the next substep.
                 scene.worked.last[i] -= given
                 worked = scalar(2.0) * wp.dot(given + change, v + theta * dv) - wp.dot(given, v_given)
             scene.worked.done[i] += weight * wp.float64(worked)

@@ -22,10 +22,11 @@ PARTS = {"NoneType": "springs", "AngleSprings": "angles", "CellVolumes": "cells"
 """Words for parts of a scene; messages name others by their class."""
 PLACES = 3
 """Places at which functions of one's own are looked at: the present, after half a frame, after a frame."""
-OSCILLATION, RELAXATION = 0.2, 0.5
-"""Longest substep under a function of one's own, times √|∂a/∂x| and times |∂a/∂v|: 10π to an oscillation.
+OSCILLATION, RELAXATION = 0.08, 0.5
+"""Longest substep under a function of one's own, times √|∂a/∂x| and times |∂a/∂v|: 79 to an oscillation.
 
-A body may leave its fastest modes unresolved. Such a force is often all that is asked about.
+A body may leave its fastest modes unresolved. Such a force is often all that is asked about: symplectic Euler's
+energy is then right to 4 %, half of hω.
 """
 
 
@@ -112,7 +113,7 @@ def own_rates(assembly: Assembly, state: State) -> list[float]:
         here = slice(world * model.stride, world * model.stride + model.particle_count)
         parts: Any = (state.x[here], state.v[here], *(each[world] for each in blocks), world)
         for one in functions:
-            one.add_blocks(*parts, PLACES)
+            one.add_blocks(*parts, places=PLACES)
     found = largest_rates(model, *blocks)
     return np.maximum(np.sqrt(found[:, 0]) / OSCILLATION, found[:, 1] / RELAXATION).tolist()
 
