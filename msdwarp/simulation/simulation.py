@@ -17,8 +17,6 @@ from ..engine import (
     Dynamics,
     assemble,
     check_blocks,
-    functions_of,
-    own_rates,
     rate_bounds,
     starting_state,
     warn_of_start,
@@ -48,9 +46,6 @@ from .settling import Settled
 from .stepping import Stepping
 from .substep_controller import StepControlFailed, StepController
 from .undoing import undoing
-
-EASE_AFTER = 60
-"""Frames between looks at whether functions of one's own are less steep: recording frames again is slow."""
 
 
 class Simulation(Changing, Differentiable):
@@ -179,8 +174,7 @@ class Simulation(Changing, Differentiable):
         }
         self._colliders = self._surroundings["colliders"]
         self._blocks: Blocks = blocks
-        self._threads = threads
-        self._initial = system
+        self._threads, self._initial = threads, system
         self.reset()
         self._inside = warn_of_start(self.assembly, self._surroundings["colliders"])
 
@@ -265,7 +259,7 @@ class Simulation(Changing, Differentiable):
             If numbers are no longer finite, or the energy has grown without a cause (and more automatic substeps
             did not help). The simulation is then back at the end of the last good frame.
         UnstableStep
-            If a force that is a function of one's own has become so steep that no allowed number is enough.
+            If a function of one's own has become too steep for any number of substeps.
 
         Warns
         -----
@@ -291,10 +285,9 @@ class Simulation(Changing, Differentiable):
         """Advance by a frame; `continues`: another frame follows immediately."""
         while self._due and self._due[0].is_due(self.frame_index, self.fps):
             self._apply_scheduled_change()
-        follows = self._refresh or (self._forced is None and bool(functions_of(self.assembly)))
-        if follows and (self._refresh or self._functions_changed()):
+        if self._refresh or (self._looks_ahead and self._functions_changed()):
             self._update_choice()
-        interrupted = follows or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
+        interrupted = self._looks_ahead or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
         self._advance((self.frame_index + 1) / self.fps if continues and not interrupted else None)
         self._count_frame()
 
@@ -325,13 +318,6 @@ class Simulation(Changing, Differentiable):
         """Return the substeps for an assembly and a state, by default the current ones; or raise UnstableStep."""
         assembly, state = of or (self.assembly, self.state)
         return self._choose(rate_bounds(assembly.model.system, assembly, state), assembly, state)
-
-    def _functions_changed(self) -> bool:
-        """Return whether functions of one's own need other substeps in the coming frame than those chosen."""
-        for one in functions_of(self.assembly):
-            one.hold(self.time)
-        chosen, now = self.choice.rates.own, own_rates(self.assembly, self.state)[0]
-        return now > 1.1 * chosen or (now < 0.5 * chosen and self.frame_index % EASE_AFTER == 0)
 
     def _update_choice(self) -> None:
         """Choose the substeps for the current state."""
