@@ -65,6 +65,7 @@ if _typing.TYPE_CHECKING:
         EnergyDriftWarning as EnergyDriftWarning,
         FitWarning as FitWarning,
         GradientWarning as GradientWarning,
+        InvertedWarning as InvertedWarning,
         SettleWarning as SettleWarning,
         StartWarning as StartWarning,
         StrainWarning as StrainWarning,
@@ -152,7 +153,9 @@ _ROOMS = {
         "Frame LimitedSpring Material OwnDamper OwnSpring PolynomialSpring QuadraticDamper Surface System "
         "TensionOnlySpring space_filling_order stress von_mises"
     ),
-    "checks": "EnergyDriftWarning FitWarning GradientWarning SettleWarning StartWarning StrainWarning",
+    "checks": (
+        "EnergyDriftWarning FitWarning GradientWarning InvertedWarning SettleWarning StartWarning StrainWarning"
+    ),
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
     "integrators": (

@@ -36,6 +36,10 @@ class FitWarning(UserWarning):
     """The measurements do not determine the fitted values well."""
 
 
+class InvertedWarning(UserWarning):
+    """Cells of a body stay turned inside out: it has been crushed, and its springs do not resist that."""
+
+
 class SettleWarning(UserWarning):
     """A system has not settled within its tolerance."""
 

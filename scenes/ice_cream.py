@@ -5,7 +5,7 @@ from msdwarp.cli import scene_main
 from msdwarp.textures import scoop, waffle
 
 
-def build(*, size: int = 14, stiffness: float = 24.0, damping: float = 0.3, yield_strain: float = 0.025) -> Scene:
+def build(*, size: int = 14, stiffness: float = 32.0, damping: float = 0.3, yield_strain: float = 0.025) -> Scene:
     """Set a scoop, 80 cm wide, on a cone.
 
     Parameters

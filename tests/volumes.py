@@ -57,7 +57,8 @@ def density(modulus: np.ndarray, ratio: np.ndarray) -> np.ndarray:
     d = ratio - 1
     squeezed = np.log(1 + d * d) / 2
     stretched = np.log((1 + ratio * ratio) / 2) + np.pi / 2 - 2 * np.arctan(ratio)
-    return modulus * np.where(modulus >= 0, d * d / 2, np.where(d.real < 0, squeezed, stretched))
+    crushed = np.where(ratio.real < 1 / 3, 10 * (1 / 3 - ratio) ** 3, 0)
+    return modulus * np.where(modulus >= 0, d * d / 2 + crushed, np.where(d.real < 0, squeezed, stretched))
 
 
 def energy(cells: Cells, x: np.ndarray) -> np.ndarray:
@@ -75,7 +76,7 @@ def forces(system: System, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     ratio, modulus, step = volume / cells.rest_volume, cells.modulus, 1e-4
     up, same, down = (density(modulus, ratio + one * step) for one in (1, 0, -1))
     curvature = (up - 2 * same + down) / step**2  # only damping depends on it, and only if it is not constant
-    share = np.where(modulus >= 0, 1, np.maximum(curvature / modulus, 0))
+    share = np.maximum(curvature / modulus, 0)
     slope = density(modulus, ratio + 1e-30j).imag / 1e-30  # exact but for rounding
     pressure = slope + cells.damping * share * rate / cells.rest_volume
     total = np.zeros_like(x)

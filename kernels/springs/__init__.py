@@ -19,6 +19,7 @@ from .cell_volumes import (
     cell_projection as cell_projection,
     cell_table as cell_table,
     cell_volumes as cell_volumes,
+    inverted_cells as inverted_cells,
 )
 from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS
 from .dampers import LINEAR as LINEAR, damper_force as damper_force

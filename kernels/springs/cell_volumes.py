@@ -8,9 +8,10 @@ The faces of solid cells are bilinear; ∂V/∂x_c follows from the six corners 
 Belytschko, A uniform strain hexahedron and quadrilateral with orthogonal hourglass control, Int. J. Numer. Methods
 Eng. 17 (1981) 679-706. Flat cells have the area |d₁ × d₂|/2 of their diagonals.
 
-With d = J − 1, a modulus κ ≥ 0 has w' = κ d. With a negative modulus this law would let a body collapse. So there
-w' = 2 κ d/(1 + J²) for d ≥ 0 and κ d/(1 + d²) for d < 0: both are κ d near J = 1; far from it springs dominate.
-For a negative modulus the damping is proportional to w'', and 0 where w'' is positive.
+With d = J − 1, a modulus κ ≥ 0 has w' = κ d, and below J₀ = CRUSHED w' = κ (d − STIFFENING (J₀ − J)²), so that a
+crushed cell does not turn inside out: springs do not resist that, as a mirrored cell strains none. With a negative
+modulus w' = κ d would let a body collapse. So there w' = 2 κ d/(1 + J²) for d ≥ 0 and κ d/(1 + d²) for d < 0: both
+are κ d near J = 1; far from it springs dominate. The damping is c w''/κ, and 0 where w''/κ is negative.
 """
 
 import functools
@@ -23,6 +24,9 @@ from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .cell_geometry import cell_geometry
+
+CRUSHED, STIFFENING = 1.0 / 3.0, 30.0
+"""J₀, the fraction of its volume below which a cell stiffens, and by how much: 21-fold at J = 0."""
 
 
 @functools.cache
@@ -47,6 +51,11 @@ def volume_law(scalar: type):
                 energy = wp.log(scalar(0.5) * s) + scalar(2.0) * (wp.atan(one) - wp.atan(ratio))
                 slope = scalar(2.0) * d / s
                 curvature = scalar(2.0) * (one + scalar(2.0) * ratio - ratio * ratio) / (s * s)
+        else:
+            crushed = wp.max(scalar(CRUSHED) - ratio, scalar(0.0))
+            energy += scalar(STIFFENING) / scalar(3.0) * crushed * crushed * crushed
+            slope -= scalar(STIFFENING) * crushed * crushed
+            curvature += scalar(2.0) * scalar(STIFFENING) * crushed
         return modulus * energy, modulus * slope, modulus * curvature, wp.max(curvature, scalar(0.0))
 
     return law
@@ -335,3 +344,26 @@ def cell_blocks(dim: int, scalar: type, solid: bool, flat: bool):
                     wp.atomic_add(damping, i, damped * square)
 
     return add_cell_blocks
+
+
+@functools.cache
+def inverted_cells(dim: int, scalar: type):
+    """Compose the kernel, over worlds and cells, that marks cells whose volume, or area, is not above 0."""
+    V, Row = vector(dim, scalar), vector(dim, wp.float64)
+    Rows, geometry, _turning = cell_geometry(dim, wp.float64, dim == 3, dim == 2)
+
+    @kernel
+    def mark_inverted(
+        corners: wp.array2d(dtype=int),  # shape [cell_count, 8], or 4 in two dimensions
+        stride: int,  # particles from one world to the next
+        x: wp.array(dtype=V),  # [m], of all worlds
+        inverted: wp.array2d(dtype=wp.uint8),  # out, shape [worlds, cell_count]
+    ):
+        w, c = wp.tid()
+        points = Rows()
+        for k in range(wp.static(4 * dim - 4)):
+            points[k] = Row(x[w * stride + corners[c, k]])
+        volume, _gradient = geometry(points, wp.static(dim == 2))
+        inverted[w, c] = wp.uint8(volume <= wp.float64(0.0))
+
+    return mark_inverted

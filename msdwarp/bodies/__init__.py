@@ -42,7 +42,7 @@ from .materials import (
     Material as Material,
 )
 from .numbering import places_along_curve as places_along_curve, space_filling_order as space_filling_order
-from .selection import mask_of as mask_of
+from .selection import body_name as body_name, mask_of as mask_of
 from .space import (
     AXES as AXES,
     in_space as in_space,
@@ -72,6 +72,7 @@ from .torn_surfaces import (
     Bare as Bare,
     Edges as Edges,
     broken_before as broken_before,
+    cells_of as cells_of,
     connection_between as connection_between,
     laid_bare as laid_bare,
 )

@@ -15,7 +15,7 @@ CORNERS = 8
 """Number of corners of a solid cell; a flat cell has half as many."""
 NONE = -1
 """Entry for corners that a flat cell does not have."""
-_FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+FACES = np.array([(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)])
 """Corners of the faces of a solid cell, counter-clockwise as seen from outside."""
 _NUMBERS = ("rest_volume", "modulus", "damping")
 """Parameters of each cell."""
@@ -25,9 +25,10 @@ _NUMBERS = ("rest_volume", "modulus", "damping")
 class Cells:
     """Cells of a body, which store energy if their volume V changes: W = V₀ w(V/V₀). Immutable.
 
-    w(J) = κ (J − 1)²/2 for κ ≥ 0; `msdwarp.kernels.springs.cell_volumes` has w for κ < 0. A damper dissipates
-    the power c V̇²/V₀. Springs resist shear, and alone give every body the same Poisson's ratio; cells add what
-    another ratio needs: `Material.poissons_ratio` determines both.
+    w(J) = κ (J − 1)²/2 for κ ≥ 0, and below J = 1/3 also 10 κ (1/3 − J)³, so that crushed cells do not turn
+    inside out; `msdwarp.kernels.springs.cell_volumes` has w for κ < 0. A damper dissipates the power c V̇²/V₀
+    (times w''/κ where w' is not linear). Springs resist shear, and alone give every body the same Poisson's ratio;
+    cells add what another ratio needs: `Material.poissons_ratio` determines both.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ class Cells:
         solid = x[self.corners[~flat]]
         solid = solid - solid.mean(axis=1, keepdims=True)
         total = np.zeros(len(solid))
-        for a, b, c, d in (solid[:, list(face)].swapaxes(0, 1) for face in _FACES):
+        for a, b, c, d in (solid[:, face].swapaxes(0, 1) for face in FACES):
             # A bilinear face encloses the mean volume of its two divisions into triangles.
             total += sum(np.einsum("ni,ni->n", p, np.cross(q, r)) for p, q, r in ((a, b, c), (a, c, d), (a, b, d)))
             total += np.einsum("ni,ni->n", b, np.cross(c, d))
@@ -104,7 +105,7 @@ class Cells:
         ratio = self.volumes(position) / self.rest_volume
         d = ratio - 1
         negative = np.where(d < 0, d / (1 + d * d), 2 * d / (1 + ratio * ratio))
-        return self.modulus * np.where(self.modulus < 0, negative, d)
+        return self.modulus * np.where(self.modulus < 0, negative, d - 30 * np.maximum(1 / 3 - ratio, 0) ** 2)
 
     def at_rest(self, position: ArrayLike, particles: NDArray[np.bool_] | None = None) -> Self:
         """Return these cells with the volumes at `position` [m] as rest volumes.

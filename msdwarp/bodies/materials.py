@@ -155,13 +155,15 @@ class Material:
 
 
 # Values are midpoints of the quoted ranges; damping ratios are half the loss factor, which depends on frequency,
-# temperature and amplitude. Ashby: Materials Selection in Mechanical Design, appendix A.
+# temperature and amplitude. Ashby: Materials Selection in Mechanical Design, appendix A. The volume of rubber and
+# gels hardly changes: their Poisson's ratios are above 0.499, but the step becomes too short there. At 0.45, too,
+# what is crushed does not turn inside out (docs/limits.md).
 
-RUBBER = Material(density=925.0, youngs_modulus=2.0e6, damping_ratio=0.03)
+RUBBER = Material(density=925.0, youngs_modulus=2.0e6, damping_ratio=0.03, poissons_ratio=0.45)
 """Natural rubber without filler."""
 # Density 920-930, E 1.5-2.5 MPa (Ashby). Loss factor 0.02-0.10 (Gent, Engineering with Rubber).
 
-JELLY = Material(density=1000.0, youngs_modulus=12.5e3, damping_ratio=0.05)
+JELLY = Material(density=1000.0, youngs_modulus=12.5e3, damping_ratio=0.05, poissons_ratio=0.45)
 """Gel of 5 % gelatin in water, with the density of water."""
 # Shear modulus G = 4.18 ± 0.84 kPa (Nguyen et al., Ultrasound in Medicine and Biology 40 (2014) 168-176), and E is
 # 3 G as its volume hardly changes. Loss factor of a soft gel 0.06-0.14 at 20-200 Hz (Okamoto, Clayton and Bayly,

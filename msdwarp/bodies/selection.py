@@ -1,5 +1,6 @@
 """Selection of particles by indices, a slice or a mask."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -47,3 +48,9 @@ def check_no_mask(name: str, where: NDArray, count: int) -> None:
             f"{name} holds 0 and 1 for each of {count} particles, which as indices are the first two: "
             "a mask must be of booleans, such as mask == 1"
         )
+
+
+def body_name(groups: Mapping[str, NDArray], particles: NDArray) -> str:
+    """Return what a message calls the body of these particles, in order: by its group's name if it has one."""
+    names = (name for name, of in groups.items() if np.array_equal(np.sort(of), particles))
+    return next(map(repr, names), f"the body of particle {particles[0]}")

@@ -6,13 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .cells import FACES
 from .selection import mask_of
 from .system import System
-
-_CORNERS = list(itertools.product((0, 1), repeat=3))
-"""Steps along z, y and x from a cell's first corner to each corner: corner 1 is along x, 2 along y, 4 along z."""
-_FACES = np.array([(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)])
-"""Corners of a cell's six faces, counter-clockwise as seen from outside."""
 
 
 class Edges:
@@ -78,28 +74,26 @@ class Bare(NamedTuple):
     """Time when each of these triangles disappears with its own cell [s], inf if it stays, shape [any]."""
 
 
-def cells_of(system: System) -> NDArray[np.int64]:
-    """Return the corners of the cells of lattice solids whose surface is of particles, shape [cell_count, 8].
+def cells_of(system: System, among: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    """Return the corners of the cells of a system's lattice solids, shape [cell_count, 8], as in `Cells`.
 
-    A cell has a particle at each corner, and connections along x, y and z.
+    A cell has a particle at each corner, and connections along x, y and z. In two dimensions cells are those of
+    sheets, shape [cell_count, 4]. With a mask `among` of particles only lattices that have some of these.
     """
-    n, found = system.particle_count, [np.empty((0, 8), dtype=np.int64)]
-    own = np.zeros(0, np.int32) if system.surface is None else system.surface.particle_alone
-    outside = mask_of(own[own >= 0], n)
+    n, axes = system.particle_count, "xyz" if system.dim == 3 else "xy"
+    found = [np.empty((0, 4 * (len(axes) - 1)), dtype=np.int64)]
     for body in system.directions:
-        if not {"x", "y", "z"} <= body.keys():
+        if not set(axes) <= body.keys():
             continue
         following = np.full((3, n + 1), n)  # next particle along each axis, n if there is none
-        for axis, name in enumerate("xyz"):
+        for along, name in zip(following, axes, strict=False):
             first, second = system.connections[body[name]].T
-            following[axis, first] = second
-        corners = np.arange(n)[:, None].repeat(8, axis=1)
-        for k, steps in enumerate(_CORNERS):
-            for axis, step in zip((2, 1, 0), steps, strict=True):
-                if step:
-                    corners[:, k] = following[axis, corners[:, k]]
+            along[first] = second
+        x, y, z = following
+        corners = [np.arange(n), x[:n], y[x[:n]], y[:n]]
+        corners = np.stack(corners if len(axes) == 2 else [*corners, *(z[one] for one in corners)], axis=1)
         corners = corners[(corners < n).all(axis=1)]
-        if outside[corners].any():
+        if among is None or among[corners].any():
             found.append(corners)
     return np.concatenate(found)
 
@@ -130,13 +124,13 @@ def laid_bare(system: System) -> Bare:
     cells become visible.
     """
     assert system.surface is not None
-    corners = system.surface.particle_alone[system.surface.triangles].astype(np.int64)
-    cells = cells_of(system)
+    own = system.surface.particle_alone.astype(np.int64)
+    corners, cells = own[system.surface.triangles], cells_of(system, mask_of(own[own >= 0], system.particle_count))
     parted_at = cells_parted_at(system, cells)
     beside = _at_broken(system)  # where triangles have lost edges, or faces may become visible
     beside[cells[np.isfinite(parted_at)]] = True
     near = np.flatnonzero(beside[cells].any(axis=1))
-    faces = cells[near][:, _FACES].reshape(-1, 4)
+    faces = cells[near][:, FACES].reshape(-1, 4)
     own = parted_at[near].repeat(6)
 
     # A face is between two cells, or between a cell and the outside.

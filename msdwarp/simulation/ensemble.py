@@ -275,6 +275,12 @@ class Ensemble(Differentiable):
         return self._held_back().copy()
 
     @property
+    @in_turn
+    def inverted(self) -> NDArray[np.integer]:
+        """Number of cells that are turned inside out, by world; no warning says so, as no energies are watched."""
+        return self._inverted()
+
+    @property
     def diverged_at(self) -> NDArray[np.float64]:
         """Time at which each diverged world stopped, the end of its last good frame [s]; NaN for the others."""
         frames = self._world_status().good_frames

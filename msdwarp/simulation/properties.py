@@ -58,6 +58,10 @@ class Present(ReleasedInTurn):
         contact = self.assembly.body_contact
         return np.zeros(self.model.worlds) if contact is None else contact.held_back
 
+    def _inverted(self) -> NDArray[np.integer]:
+        """Return the number of cells that are turned inside out, by world."""
+        return self.assembly.inverted_cells.find(self.state.x).sum(axis=1)
+
     def _set_up_steps(
         self,
         integrator: Integrator | None,
@@ -173,8 +177,9 @@ class PresentWorld(Present):
 
     @in_turn
     def measure(self) -> Measures:
-        """Return energies, momentum and strain of the current state."""
-        return measure(self.assembly, self.state, self.stepping.velocity(), self.state.compensation.x)
+        """Return energies, momentum, strain and the number of inverted cells of the current state."""
+        found = measure(self.assembly, self.state, self.stepping.velocity(), self.state.compensation.x)
+        return found._replace(inverted=int(self._inverted()[0]))
 
     @property
     def rest_length(self) -> NDArray:

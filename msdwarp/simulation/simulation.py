@@ -263,11 +263,10 @@ class Simulation(Changing, Differentiable):
 
         Warns
         -----
-        EnergyDriftWarning
-            Once per run, if the energy has risen by rounding errors (automatic substeps only).
-        StrainWarning
-            Once per run, if a body whose Poisson's ratio is below the ratio of springs alone is strained so much
-            that it may stay distorted (automatic substeps only).
+        EnergyDriftWarning, InvertedWarning, StrainWarning
+            Once per run each, with automatic substeps only: if the energy has risen by rounding errors, if cells
+            of a body stay turned inside out, or if a body whose Poisson's ratio is below that of springs is
+            strained so much that it may stay distorted.
         """
         count = checks.count("frames", frames, 1)
         with completing() as interrupted:
@@ -301,7 +300,7 @@ class Simulation(Changing, Differentiable):
         found = {} if self._step_controller is None else self._step_controller.warnings
         for kind in found.keys() - self._warned:
             self._warned.add(kind)
-            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=6)
+            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=7)
 
     def _advance(self, next_time: float | None) -> None:
         """Advance by a frame; `next_time` [s] is as for `Stepping.advance`."""

@@ -113,6 +113,8 @@ class StepController:
         """Start without warnings."""
         self.warnings: dict[type[Warning], str] = {}
         """Messages of pending warnings, by class of warning."""
+        self.strained = self.next_look = 0
+        """Frames since a check found a large strain, and of these before the next look for inverted cells."""
 
     def saved(self) -> dict[str, float]:
         """Return the fields' values for a checkpoint."""
@@ -279,6 +281,15 @@ class StepController:
                 f"a connection has been strained by {balance.strain:.2g}; below a Poisson's ratio of 1/4 (in a "
                 "sheet 1/3) a body that is strained so much may stay distorted"
             )
+        if self.strained or balance.strain > LARGE_STRAIN:  # a cell without volume strains a spring by 0.23
+            self.strained += self.since
+        if self.strained > self.next_look:
+            self.next_look = self.strained + min(max(self.strained, 4), LONGEST_INTERVAL)
+            if found := stepping.assembly.inverted_cells.look(stepping.state.x):
+                self.warnings[checks.InvertedWarning] = (
+                    f"{found}; springs alone do not resist that: give the body a Material with "
+                    "poissons_ratio=0.45, whose cells do, or more stiffness"
+                )
         self.quiet_frames += self.since
         self.since = 0
         quiet = balance.energy <= self.least + 0.5 * self._allowed(balance) and balance.strain <= LARGE_STRAIN

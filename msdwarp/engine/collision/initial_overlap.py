@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import System, TouchingSurfaces
+from ...bodies import System, TouchingSurfaces, body_name
 from ...kernels.filling import find_depths
 from .contact_rules import ContactRules
 
@@ -46,19 +46,13 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
     if not deepest:
         return None
     particle, outer = worst
-    one, other = (_name(system, np.flatnonzero(body == k)) for k in (body[particle], outer))
+    one, other = (body_name(system.groups, np.flatnonzero(body == k)) for k in (body[particle], outer))
     return (
         f"{one} starts inside {other}: particle {particle} is "
         f"{deepest:.3g} m deep in it, and contact pushes out only up to a depth of half a spacing, which is "
         f"{0.5 * surfaces.spacing[outer]:.3g} m; move them apart, or have them ignore each other by "
         "Contact(groups=..., exclude=True)"
     )
-
-
-def _name(system: System, particles: NDArray) -> str:
-    """Return what a message calls the body of these particles, in order: by its name if it has one."""
-    names = (name for name, of in system.groups.items() if np.array_equal(np.sort(of), particles))
-    return next(map(repr, names), f"the body of particle {particles[0]}")
 
 
 def _sample(x: NDArray, particles: NDArray, low: NDArray, high: NDArray) -> NDArray[Any]:

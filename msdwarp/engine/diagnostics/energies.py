@@ -39,6 +39,8 @@ class Measures(NamedTuple):
         Energy stored by other effects, such as contact and attachments [J].
     external_work
         Work of loads, drives and moving obstacles on the system so far [J].
+    inverted
+        Number of cells of lattices that are turned inside out; see `InvertedWarning`.
     """
 
     kinetic_energy: float
@@ -50,6 +52,7 @@ class Measures(NamedTuple):
     largest_strain: float
     effect_energy: float = 0.0
     external_work: float = 0.0
+    inverted: int = 0
 
     @property
     def energy(self) -> float:

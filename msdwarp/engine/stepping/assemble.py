@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,6 +49,7 @@ from ..springs.angles import AngleSprings
 from ..springs.cell_volumes import CellVolumes
 from ..springs.extra_springs import ExtraSprings
 from ..springs.fracture import Fracture
+from ..springs.inverted_cells import InvertedCells
 from ..springs.plasticity import Plasticity
 from .fire import Fire
 
@@ -205,6 +207,11 @@ class Assembly:
         if not summed and steady is None and not others:
             return None
         return Work(self.model, summed=summed, steady=steady, others=others)
+
+    @cached_property
+    def inverted_cells(self) -> InvertedCells:
+        """Finds the cells that are turned inside out; made when first asked for."""
+        return InvertedCells(self.model, self.fracture)
 
     @property
     def begins_substeps(self) -> bool:

@@ -1,0 +1,64 @@
+"""InvertedCells: finds the cells of lattices that are turned inside out, whether or not they resist that."""
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...bodies import body_name, cells_of, connection_between
+from ...kernels.springs import inverted_cells
+from ..model.model import Model
+from .fracture import Fracture
+
+
+class InvertedCells:
+    """The cells of a system's lattice solids, in two dimensions of its sheets.
+
+    A cell is inverted if its volume is not above 0, or not below 0 in a body that the system shows mirrored. Cells
+    with a broken spring do not count.
+    """
+
+    def __init__(self, model: Model, fracture: Fracture | None) -> None:
+        self._model, self._fracture, system = model, fracture, model.system
+        self._corners, self._body = cells_of(system), np.zeros(system.particle_count, dtype=int)
+        for k, body in enumerate(system.directions):
+            for part in body.values():
+                self._body[system.connections[part]] = k
+        self._seen = self._mirrored = np.zeros(len(self._corners), dtype=bool)
+        self._table = wp.array(self._corners, dtype=int, device=model.device)
+        body = self._body[self._corners[:, 0]]
+        start = self._marked(wp.array(system.position, dtype=model.vector, device=model.device), 1)[0]
+        self._mirrored = np.bincount(body, start - 0.5, 1)[body] > 0
+
+    def _marked(self, x: wp.array, worlds: int) -> NDArray[np.bool_]:
+        """Return a mask of the cells whose volume has the wrong sign, shape [worlds, cell_count]."""
+        model = self._model
+        found = wp.zeros((worlds, len(self._corners)), dtype=wp.uint8, device=model.device)
+        if len(self._corners):
+            inputs = [self._table, model.stride, x]
+            wp.launch(inverted_cells(model.dim, model.scalar), found.shape, inputs, [found], device=model.device)
+        return found.numpy().astype(bool) ^ self._mirrored
+
+    def find(self, x: wp.array) -> NDArray[np.bool_]:
+        """Return a mask of the inverted cells at positions x [m], shape [worlds, cell_count]."""
+        found = self._marked(x, self._model.worlds)
+        if self._fracture is not None and found.any():
+            pairs = np.transpose(np.triu_indices(self._corners.shape[1], 1))
+            broken_at = self._fracture.checkpoint()["broken_at"]
+            for mask, when in zip(found, np.split(broken_at, len(found)), strict=True):
+                springs = connection_between(self._model.system, self._corners[mask][:, pairs])
+                mask[mask] = np.isinf(np.append(when, np.inf)[springs]).all(axis=1)
+        return found
+
+    def look(self, x: wp.array) -> str | None:
+        """Return how many cells of which body are inverted, now and at the last look, in a single world, or None.
+
+        A blow may turn a corner inside out for some frames. `x` are the positions now [m].
+        """
+        body, before = self._body[self._corners[:, 0]], self._seen
+        self._seen = self.find(x)[0]
+        count = np.bincount(body[self._seen & before], minlength=1)
+        if not count.any():
+            return None
+        worst = count.argmax()
+        name = body_name(self._model.system.groups, np.flatnonzero(self._body == worst))
+        return f"{count[worst]} of {np.count_nonzero(body == worst)} cells of {name} are turned inside out"
