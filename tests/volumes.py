@@ -76,7 +76,7 @@ def forces(system: System, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     ratio, modulus, step = volume / cells.rest_volume, cells.modulus, 1e-4
     up, same, down = (density(modulus, ratio + one * step) for one in (1, 0, -1))
     curvature = (up - 2 * same + down) / step**2  # only damping depends on it, and only if it is not constant
-    share = np.maximum(curvature / modulus, 0)
+    share = np.where(modulus >= 0, 1 + 60 * np.maximum(1 / 3 - ratio, 0), np.maximum(curvature / modulus, 0))
     slope = density(modulus, ratio + 1e-30j).imag / 1e-30  # exact but for rounding
     pressure = slope + cells.damping * share * rate / cells.rest_volume
     total = np.zeros_like(x)

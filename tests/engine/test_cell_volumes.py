@@ -361,3 +361,19 @@ def test_cells_follow_their_particles():
 def test_what_is_wrong_is_said(make, said):
     with pytest.raises(ValueError, match=re.escape(said)):
         make()
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.2, -0.3])
+def test_crushed_cells_stiffen(scale):
+    # Below a third of its volume; w' is also the pressure that `stress` takes.
+    system = stretched(bodies(0.45)["solid"], 1.0, 1.0, scale)
+    system = system.replace(velocity=[0.3, -0.2, 0.5] * system.position)
+    x, v = system.position, system.velocity
+    expected = volumes.forces(system, x, v) + problems.forces(system, x, v)
+    found = evaluate(system, "cpu", "float64")
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()  # rounding of some hundred terms
+    kappa = system.cells.modulus[0]
+    slope = kappa * (scale - 1 - 30 * max(1 / 3 - scale, 0) ** 2)
+    np.testing.assert_allclose(system.cells.slopes(x), slope, rtol=1e-12)
+    simulation = Simulation(system, gravity=0.0, device="cpu", precision="float64")
+    assert simulation.measure().effect_energy == pytest.approx(volumes.energy(system.cells, x), rel=1e-12)
