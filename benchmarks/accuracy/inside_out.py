@@ -44,7 +44,7 @@ def measure_speeds(options: Any) -> list[dict[str, Any]]:
     rows = []
     for ratio in RATIOS[::4] if options.quick else RATIOS:
         material = replace(STUFF, poissons_ratio=ratio)
-        cube = msd.box((ACROSS + 1,) * 3, SIDE / ACROSS, material=material)
+        cube = msd.box((ACROSS + 1, ACROSS + 1, ACROSS + 1), SIDE / ACROSS, material=material)
         for ahead in TURNS:
             row: dict[str, Any] = {"ratio": "springs" if ratio is None else ratio, "ahead": ahead}
             row |= {"crushed": NEVER, "for_ever": NEVER}
@@ -71,7 +71,7 @@ def measure_drops(options: Any) -> list[dict[str, Any]]:
             for size in (0.3,) if options.quick else (0.1, 0.3, 1.0):
                 h, fall = size / ACROSS, 5 * size
                 bodies = {
-                    "cube": msd.box((ACROSS + 1,) * 3, h, material=material),
+                    "cube": msd.box((ACROSS + 1, ACROSS + 1, ACROSS + 1), h, material=material),
                     "ball": msd.ball(size / 2, h, material=material),
                     "bar": msd.box((2 * ACROSS + 1, ACROSS + 1, ACROSS + 1), h, material=material),
                 }
