@@ -148,6 +148,7 @@ class Run:
             for stage in self.method.substep(self.state, self.work, self.h):
                 self.dynamics.run(stage)
             self.state.flip()
+        self.velocities.given = False
 
     def velocity(self) -> wp.array:
         """Return the velocities at the instant of the positions."""

@@ -124,8 +124,10 @@ def laid_bare(system: System) -> Bare:
     cells become visible.
     """
     assert system.surface is not None
-    own = system.surface.particle_alone.astype(np.int64)
-    corners, cells = own[system.surface.triangles], cells_of(system, mask_of(own[own >= 0], system.particle_count))
+    alone = system.surface.particle_alone.astype(np.int64)
+    corners, cells = alone[system.surface.triangles], np.empty((0, 8), dtype=np.int64)
+    if system.dim == 3:
+        cells = cells_of(system, mask_of(alone[alone >= 0], system.particle_count))
     parted_at = cells_parted_at(system, cells)
     beside = _at_broken(system)  # where triangles have lost edges, or faces may become visible
     beside[cells[np.isfinite(parted_at)]] = True

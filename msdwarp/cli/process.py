@@ -130,7 +130,12 @@ def progress_on(console: "Console", *, over: float = 30.0) -> Iterator["Progress
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    shown, ended = console.is_terminal, threading.Event()
+    progress = Progress(*columns, console=console, transient=True, speed_estimate_period=over)
+    if console.is_terminal:
+        with progress:
+            yield progress
+        return
+    ended = threading.Event()
 
     def tell() -> None:
         while not ended.wait(TELL_EVERY):
@@ -139,15 +144,13 @@ def progress_on(console: "Console", *, over: float = 30.0) -> Iterator["Progress
                     whole = "" if task.total is None else f" of {task.total:.0f}"
                     console.print(f"{task.description}: {task.completed:.0f}{whole} done", highlight=False)
 
-    with Progress(
-        *columns, console=console, transient=True, speed_estimate_period=over, disable=not shown
-    ) as progress:
-        if not shown and not console.quiet:
-            threading.Thread(target=tell, daemon=True).start()
-        try:
-            yield progress
-        finally:
-            ended.set()
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield progress
+    finally:
+        ended.set()
+        teller.join()
 
 
 def tell_compiling(console: "Console") -> None:

@@ -385,31 +385,3 @@ def test_a_script_runs_by_itself_and_keeps_libraries_silent(tmp_path):
     assert len(done.stdout.splitlines()) == 4
     assert "Warp" not in done.stdout
     assert (tmp_path / "out" / "cloth" / "cloth.webp").stat().st_size > 0
-
-
-LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_AS, ({} << 28, resource.RLIM_INFINITY))"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(
-    sys.platform == "win32", reason="folders in use cannot be deleted, and there are no such limits"
-)
-@pytest.mark.parametrize(
-    ("before", "said"),
-    [
-        (
-            "import os; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone')",
-            "the working directory no longer exists",
-        ),
-        (
-            LIMIT.format(4) + "; import numpy; " + LIMIT.format(1),
-            r"the address space is limited to 0.268 GB \(ulimit -v\), perhaps too little: .",
-        ),
-    ],
-)
-def test_a_process_without_room_or_place_says_so_in_a_line(tmp_path, before, said):
-    command = f"{before}; from msdwarp.cli import main; main()"
-    words = ["run", "chain", "--duration", "0.1", "--frames", "none", "--video", "none", "--device", "cpu"]
-    done = subprocess.run([sys.executable, "-c", command, *words], capture_output=True, text=True, cwd=tmp_path)
-    (only,) = done.stderr.splitlines()
-    assert (done.returncode, bool(re.match(f"error: {said}", only))) == (1, True), done.stderr

@@ -1,6 +1,7 @@
 """What surrounds the command: terminals, closed streams, encodings, and other runs beside it."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -64,3 +65,29 @@ def test_runs_that_begin_at_once_each_take_a_folder(msdwarp, tmp_path):
         with own_folder("cube", None, False) as one, own_folder("cube", None, False) as other:
             assert (one.name, other.name) == ("cube-3", "cube-4")
         assert "another run is writing in out/cube" in msdwarp("run", "cube", "--out", "out/cube", *UNDRAWN)[2]
+
+
+LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_AS, ({} << 28, resource.RLIM_INFINITY))"
+
+
+@pytest.mark.slow
+@posix
+@pytest.mark.parametrize(
+    ("before", "said"),
+    [
+        (
+            "import os; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone')",
+            "the working directory no longer exists",
+        ),
+        (
+            LIMIT.format(4) + "; import numpy; " + LIMIT.format(1),
+            r"the address space is limited to 0.268 GB \(ulimit -v\), perhaps too little: .",
+        ),
+    ],
+)
+def test_a_process_without_room_or_place_says_so_in_a_line(tmp_path, before, said):
+    command = f"{before}; from msdwarp.cli import main; main()"
+    words = ["run", "chain", "--duration", "0.1", "--frames", "none", "--video", "none", "--device", "cpu"]
+    done = subprocess.run([sys.executable, "-c", command, *words], capture_output=True, text=True, cwd=tmp_path)
+    (only,) = done.stderr.splitlines()
+    assert (done.returncode, bool(re.match(f"error: {said}", only))) == (1, True), done.stderr

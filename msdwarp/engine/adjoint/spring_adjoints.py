@@ -108,10 +108,10 @@ class InLattice(OverParticles):
     def _table(self, model: Model, lattice: Lattice) -> Any:
         """Return the struct that the kernel reads."""
         bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
-        offset, constants = (one[np.argsort(bits)] for one in lattice.neighbours())
+        order, (offset, constants) = np.argsort(bits), lattice.neighbours()
         table = self._neighbours.Table()
-        upload_fields(table, model.device, mask=lattice.mask, offset=offset)
-        table.constants = records_of_three(model, constants)
+        upload_fields(table, model.device, mask=lattice.mask, offset=offset[order])
+        table.constants = records_of_three(model, constants[0, order])
         return table
 
     def by_connection(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
