@@ -295,7 +295,7 @@ def euler_load(device: str, count: int = 40) -> Found:
         bent = rod.replace(position=place + shape).pin([0, count])
         squares.append(_frequency(bent, shape, device, 3.0, float(slowest * np.sqrt(1 - load))) ** 2)
     slope, first = np.polyfit(loads * limit, squares, 1)
-    fine = np.linspace(0, 1, 50)
+    fine = 1 - np.linspace(1, 0, 50) ** 2
     return Found(
         [
             Quantity("load π² E I/L²", "N", limit, -first / slope),
@@ -381,7 +381,7 @@ def dzhanibekov(device: str, turns: float = 1.0) -> Found:
         [Quantity("time from flip to flip 2K/Ω", "s", period / 2, float(second - first))],
         (t[:: len(t) // 40], seen[:: len(t) // 40]),
         (t, sn * seen[0]),
-        ("time [s]", "angular velocity about the middle axis [1/s]"),
+        ("time [s]", "ω about the middle axis [1/s]"),
     )
 
 

@@ -10,6 +10,9 @@ from ..common import COLOURS, arguments, machine, pyplot, read_csv, save, table,
 from .textbook import EXPERIMENTS, Found
 
 COLUMNS = 3
+"""Charts in a row."""
+MOST = 150
+"""Points of a curve that are kept, about."""
 
 
 def quantities(name: str, found: Found) -> list[dict]:
@@ -27,7 +30,7 @@ def curves(name: str, found: Found) -> list[dict]:
     return [
         head | {"kind": kind, "x": float(x), "y": float(y)}
         for kind, points in (("measured", found.points), ("exact", found.curve))
-        for x, y in zip(*points, strict=True)
+        for x, y in zip(*(one[:: max(1, len(one) // MOST)] for one in points), strict=True)
     ]
 
 
