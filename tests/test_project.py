@@ -33,9 +33,11 @@ def test_ruff_before_a_commit_is_the_one_of_the_checks():
 def test_the_workflow_runs_the_checks():
     jobs = loaded(".github/workflows/ci.yml")["jobs"]
     runs = {name: [step.get("run", "") for step in job["steps"]] for name, job in jobs.items()}
-    assert runs.keys() == {"all", "quick"}
+    assert runs.keys() == {"all", "quick", "lowest"}
     assert ".ci/run" in runs["all"]
-    assert any("pytest" in run and "not slow" in run for run in runs["quick"])
+    for name in ("quick", "lowest"):
+        assert any("pytest" in run and "not slow" in run for run in runs[name])
+    assert any("--resolution lowest-direct" in run for run in runs["lowest"])
     lowest = PROJECT["requires-python"].removeprefix(">=")
     assert lowest in jobs["all"]["strategy"]["matrix"]["python"]
 
