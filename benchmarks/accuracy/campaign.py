@@ -73,7 +73,7 @@ def simulate(case: Case, device: str, substeps: int | str) -> dict[str, Any]:
     simulation = Simulation(case.system, device=device, substeps=substeps, **case.options)
     first, counts, energies, inner = simulation.substeps, [], [], []
     model, state = simulation.model, simulation.state
-    scale = weight(model) * size(state) + rounding_energy(model, state)
+    scale = weight(model) * size(state) + rounding_energy(simulation.assembly, state)
     outcome, began = "held", time.perf_counter()
     try:
         for _ in range(FRAMES):
