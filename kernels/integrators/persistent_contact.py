@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import as_function, kernel, vector
+from ..basis import as_function, kernel
 from ..collision import (
     BodyContactData,
     FacetTree,
@@ -116,7 +116,7 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     It is for a single world on a GPU whose bodies are all closed, in a cluster of `blocks` blocks. `steps` has the
     steps of two substeps.
     """
-    dim, scalar, V = composition.dim, composition.scalar, vector(composition.dim, composition.scalar)
+    dim, scalar = composition.dim, composition.scalar
     _, SceneData, *_ = tools(composition)
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     begin, masked_particles = beginning(composition), bool(composition.selective)
@@ -132,57 +132,12 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
     evaluate = as_function(evaluate_contact(*composed, False, parts.limited))
     watch = as_function(find_alarm(scalar))
 
-    @wp.func
-    def place_all(
-        data: Data,
-        tree: FacetTree,
-        numbers: Numbers,
-        buffer: wp.array(dtype=scalar),
-        flags: wp.array(dtype=float),
-        step: Step,
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        ahead: float,
-        threads: int,
-    ):
-        dt = float(numbers.h)
-        shift = step.compensation
-        place(data, tree, shift, x, v, 0.0, dt, ahead, buffer, numbers.more, numbers.beyond, threads, 0, 1, flags)
-
-    @wp.func
-    def exert_contacts(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        numbers: Numbers,
-        buffer: wp.array(dtype=scalar),
-        flags: wp.array(dtype=float),
-        none: wp.array(dtype=wp.float64),
-        step: Step,
-        threads: int,
-    ):
-        place_all(data, tree, numbers, buffer, flags, step, step.x, step.v, numbers.ahead, threads)
-        wait()
-        if data.neighbors.due[0] != 0:  # equal for all threads: it changes only after the search's first barriers
-            search(data, tree, pairs, numbers, buffer, flags, threads)
-        if wp.static(parts.inner):
-            watch(data, pairs, numbers.apart, numbers.h, threads, 0, 1, flags)
-        h = numbers.h
-        behind = numbers.behind
-        per_unit = numbers.per_unit
-        if wp.static(parts.limited):
-            count_touches(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
-            wait()
-        evaluate(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
-        wait()
-
     def take_substeps(
         scene: SceneData,
         steps: wp.array(dtype=Step),
         count: int,
         connection_count: int,
         threads: int,
-        substep: int,  # number of the first substep, counted from 1 in each frame
         data: Data,
         tree: FacetTree,
         pairs: Pairs,
@@ -192,6 +147,10 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
         none: wp.array(dtype=wp.float64),  # empty
     ):
         thread = grid_thread()
+        h = numbers.h
+        dt = float(numbers.h)
+        behind, per_unit = numbers.behind, numbers.per_unit
+        ahead, more, beyond = numbers.ahead, numbers.more, numbers.beyond
         if wp.static(moving):
             first = int(scene.colliders.substep)
         if wp.static(timed):
@@ -208,7 +167,19 @@ def persistent_contact(composition: Composition, method: Any, parts: ContactPart
                 while c < connection_count:
                     begin(scene, step.compensation, step.x, c)
                     c += threads
-            exert_contacts(data, tree, pairs, numbers, buffer, flags, none, step, threads)
+            shift = step.compensation
+            place(data, tree, shift, step.x, step.v, 0.0, dt, ahead, buffer, more, beyond, threads, 0, 1, flags)
+            wait()
+            # Equal for all threads: it changes only after the search's first barriers.
+            if data.neighbors.due[0] != 0:
+                search(data, tree, pairs, numbers, buffer, flags, threads)
+            if wp.static(parts.inner):
+                watch(data, pairs, numbers.apart, h, threads, 0, 1, flags)
+            if wp.static(parts.limited):
+                count_touches(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
+                wait()
+            evaluate(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
+            wait()
             i = thread / wp.static(lanes)
             while i < scene.inverse_mass.shape[0]:
                 force = force_at(scene.forces, step.compensation, step.x, step.v, i)

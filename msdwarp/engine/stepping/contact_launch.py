@@ -55,7 +55,7 @@ class ContactLaunch:
         parts, threads = ContactParts(*kinds, effect.lanes(triangles=True)), CLUSTER * MOST_THREADS
         kernel = persistent_contact(dynamics.composition, self._method, parts, CLUSTER)
         stages = stages_for(kernel, self._steps)
-        inputs = [dynamics.scene, stages, substeps, model.connection_count, threads, first + 1]
+        inputs = [dynamics.scene, stages, substeps, model.connection_count, threads]
         inputs += [*effect.on_device, pairs, numbers, neighbors.buffer, neighbors.flags, effect.nothing]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 
