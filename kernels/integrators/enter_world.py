@@ -80,22 +80,6 @@ def _constants(composition: Composition, SceneData: Any) -> Any:
     in all directions, it is one number in a register. With "lattices" there is a table by kind and direction.
     """
     *_, storage, lengths, stiffnesses, dampings, _ = composition.differs
-    if storage == "one":
-
-        @wp.func
-        def place_one(own: SceneData, w: int) -> SceneData:
-            own.forces.constants.all = own.worlds.constants[w % own.worlds.constants.shape[0]]
-            return own
-
-        return place_one
-    if storage == "table":
-
-        @wp.func
-        def place_table(own: SceneData, w: int) -> SceneData:
-            own.forces.constants.table = own.worlds.constants[w % own.worlds.constants.shape[0]]
-            return own
-
-        return place_table
     if storage == "own":
 
         @wp.func
@@ -112,7 +96,11 @@ def _constants(composition: Composition, SceneData: Any) -> Any:
     Each = composition.force_algorithm.Forces.vars["stiffness"].type if storage == "lattice" else None
 
     @wp.func
-    def place_by_direction(own: SceneData, w: int) -> SceneData:
+    def place_constants(own: SceneData, w: int) -> SceneData:
+        if wp.static(storage == "one"):
+            own.forces.constants.all = own.worlds.constants[w % own.worlds.constants.shape[0]]
+        elif wp.static(storage == "table"):
+            own.forces.constants.table = own.worlds.constants[w % own.worlds.constants.shape[0]]
         if wp.static(lengths == UNIFORM):
             own.forces.rest_length = Each(own.worlds.rest_length[w % own.worlds.rest_length.shape[0]])
         elif wp.static(lengths == EACH):
@@ -127,7 +115,7 @@ def _constants(composition: Composition, SceneData: Any) -> Any:
             own.forces.damping = own.worlds.damping[w % own.worlds.damping.shape[0]]
         return own
 
-    return place_by_direction
+    return place_constants
 
 
 @functools.cache
