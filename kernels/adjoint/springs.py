@@ -253,44 +253,6 @@ def keeping(scalar: type, wanted: Wanted):
 
 
 @functools.cache
-def adding(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
-    """Compose wp.func that adds sums over springs to the derivatives by the state of particle i.
-
-    Then it propagates these back through the kick and drift of the substep before; see `kick_back`.
-    """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    propagate = kick_back(dim, scalar, by_mass, by_gravity)
-
-    @wp.func
-    def add(
-        i: int,
-        sum_x: V,
-        sum_v: V,
-        v: wp.array(dtype=V),
-        by_x: wp.array(dtype=V),
-        by_v: wp.array(dtype=V),
-        drift: scalar,
-        kick: scalar,
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
-        v_before: wp.array(dtype=V),
-        by_inverse_mass: wp.array(dtype=scalar),
-        by_gravity_of: wp.array(dtype=V),
-        phi_before: wp.array(dtype=V),
-    ):
-        back_x = load(by_x, i) + sum_x
-        store(by_x, i, back_x)
-        back = load(by_v, i) + sum_v + drift * back_x
-        push = V()
-        if wp.static(by_mass):
-            push = (load(v, i) - load(v_before, i)) - kick * gravity
-        store(by_v, i, back)
-        store(phi_before, i, propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
-
-    return add
-
-
-@functools.cache
 def springs_adjoint(
     dim: int,
     scalar: type,
@@ -309,10 +271,10 @@ def springs_adjoint(
 
     Then derivatives are propagated back through the kick and drift of the substep before; see `kick_back`.
     """
-    V, load = vector(dim, scalar), records(dim, scalar).load
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
-    derive, add = derivatives(dim, scalar, laws), adding(dim, scalar, by_mass, by_gravity)
-    keep = keeping(scalar, wanted)
+    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
+    propagate = kick_back(dim, scalar, by_mass, by_gravity)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
     Table, range_of, look, spring_of, owns, strain_of = neighbours
 
@@ -378,22 +340,15 @@ def springs_adjoint(
             sum_x = sum_of_lanes(sum_x)
             sum_v = sum_of_lanes(sum_v)
             if lane == 0:
-                add(
-                    i,
-                    sum_x,
-                    sum_v,
-                    v,
-                    by_x,
-                    by_v,
-                    drift,
-                    kick,
-                    inverse_mass,
-                    gravity,
-                    v_before,
-                    by_inverse_mass,
-                    by_gravity_of,
-                    phi_before,
-                )
+                back_x = load(by_x, i) + sum_x
+                store(by_x, i, back_x)
+                back = load(by_v, i) + sum_v + drift * back_x
+                push = V()
+                if wp.static(by_mass):
+                    push = (load(v, i) - load(v_before, i)) - kick * gravity
+                store(by_v, i, back)
+                phi_i = propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of)
+                store(phi_before, i, phi_i)
             i += threads / wp.static(lanes)
 
     return add_springs_adjoint

@@ -8,7 +8,8 @@ from ..basis import kernel, vector
 from ..records import records
 from ..springs.spring_laws import Laws
 from ..springs.stencil import stencil_rows
-from .springs import Wanted, adding, derivatives, keeping
+from .kick import kick_back
+from .springs import Wanted, derivatives, keeping
 
 BLOCK = 256
 BOUNDS = (BLOCK, 4)
@@ -41,10 +42,10 @@ def stencil_adjoint(
 
     Derivatives by constants have an entry for each direction from each particle, as in `in_lattice`.
     """
-    V, load = vector(dim, scalar), records(dim, scalar).load
+    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
     damped, own, Table = laws.damper is not None, any(wanted), stencil_table(scalar, steps)
     derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
-    add = adding(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar, by_mass, by_gravity)
     rows, neighbours = stencil_rows(steps)
     most = max(map(len, neighbours))
 
@@ -113,22 +114,15 @@ def stencil_adjoint(
                         if wp.static(owns(r, n)):
                             c = d * table.mask.shape[0] + i
                             keep(c, by_rest, by_k, by_b, by_s, by_rest_length, by_stiffness, by_damping, by_strain)
-        add(
-            i,
-            sum_x,
-            sum_v,
-            v,
-            by_x,
-            by_v,
-            drift,
-            kick,
-            inverse_mass,
-            gravity,
-            v_before,
-            by_inverse_mass,
-            by_gravity_of,
-            phi_before,
-        )
+        back_x = load(by_x, i) + sum_x
+        store(by_x, i, back_x)
+        back = load(by_v, i) + sum_v + drift * back_x
+        push = V()
+        if wp.static(by_mass):
+            push = (load(v, i) - load(v_before, i)) - kick * gravity
+        store(by_v, i, back)
+        phi_i = propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of)
+        store(phi_before, i, phi_i)
 
     bounds = BOUNDS if scalar is wp.float32 else None  # float64 needs more registers
     return kernel(add_stencil_adjoint, launch_bounds=bounds, grid_stride=False)
