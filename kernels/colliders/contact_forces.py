@@ -39,10 +39,6 @@ def mean_forces(dim: int, scalar: type):
         force: wp.array(dtype=V),  # [N], shape [particle_count]
     ):
         i = wp.tid()
-        mean = impulse[i] / seconds
-        result = V()
-        for k in range(wp.static(dim)):
-            result[k] = scalar(mean[k])
-        force[i] = result
+        force[i] = V(impulse[i] / seconds)
 
     return take_means
