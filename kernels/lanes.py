@@ -62,16 +62,9 @@ COUNT = """
 @functools.cache
 def least_of_lanes(kind: type, lanes: int):
     """Compose the minimum over the threads of a point, for values of type `kind`; all threads must call it."""
-    if lanes == 1:
 
-        @wp.func
-        def least(value: kind) -> kind:
-            return value
-
-    else:
-
-        @wp.func_native(LEAST.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2))
-        def least(value: kind) -> kind: ...
+    @wp.func_native(LEAST.format(sharing=hex((1 << lanes) - 1), first=32 - lanes, half=lanes // 2))
+    def least(value: kind) -> kind: ...
 
     return least
 
@@ -82,16 +75,9 @@ def wait_for_lanes(lanes: int):
 
     Afterwards each of them may overwrite what the others have read.
     """
-    if lanes == 1:
 
-        @wp.func
-        def wait():
-            return
-
-    else:
-
-        @wp.func_native(WAIT.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
-        def wait(): ...
+    @wp.func_native(WAIT.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
+    def wait(): ...
 
     return wait
 
@@ -102,16 +88,9 @@ def chosen_of_lanes(kind: type, lanes: int):
 
     All threads of the point must call it. If `chosen` is true for none, each gets back its own `value`.
     """
-    if lanes == 1:
 
-        @wp.func
-        def pick(chosen: bool, value: kind) -> kind:
-            return value
-
-    else:
-
-        @wp.func_native(CHOSEN.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
-        def pick(chosen: bool, value: kind) -> kind: ...
+    @wp.func_native(CHOSEN.format(sharing=hex((1 << lanes) - 1), first=32 - lanes))
+    def pick(chosen: bool, value: kind) -> kind: ...
 
     return pick
 
