@@ -2,13 +2,28 @@
 
     python -m benchmarks.accuracy.validation [--device D] [--quick] [--plot-only]
 
-`textbook.py` has the experiments. validation.csv has a row for each quantity: `exact` by the closed form,
-`measured`, and `deviation` (measured over exact, minus 1). validation_curves.csv has what is drawn.
+`textbook_waves.py` and `textbook_motions.py` have the experiments. validation.csv has a row for each quantity:
+`exact` by the closed form, `measured`, and `deviation` (measured over exact, minus 1). validation_curves.csv has
+what is drawn.
 """
 
 from ..common import COLOURS, arguments, machine, pyplot, read_csv, save, table, write_csv
-from .textbook import EXPERIMENTS, Found
+from . import textbook_motions as motions, textbook_waves as waves
+from .textbook import Found
 
+EXPERIMENTS = {
+    "slinky drop": waves.slinky_drop,
+    "catenary": motions.catenary,
+    "elastic pendulum": motions.elastic_pendulum,
+    "string": waves.string_modes,
+    "membrane": waves.membrane_modes,
+    "dispersion of a chain": waves.dispersion,
+    "Euler load": waves.euler_load,
+    "elastica": motions.elastica,
+    "Dzhanibekov": motions.dzhanibekov,
+    "Kapitza's pendulum": motions.kapitza,
+    "bubble": waves.bubble,
+}
 COLUMNS = 3
 """Charts in a row."""
 MOST = 150

@@ -203,6 +203,7 @@ def test_readings_go_on_from_a_checkpoint(device):
     assert first.readings["force"].values.shape == (0, 3)
 
 
+@pytest.mark.filterwarnings("ignore:.*turned inside out:msdwarp.InvertedWarning")  # the blow is that hard
 def test_a_frame_that_is_taken_again_is_read_once(device):
     # The pace takes back frames whose steps were too long: a body thrown at the ground, squeezed hard.
     block = standing(stiffness=3000.0, damping=0.0)
@@ -377,6 +378,7 @@ def test_by_substep_and_by_frame_agree_where_frames_end(plain_device, method, fo
     assert np.abs(both.readings["contact force substep"].values).max() > 0
 
 
+@pytest.mark.filterwarnings("ignore:.*turned inside out:msdwarp.InvertedWarning")  # the blow is that hard
 def test_by_substep_readings_are_as_many_as_substeps_were_taken(device):
     # The pace refines frames, and takes back some: each substep of those that stand is read once.
     block = standing(stiffness=3000.0, damping=0.0)

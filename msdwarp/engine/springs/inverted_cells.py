@@ -54,6 +54,8 @@ class InvertedCells:
 
         A blow may turn a corner inside out for some frames. `x` are the positions now [m].
         """
+        if not len(self._corners):
+            return None
         body, before = self._body[self._corners[:, 0]], self._seen
         self._seen = self.find(x)[0]
         count = np.bincount(body[self._seen & before], minlength=1)
