@@ -33,6 +33,7 @@ def test_a_run_in_two_goes_ends_as_one_in_one(msdwarp, own, integrator, precisio
 
 
 @pytest.mark.gpu
+@pytest.mark.filterwarnings("ignore:.*turned inside out:msdwarp.InvertedWarning")  # of so many cells some are
 @pytest.mark.parametrize("force_algorithm", ["gather", "stencil"])
 @pytest.mark.parametrize(("integrator", "precision"), [("leapfrog", "float32"), ("rk4", "float32-compensated")])
 def test_a_run_on_a_gpu_goes_on_and_is_made_again(msdwarp, tmp_path, force_algorithm, integrator, precision):
