@@ -101,7 +101,8 @@ def attachments(
             if scene.attached.carrier[e] >= 0:
                 before = scene.worked.weight[row]
                 after = scene.worked.weight_of_last[row]
-                if before + after != wp.float64(0.0):  # false at a frame's end
+                # False at a frame's end, and where half a kick looks ahead.
+                if after != wp.float64(0.0) or (scene.attached.ahead == 0 and before != wp.float64(0.0)):
                     y = scene.attached.point[e]
                     later = row + scene.attached.ahead
                     now = before * wp.float64(wp.dot(f, velocity(scene.attached, row, e, y)))

@@ -62,7 +62,8 @@ def driven(dim: int, scalar: type, compensated: bool) -> ForceTerm:
             row = scene.stage
             before = scene.worked.weight[row]
             after = scene.worked.weight_of_last[row]
-            if before + after != wp.float64(0.0):  # false at a frame's end
+            # False at a frame's end, and where half a kick looks ahead.
+            if after != wp.float64(0.0) or (scene.drives.ahead == 0 and before != wp.float64(0.0)):
                 f = Wide(force)
                 half = after * wp.dot(f, velocity(scene, e, row + scene.drives.ahead))
                 now = before * wp.dot(f, velocity(scene, e, row)) + half

@@ -260,9 +260,10 @@ class Run:
             if k:
                 try:
                     simulation.step()
-                except (SimulationDiverged, KeyboardInterrupt):
-                    self._save(writer)  # of the previous frame
-                    if requests:  # and the frame takes long
+                except (SimulationDiverged, KeyboardInterrupt) as end:
+                    if simulation.frame_index < k:
+                        self._save(writer)  # of the previous frame
+                    if requests and isinstance(end, KeyboardInterrupt):  # in a frame that takes long
                         raise self._interruption(requests[0], last) from None
                     raise
                 if simulation.held_back > self._held_back:

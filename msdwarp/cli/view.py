@@ -1,7 +1,7 @@
 """View a scene during its simulation, or a trajectory, in a window or a browser."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
@@ -107,8 +107,11 @@ def _run(view: View) -> None:
                 print(
                     f"from another machine: ssh -L {page.port}:127.0.0.1:{page.port} USER@THIS-MACHINE", flush=True
                 )
-        with suppress(KeyboardInterrupt):  # of a signal within a long frame
+        try:
             view.run(until=lambda: bool(requests))
+        except KeyboardInterrupt:
+            if len(requests) != 1:  # the first is of a signal within a long frame
+                raise
         requests.clear()
 
 

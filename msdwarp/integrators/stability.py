@@ -118,12 +118,11 @@ def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY)
 
 def asked_by(parts: Mapping[str, Rates], integrator: Integrator, fps: float) -> str:
     """Return as text how many substeps a frame parts ask for: the three with the largest numbers."""
-    limits = {name: _longest_steps(rates, integrator)[0] for name, rates in parts.items()}
-    asked = {name: max(1, math.ceil(1.0 / (fps * limit))) for name, limit in limits.items() if limit > 0.0}
+    limits = {name: (_longest_steps(rates, integrator)[0], rates.own) for name, rates in parts.items()}
+    wanted = {name: max(1.0 / limit, own) for name, (limit, own) in limits.items() if limit > 0.0}
+    asked = {name: max(1, math.ceil(each / fps)) for name, each in wanted.items()}
     most = sorted(asked, key=asked.__getitem__, reverse=True)[:3]
-    verb = " asks" if most and most[0].startswith("damping") else " ask"
-    told = [f"{name}{'' if k else verb} for {asked[name]}" for k, name in enumerate(most)]
-    return f"; {', '.join(told)}" if told else ""
+    return f"; by part: {', '.join(f'{name} {asked[name]}' for name in most)}" if most else ""
 
 
 def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:

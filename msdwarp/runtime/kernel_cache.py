@@ -2,12 +2,15 @@
 
 import contextlib
 import os
+import re
 import shutil
 import tempfile
 import time
 from collections.abc import Iterator
 from typing import Any
 
+_DAMAGED = re.compile("Failed to load C|lacks kernel")
+"""What is said of files that are no programs, or not whole; of the list of kernels JSON's ValueError is raised."""
 _OF_A_KERNEL = 1 << 20
 """Bytes of a large kernel."""
 
@@ -64,8 +67,9 @@ def watch_loading(module_kind: Any) -> None:
                 loaded = load(module, device, block_dim, **named)
                 if first:
                     _look_up_kernels(module, loaded)
-            except Exception:
-                if is_new:
+            except Exception as error:
+                damaged = isinstance(error, ValueError | FileNotFoundError) or _DAMAGED.search(str(error))
+                if is_new or not first or not damaged:
                     raise
                 # A full disk or a killed process may have left parts of files.
                 shutil.rmtree(_folder_of(module, block_dim), ignore_errors=True)

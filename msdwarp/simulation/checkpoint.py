@@ -23,12 +23,14 @@ from .stepping import Stepping
 Arrays = Mapping[str, NDArray]
 Numbers = Mapping[str, Any]
 
+GIVEN = "velocity.given"
+"""Velocities that are read until the state moves, see `Velocities`."""
 _REST_VOLUME = "system.cells.rest_volume"
 
 
 def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Return (arrays of state, effects and system; values of the substeps and the baseline)."""
-    arrays = {name: to_host(array) for name, array in _state_arrays(stepping).items()}
+    arrays = {name: to_host(array) for name, array in _all_arrays(stepping).items()}
     for effect in stepping.assembly.all:
         arrays |= effect.checkpoint()
     return arrays | saved_system(stepping.model.system), _saved_choice(stepping.choice, stepping.watch.baseline)
@@ -36,7 +38,7 @@ def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
 
 def saved_worlds(stepping: Stepping) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
     """Return arrays and values, as `saved` does, for each world of an ensemble, without its system's fields."""
-    moving = {name: stepping.model.by_world(to_host(array)) for name, array in _state_arrays(stepping).items()}
+    moving = {name: stepping.model.by_world(to_host(array)) for name, array in _all_arrays(stepping).items()}
     baselines = np.stack(np.broadcast_arrays(*stepping.watch.baseline), axis=-1)
     found = []
     for world, changed in enumerate(stepping.assembly.checkpoints()):
@@ -172,12 +174,15 @@ def check_arrays(stepping: Stepping, arrays: Arrays) -> None:
             raise ValueError(f"checkpoint holds {name} of shape {found.shape} and type {found.dtype}")
         if name in ("x", "v"):
             checks.finite(f"{name} of the checkpoint", found)
+    if np.shape(arrays.get(GIVEN, own["v"])) != own["v"].shape:
+        raise ValueError(f"checkpoint holds {GIVEN} of shape {np.shape(arrays[GIVEN])}")
 
 
 def restore_arrays(stepping: Stepping, arrays: Arrays) -> None:
     """Restore the state and the effects from the arrays of a checkpoint."""
     for name, array in _state_arrays(stepping).items():
         array.assign(arrays[name])
+    stepping.velocities.give(arrays.get(GIVEN))
     kept = _kept_effects(stepping, arrays)
     for effect in kept:
         effect.restore(arrays)
@@ -193,6 +198,12 @@ def _kept_effects(stepping: Stepping, arrays: Arrays) -> list[Effect]:
     work, between = stepping.assembly.external_work, "straddle.partner"
     known = [one for one in stepping.assembly.all if one is not work or "work.before" in arrays]
     return known if between in arrays else [one for one in known if between not in one.checkpoint()]
+
+
+def _all_arrays(stepping: Stepping) -> dict[str, wp.array]:
+    """Return the state's arrays, and the velocities that are read instead of its own, if any."""
+    given = stepping.velocities.kept()
+    return _state_arrays(stepping) | ({} if given is None else {GIVEN: given})
 
 
 def _state_arrays(stepping: Stepping) -> dict[str, wp.array]:

@@ -151,6 +151,7 @@ class Differentiated:
         now = stepping.state.x, stepping.state.v
         copy_vectors(now, self._first)
         stepping.begin_at(self._start)
+        stepping.velocities.give(None)
         for k in range(frames + 1):
             if k > 0 and not stepping.advance(times[k - 1]):
                 raise ValueError(f"the run diverged in frame {k - 1}; it needs more substeps, or a softer start")

@@ -88,8 +88,9 @@ class Stepping:
         limit = energy_limit * self.model.of_each(swings)
         self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
         self.frozen = FrozenWorlds(self.assembly, self.watch, dynamics.frozen) if self.model.in_worlds else None
-        self._tracks = Tracks(self.assembly, state, self.frozen.changing if self.frozen is not None else ())
-        self._velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
+        self.velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
+        others = self.frozen.changing if self.frozen is not None else ()
+        self._tracks = Tracks(self.assembly, state, self.velocities, others=others)
         contacts, seconds = (self.assembly.colliders, self.assembly.body_contact), 1.0 / choice.fps
         summed = self.assembly.sums_contact_forces
         forces = self.contact_forces = ContactForces(self.model, *contacts, seconds) if summed else None
@@ -117,7 +118,7 @@ class Stepping:
         """Whether a frame can be tested for divergence while the next one runs."""
         self._new_energy_sums = partial(EnergySums, dynamics, state, own.lag * choice.step)
         self._energy_sums = self._new_energy_sums() if self._can_sum_balance else None
-        self._velocities.start()
+        self.velocities.start()
 
     @property
     def backup(self) -> Backup:
@@ -135,13 +136,13 @@ class Stepping:
         with undoing_in_place(self):
             if own.staggered or not self.at_start:
                 most = own.lag * choice.limit if choice.limit > 0 else math.inf
-                self._velocities.change_lag(own.lag * choice.step, most)
+                self.velocities.change_lag(own.lag * choice.step, most)
             options = self._options | {"baseline": self.watch.baseline, "time": self._time}
             return type(self)(self.dynamics, self.state, choices=[choice], **options)
 
     def keep(self) -> None:
         """Have `go_back` return to the present state."""
-        self.backup.save()
+        self._tracks.current.keep()
         self._frame_start = self._time
 
     @property
@@ -207,7 +208,7 @@ class Stepping:
         try:
             yield
         finally:
-            self._velocities.start()
+            self.velocities.start()
 
     def advance(self, time: float, next_time: float | None = None) -> bool:
         """Advance by the frame that begins at `time` [s]; return False if it diverged (or was `too_far`).
@@ -267,7 +268,7 @@ class Stepping:
     def _take_frame(self, time: float, track: Track) -> None:
         """Launch the frame that begins at `time` [s]; if it takes long, in several launches."""
         self._forget_outdated()
-        self._velocities.given = False
+        track.leave()
         track.sums_balance = self._can_sum_balance and self.sum_balance
         self.stepper.takes_contact_along = not self._unrecorded and self.stepper.may_take_contact_along
         part, launch = self._launch_from(track, 0)
@@ -302,7 +303,7 @@ class Stepping:
 
     def begin_at(self, time: float) -> None:
         """Set the time [s] of the state that the caller writes next."""
-        self._time, self._frame_start, self._velocities.given = time, time, False
+        self._time = self._frame_start = time
         self.dynamics.hold(time)
 
     def reset_baseline(self) -> None:
@@ -388,7 +389,7 @@ class Stepping:
 
     def velocity(self) -> wp.array:
         """Return the velocities at the time of the positions [m/s], on the device."""
-        return self._velocities.read()
+        return self.velocities.read()
 
     def frame(self, time: float) -> Frame:
         """Return the current positions and velocities, in an ensemble of shape [worlds, particle_count, d]."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from ..engine import Assembly, Backup, Effect, Found, State
+from ..engine import Assembly, Backup, Effect, Found, State, Velocities
 
 _READ_AFTER_FRAME = ("energies_and_powers", "is_void")
 """Methods of effects with which the host reads the current state or the last frame."""
@@ -14,7 +14,10 @@ _READ_AFTER_FRAME = ("energies_and_powers", "is_void")
 class Track:
     """Data of a frame: backup, sums and recorded graphs. Consecutive frames alternate between two tracks."""
 
-    def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
+    def __init__(
+        self, assembly: Assembly, state: State, velocities: Velocities, others: Sequence[wp.array] = ()
+    ) -> None:
+        self._velocities, self._given = velocities, None
         self.backup = Backup(assembly, state, others)  # a copy of the state at the frame's start
         self.found = Found(state.model)  # sums over the state at the frame's end
         # Replay graphs, by whether they sum the energy balance, by search intervals, and by threads and substeps:
@@ -22,9 +25,19 @@ class Track:
         self.sums_balance = False  # whether the last launched frame did
         self.time: float | None = None  # when the last launched frame began [s]; None once it is undone
 
+    def keep(self) -> None:
+        """Keep the present state, outside of a frame."""
+        self.backup.save()
+        self._given = self._velocities.kept()
+
+    def leave(self) -> None:
+        """Keep what velocities are given now; the frame to be launched keeps the state."""
+        self._given, self._velocities.given = self._velocities.kept(), False
+
     def restore(self) -> None:
         """Restore the state at the frame's start."""
         self.backup.restore()
+        self._velocities.give(self._given)
         self.time = None
 
 
@@ -34,9 +47,9 @@ class Tracks:
     `current` is the track of the last frame; `ahead` is the next frame's track, if it has been launched.
     """
 
-    def __init__(self, assembly: Assembly, state: State, others: Sequence[wp.array] = ()) -> None:
-        self._assembly, self._state, self._second = assembly, state, list[Track]()
-        self.first = self.current = Track(assembly, state, others)
+    def __init__(self, *data: Any, others: Sequence[wp.array] = ()) -> None:
+        self._data, self._second = data, list[Track]()
+        self.first = self.current = Track(*data, others)
         self.ahead: Track | None = None
 
     def advance(self) -> bool:
@@ -48,7 +61,7 @@ class Tracks:
     def other(self) -> Track:
         """Return the track of the frame after the current one."""
         if not self._second:
-            self._second.append(Track(self._assembly, self._state))
+            self._second.append(Track(*self._data))
         return self._second[0] if self.current is self.first else self.first
 
     def forget_graphs(self) -> None:

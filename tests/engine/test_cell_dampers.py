@@ -46,9 +46,9 @@ def test_dampers_of_almost_incompressible_cells_hardly_shorten_the_step():
     assert ours.substeps <= 1.1 * fewest.substeps
     assert most.substeps > 10 * ours.substeps
     # What asks for them is told: with all dampers it is that of the cells.
-    assert "damping of the cells of 'finger' asks for" in str(most.choice)
-    assert "cells of 'finger' ask for" in str(ours.choice)
-    message = r"damping of the cells of 'finger' asks for \d+, cells of 'finger' for \d+"
+    assert "by part: damping of the cells of 'finger' " in str(most.choice)
+    assert "by part: cells of 'finger' " in str(ours.choice)
+    message = r"by part: damping of the cells of 'finger' \d+, cells of 'finger' \d+"
     with pytest.raises(UnstableStep, match=message):
         Simulation(in_full(finger), substeps=20, **how)
 

@@ -114,6 +114,17 @@ def test_a_mirrored_body_is_not_inside_out(dim):
     assert Simulation(mirrored.replace(position=x), gravity=0.0, device="cpu").measure().inverted > 0
 
 
+def test_a_body_that_is_all_inside_out_is_so_after_a_change(plain_device):
+    simulation = Simulation(msd.box((3, 3, 3), 0.1), gravity=0.0, device=plain_device)
+    simulation.step()
+    x = simulation.frame().position * (1.0, 1.0, -1.0)
+    for _ in range(2):
+        simulation.state.x.assign(x)
+        assert simulation.measure().inverted == 8
+        simulation.change(stiffness=90.0)
+    assert simulation.measure().inverted == 8
+
+
 def test_torn_cells_do_not_count():
     body = msd.box((4, 4, 4), 0.1)
     x = body.position.copy()

@@ -112,6 +112,13 @@ def test_velocities_before_a_step_are_the_given_ones(device):
     check(now)
     simulation.change(velocity=2 * now)
     check(2 * now)
+    with pytest.raises(ZeroDivisionError):
+        simulation.change(velocity=lambda v: v * (1 / 0))
+    check(2 * now)
+    other = simulated(device, body, integrator=Leapfrog())
+    other.step(3)
+    other.restore(*simulation.checkpoint())
+    assert np.abs(other.frame().velocity - simulation.frame().velocity).max() <= EPS64
 
 
 @pytest.mark.slow

@@ -67,10 +67,12 @@ class EnergySums:
         if self._half_kick is not None:
             self._half_kick.done.zero_()
             setattr(self._dynamics.scene, self._work.field, self._half_kick)
-        if self._lag:
-            kicked(self._dynamics, self._state, self._lag, self._v)
-        if self._half_kick is not None:
-            setattr(self._dynamics.scene, self._work.field, self._work.data)
+        try:
+            if self._lag:
+                kicked(self._dynamics, self._state, self._lag, self._v)
+        finally:
+            if self._half_kick is not None:
+                setattr(self._dynamics.scene, self._work.field, self._work.data)
         self._sums.launch(now.x, now.v, self._v, now.compensation.x, found.state_out)
 
     def balance(self, found: list[float]) -> EnergyBalance:

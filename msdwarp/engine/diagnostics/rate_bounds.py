@@ -163,9 +163,10 @@ def rates_by_part(assembly: Assembly, state: State, world: int = 0) -> dict[str,
                 of = next((f" of {name!r}" for name, some in model.system.groups.items() if first in some), "")
                 both = np.where(np.arange(2) == k, rates, 0.0).tolist()
                 ratio = math.inf if effect or k else _least_ratio(model, world)
+                own = own_rates(assembly, state)[world] if isinstance(effect, ForceField) else 0.0
                 share = 0.5 * DAMPING_LIMIT if effect and effect is contact and contact.limits_dampers else 0.0
                 found[what + word + of] = Rates(
-                    both[0], both[1], ratio, *(both if effect else ()), limited_share=share
+                    both[0], both[1], ratio, *(both if effect else ()), limited_share=share, own=own
                 )
     return found
 

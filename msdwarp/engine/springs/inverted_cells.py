@@ -13,11 +13,11 @@ from .fracture import Fracture
 class InvertedCells:
     """The cells of a system's lattice solids, in two dimensions of its sheets.
 
-    A cell is inverted if its volume is not above 0, or not below 0 in a body that the system shows mirrored. Cells
-    with a broken spring do not count.
+    A cell is inverted if its volume is not above 0, or not below 0 in a body that is mirrored at the `start`:
+    positions [m], shape [particle_count, d]. Cells with a broken spring do not count.
     """
 
-    def __init__(self, model: Model, fracture: Fracture | None) -> None:
+    def __init__(self, model: Model, fracture: Fracture | None, start: NDArray[np.float64]) -> None:
         self._model, self._fracture, system = model, fracture, model.system
         self._corners, self._body = cells_of(system), np.zeros(system.particle_count, dtype=int)
         for k, body in enumerate(system.directions):
@@ -26,8 +26,8 @@ class InvertedCells:
         self._seen = self._mirrored = np.zeros(len(self._corners), dtype=bool)
         self._table = wp.array(self._corners, dtype=int, device=model.device)
         body = self._body[self._corners[:, 0]]
-        start = self._marked(wp.array(system.position, dtype=model.vector, device=model.device), 1)[0]
-        self._mirrored = np.bincount(body, start - 0.5, 1)[body] > 0
+        marked = self._marked(wp.array(start, dtype=model.vector, device=model.device), 1)[0]
+        self._mirrored = np.bincount(body, marked - 0.5, 1)[body] > 0
 
     def _marked(self, x: wp.array, worlds: int) -> NDArray[np.bool_]:
         """Return a mask of the cells whose volume has the wrong sign, shape [worlds, cell_count]."""

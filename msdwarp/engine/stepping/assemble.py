@@ -146,7 +146,7 @@ class Assembly:
     """
 
     def __init__(self, model: Model, around: Surroundings) -> None:
-        self.model, self.probes = model, around.probes
+        self.model, self.probes, self._start = model, around.probes, model.system.position
         self.sums_contact_forces = around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
         self.all: list[Effect] = []
         for make in EFFECTS:
@@ -211,7 +211,7 @@ class Assembly:
     @cached_property
     def inverted_cells(self) -> InvertedCells:
         """Finds the cells that are turned inside out; made when first asked for."""
-        return InvertedCells(self.model, self.fracture)
+        return InvertedCells(self.model, self.fracture, self._start)
 
     @property
     def begins_substeps(self) -> bool:
@@ -247,6 +247,7 @@ class Assembly:
             same = next((one for one in other.all if type(one) is type(effect)), None)
             if same is not None:
                 effect.go_on_from(same)
+        self._start = other._start
 
 
 @in_turn

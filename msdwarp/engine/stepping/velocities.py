@@ -24,6 +24,16 @@ class Velocities:
         self._dynamics, self._state, self._lag, self._staggered = dynamics, state, lag, staggered
         self._v, self.given = (state.model.vectors() if staggered else state.v), False
 
+    def kept(self) -> wp.array | None:
+        """Return a copy of the given velocities, if any, for `give`."""
+        return wp.clone(self._v) if self.given else None
+
+    def give(self, v: Any) -> None:
+        """Have velocities v [m/s] read until the state moves; None: those of the state."""
+        self.given = v is not None
+        if v is not None:
+            self._v.assign(v)
+
     def start(self) -> None:
         """Shift velocities from the time of the positions to the method's own time."""
         state = self._state.state_in
