@@ -49,7 +49,7 @@ class Tracks:
 
     def __init__(self, *data: Any, others: Sequence[wp.array] = ()) -> None:
         self._data, self._second = data, list[Track]()
-        self.first = self.current = Track(*data, others)
+        self.first = self.current = Track(*data, others=others)
         self.ahead: Track | None = None
 
     def advance(self) -> bool:
