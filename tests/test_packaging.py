@@ -74,7 +74,7 @@ def imported(site, folder):
 
 def unpacked(path, folder):
     with zipfile.ZipFile(path) as archive:
-        archive.extractall(folder)
+        archive.extractall(folder, filter="data")
         return archive.namelist()
 
 

@@ -331,8 +331,7 @@ def _drawn(
     scene = _scene_of(trajectory, talk, script)[1]
     kept = trajectory.attributes.get("options")
     pictures = restored_options(kept).pictures if isinstance(kept, dict) and "pictures" in kept else PICTURES
-    colour = "texture" if to in ("obj", "stl") else colour or pictures.colour
-    return drawn(scene, trajectory, replace(pictures, colour=colour), numbers, whole)
+    return drawn(scene, trajectory, replace(pictures, colour=colour or pictures.colour), numbers, whole)
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:

@@ -46,8 +46,8 @@ def write_restart(path: str | Path, arrays: Mapping[str, NDArray], attributes: M
         store(file, "description", np.frombuffer(text.encode(), dtype=np.uint8))
         for k, values in enumerate(given.values()):  # names may contain a slash
             store(file, f"arrays/{k}", values.ravel())
-    with failure_named(path), replacing(path, durable=True) as unfinished:
-        unfinished.write_bytes(image.getbuffer())
+    with failure_named(path), replacing(path, durable=True) as unfinished, image.getbuffer() as whole:
+        unfinished.write_bytes(whole)
 
 
 def read_restart(path: str | Path) -> tuple[dict[str, NDArray], dict[str, Any]]:

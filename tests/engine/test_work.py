@@ -198,25 +198,6 @@ def test_what_carries_attachments_along_does_the_same(plain_device, method, orde
     assert fine < {1: 0.01, 2: 1e-4, 4: 1e-8}[order]  # as above
 
 
-@pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog()], ids=str)
-def test_a_look_at_the_energy_does_no_work(integrator):
-    # It takes half a kick, to which the work of forces of time is summed: not that of drives, nor of carriers.
-    arm = Sphere((0, 0, 1), 0.1, motion=lambda t: (shake(t), (0 * t, 0 * t, 2 * t)))
-    loads = [
-        PrescribedMotion([0], lambda t: np.stack(shake(t), axis=-1)),
-        Attachment([1, 3], arm, stiffness=20.0),
-        Force(lambda t: (0.3, 0.0, 0.0)),
-    ]
-    simulation = Simulation(rope(0.5), loads=loads, **options("cpu", integrator=integrator))
-    for _ in range(5):
-        simulation.step()
-        before = simulation.measure().external_work
-        for _ in range(3):
-            simulation.stepping.balance()
-        assert simulation.measure().external_work == before
-    assert abs(before) > 0.01
-
-
 def test_with_their_dampers_the_rest_is_heat(device):
     # b |v − u|² by Simpson's rule, as above.
     load = Attachment([0], Sphere((0, 0, 1), 0.1, motion=shake), stiffness=50.0, damping=3.0)

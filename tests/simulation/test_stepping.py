@@ -15,6 +15,7 @@ def squeezed(dim: int = 2):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*turned inside out:msdwarp.InvertedWarning")
 @pytest.mark.parametrize("refresh", [False, True])
 @pytest.mark.parametrize("integrator", [Leapfrog(), SymplecticEuler()], ids=repr)
 def test_growth_counts_since_the_start_though_substeps_change(integrator, refresh):
