@@ -35,8 +35,8 @@ def message_of(error: BaseException) -> str | None:
         return f"{_wrong(error)} (see `{command} --help`)"
     if isinstance(error, MemoryError):
         return f"out of memory: {error}"
-    if isinstance(error, FileNotFoundError) and not _has_working_directory():
-        return "the working directory no longer exists; change to one that does"
+    if isinstance(error, Exception) and not _has_working_directory():
+        return f"the working directory no longer exists; change to one that does ({error})"
     if (found := user_message(error)) is not None:
         return found
     if isinstance(error, ValueError | OSError):
