@@ -113,7 +113,7 @@ def test_what_is_lost_is_the_power_of_dissipation_and_friction(shape, plain_devi
         measured = simulation.measure()
         energies.append(measured.energy)
         powers.append(measured.dissipated_power)
-    lost = np.trapezoid(powers, dx=1 / 2000)
+    lost = (np.sum(powers) - (powers[0] + powers[-1]) / 2) / 2000  # by the trapezoidal rule
     assert lost > 0.2 * energies[0]
     assert energies[0] - energies[-1] == pytest.approx(lost, rel=5e-3)  # the contact of 15 ms has 30 frames
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import msdwarp as msd
+from msdwarp.shapes import volumes
 
 pv = pytest.importorskip("pyvista")
 meshio = pytest.importorskip("meshio")
@@ -119,7 +120,7 @@ def test_damaged_files_are_refused_by_name_and_in_silence(tmp_path, capfd, suffi
     if suffix in (".vtk", ".vtu"):
         part().save(path)
     elif suffix in (".stl", ".ply", ".obj"):
-        part().extract_surface(algorithm="dataset_surface").triangulate().save(path)
+        volumes._outside(part()).save(path)
     else:
         kind = {".msh": "gmsh", ".inp": "abaqus", ".bdf": "nastran"}[suffix]
         meshio.Mesh(part().points, [("tetra", tetrahedra)]).write(path, file_format=kind)
