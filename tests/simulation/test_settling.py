@@ -52,16 +52,17 @@ def held_cloth() -> System:
 
 
 @pytest.mark.slow
-def test_a_ball_between_plates_that_came_nearer_bears_what_it_bears_later(plain_device):
+@pytest.mark.parametrize("density", [1000.0, 1030.0, 1200.0])
+def test_a_ball_between_plates_that_came_nearer_bears_what_it_bears_later(plain_device, density):
+    """A step too long for the dampers of contact lets the pole tremble, sooner or later with the rounding."""
+
     def plates(gap: float) -> list[Plane]:
         return [Plane((0, 0, s), -gap / 2, friction=0.0, restitution=0.0) for s in (1.0, -1.0)]
 
     def force() -> float:
         return np.maximum(simulation.contact_force()[:, 2], 0.0).sum()
 
-    # With 0.97 of this mass the way to the equilibrium ends some roundings elsewhere, and in float32 on a GPU a
-    # contact is then judged otherwise: the ball starts with 0.09 m/s, the force with 3 % more. Not mended yet.
-    body = ball(0.05, 0.0125, material=Material(1030.0, 1e4, 0.1, 0.45))
+    body = ball(0.05, 0.0125, material=Material(density, 1e4, 0.1, 0.45))
     surface = Contact(surface_colliders=True)
     simulation = Simulation(
         body, colliders=plates(0.1), contact=surface, gravity=0.0, contact_forces=True, device=plain_device

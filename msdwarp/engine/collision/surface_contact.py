@@ -230,12 +230,13 @@ def _blocks(
     A sample with weights w has the stiffness matrix k w wᵀ, whose row i sums to at most k w_i (Gershgorin); blocks
     get half of that. If all samples are inside, each corner of a facet has a third. Half of that is used: all
     samples of a body are inside only if its particles move together, and then its springs are at rest. Dampers are
-    computed for the centre of a facet, which has three times the mass of a corner.
+    computed for the centre of a facet, which has a third of the mobility of a corner.
     """
-    mass = np.broadcast_to(np.where(np.isfinite(model.mass), model.mass, 0.0), model.particle_count)
-    heavy = np.abs((surfaces.weight * mass[surfaces.particle]).sum(axis=1))[corner].max(axis=1)
+    inverse = np.broadcast_to(1.0 / model.mass, model.particle_count)
+    mobility = (surfaces.weight**2 * inverse[surfaces.particle]).sum(axis=1)
+    least = np.where(mobility > 0.0, mobility, 1e300)[corner].min(axis=1)  # of corners that can move
     stiff = 0.25 * QUADRATURE_POINTS / 3 * stiffness
-    damped = stiff * 2 * damping_ratio * np.sqrt(3 * heavy / np.maximum(whole, 1e-300))
+    damped = stiff * 2 * damping_ratio * np.sqrt(3 / np.maximum(whole * least, 1e-300))
     totals = []
     for values in (stiff, damped):
         on_vertices = np.zeros(len(surfaces.particle))
