@@ -7,13 +7,6 @@ from .composition import (
     tools as tools,
 )
 from .conjugate_gradients import conjugate_gradients as conjugate_gradients
-from .cpu_partition import (
-    ABORT as ABORT,
-    PartOfParticles as PartOfParticles,
-    count_down as count_down,
-    in_partition as in_partition,
-    wait_for_all as wait_for_all,
-)
 from .differences import EACH as EACH, SHARED as SHARED, UNIFORM as UNIFORM, Differences as Differences
 from .euler import (
     explicit_euler as explicit_euler,
@@ -28,11 +21,11 @@ from .implicit import (
     mass_product as mass_product,
 )
 from .mid_velocity import inverse_of_kick as inverse_of_kick, velocity_force as velocity_force
-from .persistent import MOST_THREADS as MOST_THREADS, persistent as persistent
+from .persistent import MOST_THREADS as MOST_THREADS, NOTHING_BEFORE as NOTHING_BEFORE, persistent as persistent
 from .persistent_contact import (
     ContactNumbers as ContactNumbers,
     ContactParts as ContactParts,
-    persistent_contact as persistent_contact,
+    contact_before as contact_before,
 )
 from .runge_kutta import chebyshev as chebyshev, rk4 as rk4
 from .shared_memory import MOST_BYTES as MOST_BYTES, on_chip_worlds as on_chip_worlds

@@ -12,7 +12,7 @@ from ..compensation import compensated_sum
 from ..effect import Driving, ForceTerm
 from ..loads import measured
 from ..records import records
-from ..springs import ForceAlgorithm, lane_of
+from ..springs import ForceAlgorithm
 from .differences import Differences, world_data
 
 
@@ -189,35 +189,6 @@ def parts(composition: Composition) -> tuple[Any, Any]:
     found = [piece.parts for piece in composition.pieces if piece.parts is not None]
     assert len(found) < 2, "only one effect may have parts"
     return found[0](scene(composition)) if found else (None, None)
-
-
-@functools.cache
-def by_first_lane(composition: Composition, method: Any) -> tuple[Any, Any]:
-    """Return a method's `advance`, and `loads`, for kernels in which all lanes of a particle call them.
-
-    The returned functions act only in the first lane. With one thread per particle they are the originals.
-    """
-    V, SceneData, Compensation, *_ = tools(composition)
-    (Step, advance, _), load = method(composition), loads(composition)
-    if composition.force_algorithm.lanes == 1:
-        return advance, load
-    lane, Vectors = lane_of(composition.force_algorithm.lanes), wp.array(dtype=V)
-
-    @wp.func
-    def advance_once(scene: SceneData, step: Step, force: V, i: int):
-        if lane() == 0:
-            advance(scene, step, force, i)
-
-    @wp.func
-    def load_once(
-        scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
-    ) -> V:
-        total = V()
-        if lane() == 0:
-            total = load(scene, compensation, x, v, i, mask)
-        return total
-
-    return advance_once, None if load is None else load_once
 
 
 @functools.cache

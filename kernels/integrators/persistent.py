@@ -1,51 +1,86 @@
-"""Many steps in one launch, for bodies so small that separate launches would take most of the time."""
+"""Many stages in one launch: by blocks of a GPU, one or a cluster or one for each world, or by CPU threads."""
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
 from ..basis import kernel
 from ..places import arrays_of, on_device
 from ..springs import NO_SUBSTEP
-from ..threads import wait, wait_in_block
-from .composition import Composition, beginning, by_first_lane, parts, tools
+from ..threads import Part, barrier, wait, wait_in_block
+from .composition import Composition, beginning, parts, tools
 from .enter_world import enter_world, to_world
+from .stages import stage_of
 
 MOST_THREADS = 512
 """Maximal number of threads per block; launch bounds limit registers accordingly."""
 
 
-@functools.cache
-def persistent(composition: Composition, method: Any, blocks: int, block: int = 0, together: int = 0):
-    """Compose the kernel that takes many steps in one launch; its threads divide the particles and use barriers.
+@wp.struct
+class Nothing:
+    """The struct of what precedes forces, if nothing does."""
 
-    `steps`, shape [2, stages], has the steps of two substeps, which alternate. For small bodies, launching single
-    steps would take most of the time. From compute capability 9.0 on, several blocks form a cluster.
+
+class Before(NamedTuple):
+    """What a launch of many stages does before the forces of each."""
+
+    Data: Any = Nothing
+    """Type of its struct, the kernel's last argument."""
+    run: Any = None
+    """wp.func (data, scene, step, part) that ends with a barrier."""
+
+
+NOTHING_BEFORE = Before()
+
+
+@functools.cache
+def persistent(
+    composition: Composition,
+    method: Any,
+    blocks: int = 1,
+    block: int = 0,
+    together: int = 0,
+    in_parts: bool = False,
+    before: Before = NOTHING_BEFORE,
+):
+    """Compose the kernel that takes many stages in one launch; its threads divide the particles and use barriers.
+
+    `steps`, shape [2, stages], has the stages of two substeps, which alternate. For small bodies, launching single
+    stages would take most of the time. From compute capability 9.0 on, several blocks form a cluster: `blocks` is
+    their number.
+
+    In an ensemble one block of `block` threads, or on the CPU one thread, advances each world; a multiprocessor
+    runs `together` threads at once, which limits registers. Frozen worlds are skipped; worlds do not wait for each
+    other.
+
+    If `in_parts`, a kernel with one thread is launched for each `Part` of the particles, all at the same time. A
+    particle's forces are summed in the same order as by a single thread. For scattered forces each thread has its
+    own array, for the connections of its particles. Connections between two parts are evaluated in both.
 
     Warp would compile a kernel with a one-dimensional array among its arguments twice for the CPU.
-
-    In an ensemble one block of threads, or on the CPU one thread, advances each world. Frozen worlds are skipped;
-    worlds do not wait for each other.
-
-    `blocks` is the number of blocks for a single scene. A world has `block` threads, and a multiprocessor runs
-    `together` threads at once, which limits registers.
     """
-    _, SceneData, *_ = tools(composition)
-    begin, masked_particles = beginning(composition), bool(composition.selective)
+    V, SceneData, _, _, store, _ = tools(composition)
+    begin, take_stage, Step = beginning(composition), stage_of(composition, method), method(composition).Step
     algorithm, moving, timed = composition.force_algorithm, composition.collider_term.moving, composition.timed
-    evaluate, force_at, lanes, tears = algorithm.evaluate, algorithm.force_at, algorithm.lanes, algorithm.tears
-    Step = method(composition).Step
-    advance, load = by_first_lane(composition, method)
-    part_count, evaluate_part = parts(composition)
+    evaluate, lanes, tears = algorithm.evaluate, algorithm.lanes, algorithm.tears
+    part_count, evaluate_part = (None, None) if in_parts else parts(composition)
+    Data, run_before = before
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
-    in_worlds, pause = composition.differs is not None, wait if composition.differs is None else wait_in_block
+    in_worlds = composition.differs is not None
     if in_worlds:
         enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-    def take_steps(
-        scene: SceneData, steps: wp.array2d(dtype=Step), count: int, connection_count: int, threads: int
-    ):
+    @wp.func
+    def pause(part: Part):
+        if wp.static(in_parts):
+            barrier(part.meeting, part.threads, part.yield_cpu)
+        elif wp.static(in_worlds):
+            wait_in_block()
+        else:
+            wait()
+
+    def take_stages(scene: SceneData, steps: wp.array2d(dtype=Step), count: int, part: Part, data: Data):
         thread = wp.tid()
         if wp.static(in_worlds):
             w = thread / wp.static(block)
@@ -59,8 +94,11 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
             first_stage = int(scene.stage)
         if wp.static(tears):
             begun = int(scene.forces.breaking.substep)
+        if wp.static(in_parts):
+            pause(part)  # earlier launches have ended
         for k in range(count):
             substep = k / steps.shape[1]
+            begins = k % steps.shape[1] == 0
             step = steps[substep % 2, k % steps.shape[1]]
             if wp.static(in_worlds):
                 shift(step, wp.int64(w) * scene.worlds.stride)
@@ -68,49 +106,44 @@ def persistent(composition: Composition, method: Any, blocks: int, block: int = 
                 say_where(step)
             if wp.static(timed):
                 scene.stage = first_stage + k
-            if wp.static(begin is not None):
-                if k % steps.shape[1] == 0:  # at a substep's start
-                    c = thread
-                    while c < connection_count:
-                        begin(scene, step.compensation, step.x, c)
-                        c += threads
-                    pause()
-            if wp.static(tears):
-                scene.forces.breaking.substep = wp.static(NO_SUBSTEP)
-                if k % steps.shape[1] == 0:
-                    scene.forces.breaking.substep = begun + substep
-            if wp.static(evaluate is not None):
-                c = thread
-                while c < connection_count:
-                    evaluate(scene.forces, step.compensation, step.x, step.v, c)
-                    c += threads
-                pause()
-            if wp.static(evaluate_part is not None):
-                c = thread
-                while c < part_count(scene):
-                    evaluate_part(scene, step.compensation, step.x, step.v, c)
-                    c += threads
-                pause()
             if wp.static(moving):
                 scene.colliders.substep = first + substep
-            i = thread
-            if wp.static(lanes > 1):
-                i = thread / wp.static(lanes)
-            while i < scene.inverse_mass.shape[0]:
-                if wp.static(load is None):
-                    advance(scene, step, force_at(scene.forces, step.compensation, step.x, step.v, i), i)
+            if wp.static(begin is not None):
+                if begins:
+                    c = part.first_spring + thread
+                    while c < part.last_spring:
+                        begin(scene, step.compensation, step.x, c)
+                        c += part.stride
+                    pause(part)
+            if wp.static(tears):
+                scene.forces.breaking.substep = wp.where(begins, begun + substep, wp.static(NO_SUBSTEP))
+            if wp.static(evaluate is not None):
+                if wp.static(in_parts):
+                    for n in range(part.runs.shape[0]):
+                        for s in range(part.runs[n][0], part.runs[n][1]):
+                            evaluate(scene.forces, step.compensation, step.x, step.v, s)
+                    for n in range(part.others.shape[0]):
+                        store(scene.forces.f, part.others[n], V())
                 else:
-                    own = force_at(scene.forces, step.compensation, step.x, step.v, i)
-                    mask = wp.uint8(0)
-                    if wp.static(masked_particles):
-                        mask = scene.effect_mask[i]
-                    advance(scene, step, own + load(scene, step.compensation, step.x, step.v, i, mask), i)
-                if wp.static(lanes > 1):
-                    i += threads / wp.static(lanes)
-                else:
-                    i += threads
-            pause()
+                    s = part.first_spring + thread
+                    while s < part.last_spring:
+                        evaluate(scene.forces, step.compensation, step.x, step.v, s)
+                        s += part.stride
+                    pause(part)
+            if wp.static(evaluate_part is not None):
+                p = thread
+                while p < part_count(scene):
+                    evaluate_part(scene, step.compensation, step.x, step.v, p)
+                    p += part.stride
+                pause(part)
+            if wp.static(run_before is not None):
+                run_before(data, scene, step, part)
+            i = part.first + thread / wp.static(lanes)
+            while i < part.last:
+                take_stage(scene, step, i)
+                i += part.stride / wp.static(lanes)
+            pause(part)
 
     if in_worlds:
-        return kernel(take_steps, launch_bounds=(block, max(1, together // block)))
-    return kernel(take_steps, launch_bounds=MOST_THREADS, cluster_dim=blocks)
+        return kernel(take_stages, launch_bounds=(block, max(1, together // block)))
+    return kernel(take_stages, launch_bounds=MOST_THREADS, cluster_dim=blocks)

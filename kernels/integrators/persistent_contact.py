@@ -1,4 +1,4 @@
-"""Many substeps in one launch for small bodies in contact: all contact kernels become parts of one kernel.
+"""Contact between small bodies within a launch of many substeps: all contact kernels become parts of one kernel.
 
 `engine/stepping/contact_launch.py` decides when to use it.
 """
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import as_function, kernel
+from ..basis import as_function
 from ..collision import (
     BodyContactData,
     FacetTree,
@@ -27,10 +27,9 @@ from ..collision import (
     place_vertices,
     range_of_speeds,
 )
-from ..places import arrays_of, on_device
-from ..threads import grid_thread, wait
-from .composition import Composition, beginning, by_first_lane, tools
-from .persistent import MOST_THREADS
+from ..threads import Part, wait
+from .composition import Composition, tools
+from .persistent import Before
 
 SEARCH_LANES = 8
 """Threads per point in a search; a cluster has too few threads for more."""
@@ -110,84 +109,51 @@ def search_in_launch(scalar: type, inner: bool):
 
 
 @functools.cache
-def persistent_contact(composition: Composition, method: Any, parts: ContactParts, blocks: int):
-    """Compose the kernel that takes many substeps of one stage each, with contact forces, in one launch.
+def contact_before(composition: Composition, method: Any, options: ContactParts) -> Before:
+    """Compose what `persistent` does before forces: contact between bodies, with its searches.
 
-    It is for a single world on a GPU whose bodies are all closed, in a cluster of `blocks` blocks. `steps` has the
-    steps of two substeps.
+    It is for a single world on a GPU whose bodies are all closed, and for methods of one stage.
     """
     dim, scalar = composition.dim, composition.scalar
-    _, SceneData, *_ = tools(composition)
+    SceneData, Step = tools(composition).SceneData, method(composition).Step
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
-    begin, masked_particles = beginning(composition), bool(composition.selective)
-    moving, timed = composition.collider_term.moving, composition.timed
-    force_at, lanes = composition.force_algorithm.force_at, composition.force_algorithm.lanes
-    Step = method(composition).Step
-    advance, load = by_first_lane(composition, method)
-    say_where = on_device(Step, arrays_of(Step, composition.compensated))
     place = as_function(place_vertices(dim, scalar, composition.compensated))
-    search = search_in_launch(scalar, parts.inner)
-    composed = scalar, parts.overlapping_at_start, parts.lanes
+    search = search_in_launch(scalar, options.inner)
+    composed = scalar, options.overlapping_at_start, options.lanes
     count_touches = as_function(count_contacts(*composed))
-    evaluate = as_function(evaluate_contact(*composed, False, parts.limited))
+    evaluate = as_function(evaluate_contact(*composed, False, options.limited))
     watch = as_function(find_alarm(scalar))
 
-    def take_substeps(
-        scene: SceneData,
-        steps: wp.array(dtype=Step),
-        count: int,
-        connection_count: int,
-        threads: int,
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        numbers: Numbers,
-        buffer: wp.array(dtype=scalar),
-        flags: wp.array(dtype=float),
-        none: wp.array(dtype=wp.float64),  # empty
-    ):
-        thread = grid_thread()
-        h = numbers.h
-        dt = float(numbers.h)
-        behind, per_unit = numbers.behind, numbers.per_unit
-        ahead, more, beyond = numbers.ahead, numbers.more, numbers.beyond
-        if wp.static(moving):
-            first = int(scene.colliders.substep)
-        if wp.static(timed):
-            first_stage = int(scene.stage)
-        for k in range(count):
-            step = steps[k % 2]
-            say_where(step)
-            if wp.static(timed):
-                scene.stage = first_stage + k
-            if wp.static(moving):
-                scene.colliders.substep = first + k
-            if wp.static(begin is not None):
-                c = thread
-                while c < connection_count:
-                    begin(scene, step.compensation, step.x, c)
-                    c += threads
-            shift = step.compensation
-            place(data, tree, shift, step.x, step.v, 0.0, dt, ahead, buffer, more, beyond, threads, 0, 1, flags)
-            wait()
-            # Equal for all threads: it changes only after the search's first barriers.
-            if data.neighbors.due[0] != 0:
-                search(data, tree, pairs, numbers, buffer, flags, threads)
-            if wp.static(parts.inner):
-                watch(data, pairs, numbers.apart, h, threads, 0, 1, flags)
-            if wp.static(parts.limited):
-                count_touches(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
-                wait()
-            evaluate(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
-            wait()
-            i = thread / wp.static(lanes)
-            while i < scene.inverse_mass.shape[0]:
-                force = force_at(scene.forces, step.compensation, step.x, step.v, i)
-                mask = wp.uint8(0)
-                if wp.static(masked_particles):
-                    mask = scene.effect_mask[i]
-                advance(scene, step, force + load(scene, step.compensation, step.x, step.v, i, mask), i)
-                i += threads / wp.static(lanes)
-            wait()
+    @wp.struct
+    class ContactInLaunch:
+        data: Data
+        tree: FacetTree
+        pairs: Pairs
+        numbers: Numbers
+        buffer: wp.array(dtype=scalar)
+        flags: wp.array(dtype=float)
+        none: wp.array(dtype=wp.float64)  # empty
 
-    return kernel(take_substeps, launch_bounds=MOST_THREADS, cluster_dim=blocks)
+    @wp.func
+    def meet(contact: ContactInLaunch, scene: SceneData, step: Step, part: Part):
+        data, tree, pairs, numbers = contact.data, contact.tree, contact.pairs, contact.numbers
+        buffer, flags, none, threads = contact.buffer, contact.flags, contact.none, part.stride
+        h, behind, per_unit = numbers.h, numbers.behind, numbers.per_unit
+        more, beyond, shift = numbers.more, numbers.beyond, step.compensation
+        dt = float(h)
+        place(
+            data, tree, shift, step.x, step.v, 0.0, dt, numbers.ahead, buffer, more, beyond, threads, 0, 1, flags
+        )
+        wait()
+        # Equal for all threads: it changes only after the search's first barriers.
+        if data.neighbors.due[0] != 0:
+            search(data, tree, pairs, numbers, buffer, flags, threads)
+        if wp.static(options.inner):
+            watch(data, pairs, numbers.apart, h, threads, 0, 1, flags)
+        if wp.static(options.limited):
+            count_touches(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
+            wait()
+        evaluate(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
+        wait()
+
+    return Before(ContactInLaunch, meet)

@@ -10,8 +10,8 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..springs import COLUMN
-from .composition import Composition, Stage, beginning, by_first_lane, driving, loads, tools
+from ..springs import COLUMN, lane_of
+from .composition import Composition, Stage, beginning, driving, loads, tools
 from .enter_world import enter_world, to_world
 
 
@@ -65,38 +65,79 @@ def each_connection(composition: Composition, method: Any = None):
 
 
 @functools.cache
+def completion(composition: Composition, method: Any, deferred: bool = False):
+    """Compose (scene, step, force, i): the rest of a stage of particle i, given the force of its connections.
+
+    It adds loads and advances. If `deferred`, the force on a masked particle is stored for `each_masked` instead.
+    If several lanes share a particle, its first lane does this.
+    """
+    V, SceneData, _, _, store, _ = tools(composition)
+    Step, advance, forced = method(composition)
+    load, masked_particles, lanes = (
+        loads(composition),
+        bool(composition.selective),
+        composition.force_algorithm.lanes,
+    )
+    loaded, lane = forced and load is not None and not deferred, lane_of(lanes)
+
+    @wp.func
+    def complete(scene: SceneData, step: Step, force: V, i: int):
+        if wp.static(deferred):
+            if scene.effect_mask[i] != wp.uint8(0):
+                store(scene.spring_force, i, force)
+                return
+        total = force
+        if wp.static(loaded):
+            mask = wp.uint8(0)
+            if wp.static(masked_particles):
+                mask = scene.effect_mask[i]
+            total += load(scene, step.compensation, step.x, step.v, i, mask)
+        advance(scene, step, total, i)
+
+    if lanes == 1:
+        return complete
+
+    @wp.func
+    def complete_once(scene: SceneData, step: Step, force: V, i: int):
+        if lane() == 0:
+            complete(scene, step, force, i)
+
+    return complete_once
+
+
+@functools.cache
+def stage_of(composition: Composition, method: Any, deferred: bool = False):
+    """Compose (scene, step, i): a stage of particle i. Forces of connections, loads, advance; see `completion`."""
+    V, SceneData, *_ = tools(composition)
+    (Step, _, forced), force_at = method(composition), composition.force_algorithm.force_at
+    complete = completion(composition, method, deferred)
+
+    @wp.func
+    def take_stage(scene: SceneData, step: Step, i: int):
+        force = V()
+        if wp.static(forced):
+            force = force_at(scene.forces, step.compensation, step.x, step.v, i)
+        complete(scene, step, force, i)
+
+    return take_stage
+
+
+@functools.cache
 def each_particle(composition: Composition, method: Any):
     """Compose the kernel, over particles (and worlds), of one stage of a method.
 
     With a second pass it leaves masked particles to `each_masked`, and stores connection forces on them.
     """
-    V, SceneData, _, _, store, _ = tools(composition)
-    force_algorithm, masked_particles = composition.force_algorithm, bool(composition.selective)
-    (Step, _, forced), force_at, lanes = method(composition), force_algorithm.force_at, force_algorithm.lanes
-    advance, load = by_first_lane(composition, method)
-    second_pass = composition.second_pass and forced
-
-    options = {"launch_bounds": force_algorithm.bounds, "grid_stride": force_algorithm.grid_stride}
+    SceneData, lanes = tools(composition).SceneData, composition.force_algorithm.lanes
+    Step, _, forced = method(composition)
+    take_stage = stage_of(composition, method, composition.second_pass and forced)
+    options = {
+        "launch_bounds": composition.force_algorithm.bounds,
+        "grid_stride": composition.force_algorithm.grid_stride,
+    }
 
     def advance_particles(scene: SceneData, step: Step):
-        i = wp.tid()
-        if wp.static(lanes > 1):
-            i = i / wp.static(lanes)
-        force = V()
-        if wp.static(forced):
-            force = force_at(scene.forces, step.compensation, step.x, step.v, i)
-        if wp.static(forced and load is not None and not second_pass):
-            mask = wp.uint8(0)
-            if wp.static(masked_particles):
-                mask = scene.effect_mask[i]
-            force += load(scene, step.compensation, step.x, step.v, i, mask)
-        if wp.static(second_pass):
-            if scene.effect_mask[i] != wp.uint8(0):
-                store(scene.spring_force, i, force)
-            else:
-                advance(scene, step, force, i)
-        else:
-            advance(scene, step, force, i)
+        take_stage(scene, step, wp.tid() / wp.static(lanes))
 
     if composition.differs is None:
         return kernel(advance_particles, **options)
@@ -107,18 +148,7 @@ def each_particle(composition: Composition, method: Any):
     def advance_particles_of_worlds(scene: SceneData, step: Step):
         w, i = wp.tid()
         shift(step, wp.int64(w) * scene.worlds.stride)
-        own = enter(scene, w)
-        if wp.static(lanes > 1):
-            i = i / wp.static(lanes)
-        force = V()
-        if wp.static(forced):
-            force = force_at(own.forces, step.compensation, step.x, step.v, i)
-        if wp.static(forced and load is not None):
-            mask = wp.uint8(0)
-            if wp.static(masked_particles):
-                mask = own.effect_mask[i]
-            force += load(own, step.compensation, step.x, step.v, i, mask)
-        advance(own, step, force, i)
+        take_stage(enter(scene, w), step, i / wp.static(lanes))
 
     return kernel(advance_particles_of_worlds, **options)
 
@@ -130,10 +160,9 @@ def each_column(composition: Composition, method: Any):
     With a second pass it leaves masked particles to `each_masked`, as in `each_particle`: the code of selective
     effects would slow down all columns.
     """
-    _, SceneData, _, _, store, _ = tools(composition)
-    load, forces_at = loads(composition), composition.force_algorithm.column_forces
-    Step, advance, _ = method(composition)
-    masked_particles, second_pass = bool(composition.selective), composition.second_pass
+    SceneData, force_algorithm = tools(composition).SceneData, composition.force_algorithm
+    Step, forces_at = method(composition).Step, force_algorithm.column_forces
+    complete = completion(composition, method, composition.second_pass)
 
     def advance_columns(scene: SceneData, step: Step):
         column = wp.tid()
@@ -142,20 +171,8 @@ def each_column(composition: Composition, method: Any):
         forces = forces_at(scene.forces, step.compensation, step.x, step.v, i)
         for d in range(wp.static(COLUMN)):
             if i + d * stride < scene.inverse_mass.shape[0]:
-                if wp.static(second_pass):
-                    if scene.effect_mask[i + d * stride] != wp.uint8(0):
-                        store(scene.spring_force, i + d * stride, forces[d])
-                    else:
-                        advance(scene, step, forces[d], i + d * stride)
-                else:
-                    if wp.static(load is not None):
-                        mask = wp.uint8(0)
-                        if wp.static(masked_particles):
-                            mask = scene.effect_mask[i + d * stride]  # an earlier load is slower
-                        forces[d] += load(scene, step.compensation, step.x, step.v, i + d * stride, mask)
-                    advance(scene, step, forces[d], i + d * stride)
+                complete(scene, step, forces[d], i + d * stride)
 
-    force_algorithm = composition.force_algorithm
     return kernel(
         advance_columns, launch_bounds=force_algorithm.column_bounds, grid_stride=force_algorithm.grid_stride
     )
@@ -165,14 +182,11 @@ def each_column(composition: Composition, method: Any):
 def each_masked(composition: Composition, method: Any):
     """Compose the kernel of the second pass: complete a stage for masked particles, after all columns."""
     _, SceneData, _, read, *_ = tools(composition)
-    load = loads(composition)
-    Step, advance, _ = method(composition)
+    Step, complete = method(composition).Step, completion(composition, method)
 
     def advance_marked(scene: SceneData, step: Step):
         i = scene.masked_particles[wp.tid()]
-        force = read(scene.spring_force, i)
-        force += load(scene, step.compensation, step.x, step.v, i, scene.effect_mask[i])
-        advance(scene, step, force, i)
+        complete(scene, step, read(scene.spring_force, i), i)
 
     return kernel(advance_marked)
 

@@ -1,14 +1,15 @@
 """ContactLaunch: one launch for all substeps of small bodies in contact, by a cluster of blocks of a GPU."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import warp as wp
 
 from ...kernels.collision import ON_GPU, NearPairs
-from ...kernels.integrators import MOST_THREADS, ContactNumbers, ContactParts, persistent_contact
+from ...kernels.integrators import MOST_THREADS, ContactNumbers, ContactParts, contact_before, persistent
 from ..collision.body_contact import BodyContact
 from .dynamics import Dynamics
-from .persistent import CLUSTER
+from .persistent import CLUSTER, whole
 from .stages import Stage, stages_for
 
 AHEAD = 2.0
@@ -20,7 +21,7 @@ MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
 
 
 class ContactLaunch:
-    """Launches `persistent_contact`: stages, contact forces and searches in one kernel.
+    """Launches `persistent` with `contact_before`: stages, contact forces and searches in one kernel.
 
     It is composed of the kernels that are otherwise launched separately.
     """
@@ -29,7 +30,7 @@ class ContactLaunch:
         self._dynamics, self._effect, self._method = dynamics, effect, stages[0].method
         model, self._kept = dynamics.model, [one.step(dynamics.composition) for one in stages]
         Step = self._method(dynamics.composition).Step
-        self._steps = wp.array(self._kept, dtype=Step, device=model.device)
+        self._steps = wp.array(self._kept, dtype=Step, device=model.device).reshape((2, 1))
 
     @property
     def pays(self) -> bool:
@@ -53,10 +54,13 @@ class ContactLaunch:
             pairs, numbers.apart = planes.pairs, planes.apart
         kinds = effect.overlapping_at_start, effect.limits_now, planes is not None
         parts, threads = ContactParts(*kinds, effect.lanes(triangles=True)), CLUSTER * MOST_THREADS
-        kernel = persistent_contact(dynamics.composition, self._method, parts, CLUSTER)
-        stages = stages_for(kernel, self._steps)
-        inputs = [dynamics.scene, stages, substeps, model.connection_count, threads]
-        inputs += [*effect.on_device, pairs, numbers, neighbors.buffer, neighbors.flags, effect.nothing]
+        before = contact_before(dynamics.composition, self._method, parts)
+        contact = before.Data()
+        contact.data, contact.tree = effect.on_device
+        contact.pairs, contact.numbers, contact.none = pairs, numbers, effect.nothing
+        contact.buffer, contact.flags = neighbors.buffer, neighbors.flags
+        kernel: Any = persistent(dynamics.composition, self._method, CLUSTER, before=before)
+        inputs = [dynamics.scene, stages_for(kernel, self._steps), substeps, whole(model, threads), contact]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 
 

@@ -11,15 +11,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ... import checks
-from ...kernels.integrators import (
-    ABORT,
-    Composition,
-    PartOfParticles,
-    count_down,
-    in_partition,
-    scene,
-    wait_for_all,
-)
+from ...kernels.integrators import NOTHING_BEFORE, Composition, persistent, scene
+from ...kernels.threads import ABORT, Part, count_down, wait_for_all
 from ...runtime import cores, record
 from ..device.launcher import Launcher
 from ..device.thread_pool import replay_together
@@ -61,9 +54,9 @@ class CpuPartition(Launcher):
         self._sums = list[wp.array | None]()
         """Each thread's array of forces, for an algorithm that scatters."""
         for k in range(threads):
-            part: Any = PartOfParticles()
-            part.threads, part.first, part.last = threads, int(bounds[k]), int(bounds[k + 1])
-            part.first_begun, part.last_begun = int(begun[k]), int(begun[k + 1])
+            part: Any = Part()
+            part.threads, part.stride, part.first, part.last = threads, 1, int(bounds[k]), int(bounds[k + 1])
+            part.first_spring, part.last_spring = int(begun[k]), int(begun[k + 1])
             runs, others = ending_in(ends, part.first, part.last) if scatters else (ends[:0], ends[:0, 0])
             part.runs = wp.array(runs, dtype=wp.vec2i, device=model.device)
             part.others = wp.array(others, dtype=int, device=model.device)
@@ -73,7 +66,7 @@ class CpuPartition(Launcher):
 
     def kernel(self, method: Any) -> Any:
         """Return the kernel of a method's stages for one part of the particles."""
-        return in_partition(self._composition, method)
+        return persistent(self._composition, method, in_parts=True)
 
     def launch(self, method: Any, data: Any, steps: wp.array, count: int) -> None:
         """Launch the first thread's part of `count` stages, and store the others' parts for later."""
@@ -85,7 +78,9 @@ class CpuPartition(Launcher):
         def launch(k: int) -> None:
             if self._sums[k] is not None:
                 copy.forces.f = self._sums[k]
-            wp.launch(kernel, 1, [copy, own, count, self._parts[k]], device=self._barrier.device)
+            wp.launch(
+                kernel, 1, [copy, own, count, self._parts[k], NOTHING_BEFORE.Data()], device=self._barrier.device
+            )
 
         self._launch(launch)
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.integrators import MOST_THREADS
+from ...kernels.integrators import MOST_THREADS, NOTHING_BEFORE
+from ...kernels.threads import Part
 from ..model.model import Model
 from .stages import stages_for
 from .world_differences import power_of_two
@@ -17,12 +18,19 @@ MOST_IN_CLUSTER = {"scatter": 12_000, "gather": 2_048, "stencil": 4_096}
 """With more connections, or particles, a launch per stage is faster."""
 
 
+def whole(model: Model, threads: int) -> Any:
+    """Return the part of a launch that advances a whole body, or each world, by so many threads."""
+    part: Any = Part()
+    part.last, part.last_spring, part.stride = model.particle_count, model.connection_count, threads
+    return part
+
+
 def launch_persistent(
     kernel: Any, model: Model, scene: Any, steps: wp.array, stages: int, blocks: int, threads: int
 ) -> None:
     """Launch `stages` stages, in the order of `steps`, by `blocks` blocks of `threads` threads."""
-    total, given = blocks * threads, stages_for(kernel, steps)
-    inputs = [scene, given, stages, model.connection_count, threads if model.in_worlds else total]
+    total, part = blocks * threads, whole(model, threads if model.in_worlds else blocks * threads)
+    inputs = [scene, stages_for(kernel, steps), stages, part, NOTHING_BEFORE.Data()]
     wp.launch(kernel, total, inputs, device=model.device, block_dim=threads)
 
 
