@@ -6,7 +6,6 @@ from .collide import (
     collider_contact as collider_contact,
 )
 from .contact_forces import mean_forces as mean_forces, sum_impulses as sum_impulses
-from .contact_rule import Needed as Needed
 from .penetration_depth import distances as distances
 from .signed_distance import KINDS as KINDS, signed_distance as signed_distance, solids as solids
 from .soft_colliders import soft_adjoint as soft_adjoint, soft_colliders as soft_colliders

@@ -11,12 +11,10 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import vector
-from .contact_rule import Needed, surface, touch
+from .contact_rule import surface, touch
 from .corner import corner
 from .signed_distance import signed_distance, solids
 from .sweep import passing, sweep
-
-NEEDED = Needed()
 
 
 @wp.struct
@@ -35,10 +33,6 @@ class ColliderTerm(NamedTuple):
     """Whether any obstacle moves."""
     contact_forces: bool = False
     """Whether the forces of obstacles on particles are summed."""
-    overlapping_at_start: bool = False
-    """Whether any particle starts inside an obstacle, to be moved out."""
-    spares: bool = False
-    """Whether obstacles ignore some particles, because the surface of their body meets obstacles instead."""
 
 
 NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
@@ -51,14 +45,16 @@ def collider_contact(
     scalar: type,
     rule: str,
     kinds: tuple[str, ...],
-    contact_forces: bool = False,
-    needed: Needed = NEEDED,
+    several: bool = False,
     moving: bool = False,
+    contact_forces: bool = False,
+    overlapping_at_start: bool = False,
 ):
     """Compose (Obstacles, collide): obstacles of these kinds, applied to a particle one after the other.
 
-    If `contact_forces`, velocity changes by obstacles are summed for each particle. The rule is the same for
-    moving and fixed obstacles.
+    If there are `several` they may form corners. If `contact_forces`, velocity changes by obstacles are summed for
+    each particle. These, and that particles start inside obstacles, are compiled in: either takes a fifth more
+    registers with several obstacles. The rule is the same for moving and fixed obstacles.
 
     At the start of substep n of a frame, point y of obstacle p in its given pose is at turn[n, p] y + shift[n, p].
     Its velocity in the previous substep was turning[n, p] y + speed[n, p]. v_old is relative to this velocity, so
@@ -68,11 +64,10 @@ def collider_contact(
     and the previous one. The work of other forces is computed likewise: half with the velocity before the force,
     half with the velocity after.
     """
-    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar, needed)
-    Turn, Wide = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64)
-    distance_from, put_back = signed_distance(dim, scalar, kinds), touch(dim, scalar, rule, needed, needed.bounces)
-    put_on = touch(dim, scalar, rule, needed, False)
-    bounces, several, overlapping_at_start, spares = needed
+    V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
+    Turn, Wide, bounces = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64), rule == "coulomb"
+    distance_from = signed_distance(dim, scalar, kinds)
+    put_back, put_on = (touch(dim, scalar, rule, flies, overlapping_at_start) for flies in (bounces, False))
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
     class Obstacles:
@@ -86,17 +81,15 @@ def collider_contact(
             turning: wp.array2d(dtype=Turn)  # [1/s]
             speed: wp.array2d(dtype=V)  # [m/s]
             substep: int  # n, from 0 on
-            inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned, shape [particle_count]
             done: wp.array(dtype=wp.float64)  # work on each particle [J], shape [particle_count]
             particle: int  # index of the current particle
         if swept:
             inradius: scalar  # smallest inradius of all obstacles [m]
         if contact_forces:
             impulse: wp.array(dtype=Wide)  # sum of impulses per mass [m/s], shape [particle_count]
-        if overlapping_at_start and not moving:
-            inverse_mass: wp.array(dtype=scalar)
-        if spares:
-            spared: wp.array(dtype=int)  # whether obstacles ignore each particle, shape [particle_count]
+        # Of each particle, or empty:
+        inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned; if obstacles move or overlap at the start
+        spared: wp.array(dtype=int)  # whether obstacles ignore it, as its body's surface meets them instead
 
     if moving:  # generated code of moving obstacles needs another name
         Obstacles.__qualname__ = Obstacles.__qualname__.replace("Obstacles", "MovingObstacles")

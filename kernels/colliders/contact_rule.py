@@ -1,24 +1,10 @@
 """The rule of contact between particles and obstacles: one for all shapes, fixed or moving."""
 
 import functools
-from typing import NamedTuple
 
 import warp as wp
 
 from ..basis import vector
-
-
-class Needed(NamedTuple):
-    """Optional parts of the contact rule: only those that a scene's obstacles need are compiled."""
-
-    bounces: bool = True
-    """Whether a particle can bounce under the rule "coulomb"."""
-    several: bool = False
-    """Whether there are several obstacles, so that they may form corners."""
-    overlapping_at_start: bool = False
-    """Whether any particle starts inside an obstacle."""
-    spares: bool = False
-    """Whether obstacles ignore some particles."""
 
 
 @functools.cache
@@ -73,7 +59,7 @@ def contact_response(dim: int, scalar: type, rule: str):
 
 
 @functools.cache
-def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
+def touch(dim: int, scalar: type, rule: str, flies: bool, overlapping_at_start: bool):
     """Compose the contact rule for a particle inside an obstacle of any shape.
 
     An approaching particle is put back on the surface. Under the rule "coulomb", friction also shortens this
@@ -94,8 +80,7 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
     Under the rule "coulomb", particles that start inside an obstacle (`overlapping_at_start`) are moved out at a
     constant speed and gain no velocity: moving them to the surface at once would strain their springs.
     """
-    V, Surface = vector(dim, scalar), surface(scalar, needed)
-    coulomb, overlapping_at_start = rule == "coulomb", needed.overlapping_at_start
+    V, Surface, coulomb = vector(dim, scalar), surface(scalar), rule == "coulomb"
     respond = contact_response(dim, scalar, rule)
 
     @wp.func
@@ -134,7 +119,7 @@ def touch(dim: int, scalar: type, rule: str, needed: Needed, flies: bool):
 
 
 @functools.cache
-def surface(scalar: type, needed: Needed):
+def surface(scalar: type):
     """Compose the struct of the contact coefficients of all obstacles."""
 
     @wp.struct
@@ -144,10 +129,8 @@ def surface(scalar: type, needed: Needed):
         friction: wp.array(dtype=scalar)  # μ
         tangential_factor: wp.array(dtype=scalar)  # f
         rest_speed: wp.array(dtype=scalar)  # slower particles do not bounce [m/s]
-        if needed.bounces:
-            onward: scalar  # fraction of a substep for which a particle moves on after a bounce
-        if needed.overlapping_at_start:
-            slack: scalar  # maximal depth of a particle at a substep's start that counts as on the surface [m]
-            overlap_release_speed: scalar  # displacement by which a deeper particle is moved out per substep [m]
+        onward: scalar  # fraction of a substep for which a particle moves on after a bounce
+        slack: scalar  # maximal depth of a particle at a substep's start that counts as on the surface [m]
+        overlap_release_speed: scalar  # displacement by which a deeper particle is moved out per substep [m]
 
     return Surface

@@ -43,7 +43,7 @@ def enter_world(composition: Composition) -> Any:
     place_constants = _constants(composition, SceneData) if differs.storage else None
     scattered = "f" in composition.force_algorithm.Forces.vars
     gravity, mass, friction = differs.gravity, differs.mass, differs.friction
-    colliders_know_mass = mass and "inverse_mass" in composition.collider_term.Colliders.vars
+    colliders_know_mass = mass and composition.collider_term.collide is not None
     body_contact = "body_contact" in SceneData.vars
     sums = shifts(SceneData, ("forces.f",)) if scattered else None
     take_part = parts(SceneData, differs.arrays) if differs.arrays else None

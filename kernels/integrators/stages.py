@@ -196,19 +196,18 @@ def particle_acceleration(composition: Composition):
     """Compose a_i = f_i / m_i + g; for a pinned particle (inverse mass 0) it is 0, for a driven one prescribed.
 
     A pinned particle does not move, so it never approaches a fixed collider. Without moving colliders this is the
-    only test for pinned particles, and it is compiled only if there are any.
+    only test for pinned particles.
     """
     V, SceneData, *_ = tools(composition)
-    scalar, pinned, driven = composition.scalar, composition.pinned, driving(composition).acceleration
+    scalar, driven = composition.scalar, driving(composition).acceleration
 
     @wp.func
     def acceleration(scene: SceneData, force: V, i: int) -> V:
         w = scene.inverse_mass[i]
-        if wp.static(pinned):
-            if w == scalar(0.0):
-                if wp.static(driven is not None):
-                    return driven(scene, force, i)
-                return V()
+        if w == scalar(0.0):
+            if wp.static(driven is not None):
+                return driven(scene, force, i)
+            return V()
         return w * force + scene.gravity
 
     return acceleration
@@ -219,28 +218,28 @@ def finish(composition: Composition):
     """Compose the end of a substep: add the changes dx and dv, then apply contact.
 
     Contact sets positions directly, so it clears their compensation. If contact forces are summed, the change of
-    velocity is added to `impulse` (per mass).
+    velocity is added to `impulse` (per mass). Pinned particles are not moved by moving obstacles, nor out of
+    obstacles in which they start.
     """
     V, _, Compensation, _, store, add = tools(composition)
-    Colliders, collide, moving, contact_forces, overlapping_at_start, spares = composition.collider_term
+    Colliders, collide, moving, contact_forces = composition.collider_term
     scalar, compensated = composition.scalar, composition.compensated
     Wide = vector(composition.dim, wp.float64)
-    has_colliders, pinned_apart = collide is not None, composition.pinned and (moving or overlapping_at_start)
 
     @wp.func
     def finish_substep(
         colliders: Colliders, compensation: Compensation, x_old: V, v_old: V, dx: V, v_new: V, i: int
     ):
         x_new = add(x_old, dx, compensation.x, compensation.x_out, i)
-        if wp.static(pinned_apart):
-            if colliders.inverse_mass[i] == scalar(0.0):
-                return x_new, v_new  # pinned: not moved by moving obstacles or depenetration
-        if wp.static(spares):
-            if colliders.spared[i] != 0:
-                return x_new, v_new
-        if wp.static(moving):
-            colliders.particle = i
-        if wp.static(has_colliders):
+        if wp.static(collide is not None):
+            if colliders.inverse_mass.shape[0] > 0:
+                if colliders.inverse_mass[i] == scalar(0.0):
+                    return x_new, v_new
+            if colliders.spared.shape[0] > 0:
+                if colliders.spared[i] != 0:
+                    return x_new, v_new
+            if wp.static(moving):
+                colliders.particle = i
             x_free = x_new
             if wp.static(contact_forces):
                 v_free = v_new

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ... import checks
 from ...kernels.basis import vector
-from ...kernels.colliders import KINDS, ColliderTerm, Needed, collider_contact
+from ...kernels.colliders import KINDS, ColliderTerm, collider_contact
 from ...world import Capsule, Collider, Cone, Motion, Plane, poses
 from ..device.frame_tables import Tables
 from ..model.model import Model
@@ -64,7 +64,6 @@ class Colliders(FrameTables):
         self.planes_only = all(isinstance(one, Plane) for one in colliders)
         """Whether all obstacles are planes, which need no swept test."""
         kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
-        self._bounces = rule == "coulomb" and any(collider.restitution > 0 for collider in colliders)
         self.spared = np.zeros(model.particle_count, dtype=bool) if spared is None else spared
         """Which particles obstacles ignore."""
         free, spares = np.isfinite(model.mass) & ~self.spared, bool(self.spared.any())
@@ -74,10 +73,9 @@ class Colliders(FrameTables):
         self._deepest = inside if self.leads_out else 0.0
         self.overlapping_at_start, self._release_time = self._deepest > 0.0, DEPENETRATION_TIME
         self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
-        some = {"overlapping_at_start": self.overlapping_at_start, "spares": spares}
-        needed = Needed(self._bounces, several=len(colliders) > 1, **some)
-        contact = collider_contact(model.dim, model.scalar, rule, kinds, contact_forces, needed, self.moves)
-        self.piece = ColliderTerm(*contact, moving=self.moves, contact_forces=contact_forces, **some)
+        how = len(colliders) > 1, self.moves, contact_forces, self.overlapping_at_start
+        composed = collider_contact(model.dim, model.scalar, rule, kinds, *how)
+        self.piece = ColliderTerm(*composed, self.moves, contact_forces)
         self.contact_forces = contact_forces
         data = self.data = self.piece.Colliders()
         if spares:
@@ -124,8 +122,8 @@ class Colliders(FrameTables):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Allocate the poses of a frame."""
-        if self._bounces:  # a velocity half a substep behind is a displacement / dt
-            self.data.surface.onward = 2.0 * self.steps.lag
+        # A velocity half a substep behind is a displacement / dt.
+        self.data.surface.onward = 2.0 * self.steps.lag
         if self.overlapping_at_start:
             self.data.surface.overlap_release_speed = self._deepest * dt / self._release_time
         if not self.moves:
