@@ -3,12 +3,10 @@
 import contextlib
 import gc
 import os
-import re
 import signal
 import sys
 import warnings
 from collections.abc import Generator, Iterable, Iterator
-from inspect import signature
 from itertools import combinations
 from pathlib import Path
 
@@ -76,17 +74,17 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)  # before anything shuffles them
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what needs a GPU where there is none, and much of what is tried by other algorithms on the CPU.
+    """Leave out what needs a GPU where there is none, and what a CPU does by other algorithms than its own choice.
 
-    Of a product of three or more parameters, tests that have all pairs of values are left; of one that is marked
-    `each_value`, a few that have all values. Of what is left of any product, a few that have all values are quick.
+    That algorithms agree is tested by `test_routes_agree.py` and `test_forces_by_route.py`. Of a product of three
+    or more parameters, tests that have all pairs of values are left; of one marked `each_value`, a few that have
+    all values. Of what is left of any product, a few that have all values are quick.
     """
     start_warp()
     gpu, full = wp.is_cuda_available(), config.getoption("--every-route")
-    kept = [item for item in items if gpu or not item.get_closest_marker("gpu")]
+    without = {name for name, there in (("gpu", gpu), ("other_route", full)) if not there}
+    kept = [item for item in items if not without & {mark.name for mark in item.iter_markers()}]
     if not full:
-        left_out = _by_other_routes(kept)
-        kept = [item for item in kept if item not in left_out]
         left_out = set()
         for tests in _products(kept):
             left_out |= set(tests) - _covering(tests, 1 if tests[0].get_closest_marker("each_value") else 2)
@@ -102,28 +100,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             for test in tests:
                 if test not in quick:
                     test.add_marker(pytest.mark.slow)
-
-
-def _by_other_routes(items: list[pytest.Item]) -> set[pytest.Item]:
-    """Return what is not tried by other algorithms on the CPU, which are slow.
-
-    How forces are summed and what else a test is given have nothing to do with each other, but for the kernels
-    that are composed of both. The functions of a file take turns: of ten, the first is tried by gathering and the
-    fourth by the stencil, with every value of each of several parameters, or every fourth of the only one.
-    """
-    left: set[pytest.Item] = set()
-    for tests in _products(items):
-        force_algorithm = tests[0].callspec.params.get("device")  # type: ignore[attr-defined]
-        if force_algorithm in ("cpu gather", "cpu stencil"):
-            # Whatever of the file is run.
-            module = vars(tests[0].module)  # type: ignore[attr-defined]
-            given = {name: str(signature(module[name])) for name in module if name.startswith("test_")}
-            functions = [name for name in given if re.search(r"\bdevice", given[name])]
-            turn = functions.index(tests[0].originalname) % 10  # type: ignore[attr-defined]
-            left |= set(tests)
-            if force_algorithm == {0: "cpu gather", 3: "cpu stencil"}.get(turn):
-                left -= set(_covering(tests) if len(_values(tests[0])) > 1 else tests[::4])
-    return left
 
 
 def _products(items: Iterable[pytest.Item]) -> list[list[pytest.Item]]:
@@ -192,10 +168,7 @@ def own_key(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFa
 @pytest.fixture(
     params=[
         "cpu",  # by the algorithm that is chosen there, which scatters
-        *(
-            pytest.param(f"cpu {force_algorithm}", marks=pytest.mark.slow)
-            for force_algorithm in ("gather", "stencil")
-        ),
+        *(pytest.param(f"cpu {name}", marks=pytest.mark.other_route) for name in ("gather", "stencil")),
         *(pytest.param(f"cuda:0 {force_algorithm}", marks=pytest.mark.gpu) for force_algorithm in GPU_ROUTES),
     ]
 )
