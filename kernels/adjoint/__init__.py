@@ -7,6 +7,7 @@ from .elements import (
 )
 from .kick import (
     SUMMING as SUMMING,
+    AdjointData as AdjointData,
     add_given as add_given,
     forget as forget,
     kick_adjoint as kick_adjoint,

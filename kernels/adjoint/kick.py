@@ -14,29 +14,48 @@ SUMMING = 8192
 
 
 @functools.cache
+def AdjointData(dim: int, scalar: type):
+    """Compose the struct of a system's masses, and of the derivatives of a loss that kernels propagate and sum."""
+    V, Numbers = vector(dim, scalar), wp.array(dtype=scalar)
+
+    @wp.struct
+    class AdjointData:
+        inverse_mass: Numbers  # [1/kg], 0 where pinned
+        gravity: V  # [m/s²]
+        # Derivatives by:
+        by_x: wp.array(dtype=V)
+        by_v: wp.array(dtype=V)
+        by_inverse_mass: Numbers  # times 1/m
+        by_gravity: wp.array(dtype=V)  # by the gravity of each particle
+        # By the constants of springs; see `Neighbours` for their entries:
+        by_rest_length: Numbers
+        by_stiffness: Numbers
+        by_damping: Numbers
+        by_strain: Numbers
+
+    return AdjointData
+
+
+@functools.cache
 def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     """Compose wp.func that returns φ = s back/m, the derivative ∂L/∂F of the loss L for particle i.
 
-    `back` is ∂L/∂v after a kick of s seconds, `push` the kick s F/m, and w = 1/m. The function also adds to
-    (1/m) ∂L/∂(1/m) and to ∂L/∂g.
+    `back` is ∂L/∂v after a kick of s seconds from `v_before`. The function also adds to (1/m) ∂L/∂(1/m), from the
+    kick s F/m, and to ∂L/∂g.
     """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
 
     @wp.func
     def propagate(
-        i: int,
-        kick: scalar,
-        w: scalar,
-        back: V,
-        push: V,
-        by_inverse_mass: wp.array(dtype=scalar),
-        by_gravity_of: wp.array(dtype=V),
+        data: Data, i: int, kick: scalar, back: V, v_before: wp.array(dtype=V), v: wp.array(dtype=V)
     ) -> V:
+        w = data.inverse_mass[i]
         if w > scalar(0.0):
             if wp.static(by_mass):
-                by_inverse_mass[i] = by_inverse_mass[i] + wp.dot(back, push)
+                push = (load(v, i) - load(v_before, i)) - kick * data.gravity
+                data.by_inverse_mass[i] = data.by_inverse_mass[i] + wp.dot(back, push)
             if wp.static(by_gravity):
-                store(by_gravity_of, i, load(by_gravity_of, i) + kick * back)
+                store(data.by_gravity, i, load(data.by_gravity, i) + kick * back)
         return (kick * w) * back
 
     return propagate
@@ -49,23 +68,17 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     From the derivatives of a loss L it computes ∂L/∂v = ∂L/∂v' + h ∂L/∂x', to which forces that depend on v add
     later, and φ = ∂L/∂F = s/m ∂L/∂v of each particle. h and s are the lengths of the drift and of the kick [s].
     """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     propagate = kick_back(dim, scalar, by_mass, by_gravity)
 
     @kernel
     def propagate_kick(
+        data: Data,
         drift: scalar,  # h, 0 without a drift [s]
         kick: scalar,  # s [s]
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
-        gravity: V,  # [m/s²]
         # State:
         v: wp.array(dtype=V),  # velocities before the kick; below, after it
         v_out: wp.array(dtype=V),
-        # In and out, derivatives by:
-        by_x: wp.array(dtype=V),
-        by_v: wp.array(dtype=V),
-        by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
-        by_gravity_of: wp.array(dtype=V),  # by the gravity of each particle
         # Out:
         phi: wp.array(dtype=V),
         begin: int,  # particles of this launch
@@ -74,12 +87,9 @@ def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     ):
         i = begin + wp.tid()
         while i < end:
-            back = load(by_v, i) + drift * load(by_x, i)
-            push = V()
-            if wp.static(by_mass):
-                push = (load(v_out, i) - load(v, i)) - kick * gravity
-            store(by_v, i, back)
-            store(phi, i, propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of))
+            back = load(data.by_v, i) + drift * load(data.by_x, i)
+            store(data.by_v, i, back)
+            store(phi, i, propagate(data, i, kick, back, v, v_out))
             i += threads
 
     return propagate_kick

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..integrators import Composition, inverse_of_kick, tools, velocity_force
-from .kick import kick_back
+from .kick import AdjointData, kick_back
 
 
 @functools.cache
@@ -20,26 +20,21 @@ def mid_velocity_adjoint(composition: Composition, by_mass: bool, by_gravity: bo
         return None
     scalar, inverse = composition.scalar, inverse_of_kick(composition)
     V, SceneData, _, load, store, _ = tools(composition)
-    propagate = kick_back(composition.dim, scalar, by_mass, by_gravity)
+    Data, propagate = AdjointData(composition.dim, scalar), kick_back(composition.dim, scalar, by_mass, by_gravity)
 
     @kernel
     def correct_kick(
+        data: Data,
         scene: SceneData,
         stage: int,
         stride: int,  # particles from one world to the next
         kick: scalar,  # s [s]
         theta: scalar,
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
-        gravity: V,  # [m/s²]
         # State:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),  # velocities before the kick; below, after it
         v_out: wp.array(dtype=V),
-        # In and out, derivatives by:
-        by_v: wp.array(dtype=V),
-        by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
-        by_gravity_of: wp.array(dtype=V),  # by the gravity of each particle
-        phi: wp.array(dtype=V),  # by the force
+        phi: wp.array(dtype=V),  # in and out, derivatives by the force
         # Out:
         u: wp.array(dtype=V),
         begin: int,  # particles of this launch
@@ -50,18 +45,16 @@ def mid_velocity_adjoint(composition: Composition, by_mass: bool, by_gravity: bo
         i = begin + wp.tid()
         while i < end:
             own = i % stride
-            w = inverse_mass[i]
+            w = data.inverse_mass[i]
             change = load(v_out, i) - load(v, i)
             middle = load(v, i) + theta * change
             store(u, i, middle)
             scale = wp.length(middle) + wp.length(change)
             if own < scene.effect_mask.shape[0] and w * scale > scalar(0.0):
                 solve = inverse(scene, load(x, i), middle, scale, theta * kick * w, own, scene.effect_mask[own])
-                back = load(by_v, i)
+                back = load(data.by_v, i)
                 more = wp.transpose(solve) * back - back
-                push = change - kick * gravity
-                added = propagate(i, kick, w, more, push, by_inverse_mass, by_gravity_of)
-                store(phi, i, load(phi, i) + added)
+                store(phi, i, load(phi, i) + propagate(data, i, kick, more, v, v_out))
             i += threads
 
     return correct_kick

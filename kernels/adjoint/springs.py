@@ -17,7 +17,7 @@ from ..springs.gather import SLICE
 from ..springs.lanes import sum_over_lanes
 from ..springs.law import TINY, inverse_root
 from ..springs.spring_laws import Laws, spring_stress
-from .kick import kick_back
+from .kick import AdjointData, kick_back
 
 
 class Wanted(NamedTuple):
@@ -224,30 +224,20 @@ def in_lattice(scalar: type) -> Neighbours:
 
 
 @functools.cache
-def keeping(scalar: type, wanted: Wanted):
+def keeping(dim: int, scalar: type, wanted: Wanted):
     """Compose the function that adds to the derivatives by entry c of the constants that are wanted."""
-    Numbers = wp.array(dtype=scalar)
+    Data = AdjointData(dim, scalar)
 
     @wp.func
-    def keep(
-        c: int,
-        by_rest_length: scalar,
-        by_stiffness: scalar,
-        by_damping: scalar,
-        by_strain: scalar,
-        rest_length: Numbers,
-        stiffness: Numbers,
-        damping: Numbers,
-        strain: Numbers,
-    ):
+    def keep(data: Data, c: int, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
         if wp.static(wanted.rest_length):
-            rest_length[c] = rest_length[c] + by_rest_length
+            data.by_rest_length[c] = data.by_rest_length[c] + rest_length
         if wp.static(wanted.stiffness):
-            stiffness[c] = stiffness[c] + by_stiffness
+            data.by_stiffness[c] = data.by_stiffness[c] + stiffness
         if wp.static(wanted.damping):
-            damping[c] = damping[c] + by_damping
+            data.by_damping[c] = data.by_damping[c] + damping
         if wp.static(wanted.strain):
-            strain[c] = strain[c] + by_strain
+            data.by_strain[c] = data.by_strain[c] + strain
 
     return keep
 
@@ -271,36 +261,26 @@ def springs_adjoint(
 
     Then derivatives are propagated back through the kick and drift of the substep before; see `kick_back`.
     """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
-    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
+    derive, keep = derivatives(dim, scalar, laws), keeping(dim, scalar, wanted)
     propagate = kick_back(dim, scalar, by_mass, by_gravity)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
     Table, range_of, look, spring_of, owns, strain_of = neighbours
 
     @kernel
     def add_springs_adjoint(
+        data: Data,
         table: Table,
         stage: int,
         # State, at which the forces were evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
         phi: wp.array(dtype=V),  # ∂L/∂F of each particle
-        # In and out, derivatives by:
-        by_x: wp.array(dtype=V),
-        by_v: wp.array(dtype=V),
-        by_rest_length: wp.array(dtype=scalar),  # shape [connection_count]
-        by_stiffness: wp.array(dtype=scalar),
-        by_damping: wp.array(dtype=scalar),
-        by_strain: wp.array(dtype=scalar),
         # The substep before, for `kick_back`; 0 for none:
         drift: scalar,
         kick: scalar,
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
         v_before: wp.array(dtype=V),
-        by_inverse_mass: wp.array(dtype=scalar),
-        by_gravity_of: wp.array(dtype=V),
         phi_before: wp.array(dtype=V),
         begin: int,  # particles of this launch
         end: int,
@@ -335,20 +315,16 @@ def springs_adjoint(
                     sum_v += by_dv
                     if wp.static(own):
                         if owns(table, i, slot, c):
-                            keep(c, by_rest, by_k, by_b, by_s, by_rest_length, by_stiffness, by_damping, by_strain)
+                            keep(data, c, by_rest, by_k, by_b, by_s)
                 slot += wp.static(lanes) * step
             sum_x = sum_of_lanes(sum_x)
             sum_v = sum_of_lanes(sum_v)
             if lane == 0:
-                back_x = load(by_x, i) + sum_x
-                store(by_x, i, back_x)
-                back = load(by_v, i) + sum_v + drift * back_x
-                push = V()
-                if wp.static(by_mass):
-                    push = (load(v, i) - load(v_before, i)) - kick * gravity
-                store(by_v, i, back)
-                phi_i = propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of)
-                store(phi_before, i, phi_i)
+                back_x = load(data.by_x, i) + sum_x
+                store(data.by_x, i, back_x)
+                back = load(data.by_v, i) + sum_v + drift * back_x
+                store(data.by_v, i, back)
+                store(phi_before, i, propagate(data, i, kick, back, v_before, v))
             i += threads / wp.static(lanes)
 
     return add_springs_adjoint

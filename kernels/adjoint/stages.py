@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from .kick import kick_back
+from .kick import AdjointData, kick_back
 
 
 @functools.cache
@@ -42,27 +42,20 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
     are stored it computes ∂L/∂v_m and ∂L/∂a_m for m = n − 1, and φ = ∂L/∂F of each particle. For n = 0 it sums the
     stored ones, which gives the derivative with respect to the start of the substep.
     """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     propagate = kick_back(dim, scalar, by_mass, by_gravity)
 
     @kernel
     def propagate_combination(
+        data: Data,
         weight: wp.array2d(dtype=scalar),  # row n: h A_k(n−1) for each state k [s]; row 0: 1
         n: int,
         seconds: scalar,  # from the start to this state [s]
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], 0 where pinned
-        gravity: V,  # [m/s²]
         # State:
         v_start: wp.array(dtype=V),  # velocities at the start of the substep; below, of this state
         v: wp.array(dtype=V),
-        # In and out, derivatives by:
-        by_x: wp.array(dtype=V),
-        by_v: wp.array(dtype=V),
-        by_inverse_mass: wp.array(dtype=scalar),  # times 1/m
-        by_gravity_of: wp.array(dtype=V),  # by the gravity of each particle
-        kept: wp.array(
-            dtype=V
-        ),  # by positions, then by velocities, of each state; shape [2 states particle_count]
+        # Derivatives by positions, then by velocities, of each state; shape [2 states particle_count]:
+        kept: wp.array(dtype=V),
         # Out:
         phi: wp.array(dtype=V),
         begin: int,  # particles of this launch
@@ -70,16 +63,12 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
         threads: int,  # of the launch
     ):
         states = weight.shape[1]
-        count = inverse_mass.shape[0]
+        count = data.inverse_mass.shape[0]
         i = begin + wp.tid()
         while i < end:
-            w = inverse_mass[i]
-            back = load(by_v, i)
-            push = V()
-            if wp.static(by_mass):
-                push = (load(v, i) - load(v_start, i)) - seconds * gravity
-            propagate(i, seconds, w, back, push, by_inverse_mass, by_gravity_of)
-            store(kept, n * count + i, load(by_x, i))
+            back = load(data.by_v, i)
+            propagate(data, i, seconds, back, v_start, v)
+            store(kept, n * count + i, load(data.by_x, i))
             store(kept, (states + n) * count + i, back)
             sum_x = V()
             sum_v = V()
@@ -87,12 +76,12 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
                 sum_x += weight[n, k] * load(kept, k * count + i)
                 sum_v += weight[n, k] * load(kept, (states + k) * count + i)
             if n == 0:
-                store(by_x, i, sum_x)
-                store(by_v, i, sum_v)
+                store(data.by_x, i, sum_x)
+                store(data.by_v, i, sum_v)
             else:
-                store(by_x, i, V())
-                store(by_v, i, sum_x)
-                store(phi, i, w * sum_v)
+                store(data.by_x, i, V())
+                store(data.by_v, i, sum_x)
+                store(phi, i, data.inverse_mass[i] * sum_v)
             i += threads
 
     return propagate_combination

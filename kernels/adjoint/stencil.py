@@ -8,7 +8,7 @@ from ..basis import kernel, vector
 from ..records import records
 from ..springs.spring_laws import Laws
 from ..springs.stencil import stencil_rows
-from .kick import kick_back
+from .kick import AdjointData, kick_back
 from .springs import Wanted, derivatives, keeping
 
 BLOCK = 256
@@ -42,9 +42,9 @@ def stencil_adjoint(
 
     Derivatives by constants have an entry for each direction from each particle, as in `in_lattice`.
     """
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
+    V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     damped, own, Table = laws.damper is not None, any(wanted), stencil_table(scalar, steps)
-    derive, keep = derivatives(dim, scalar, laws), keeping(scalar, wanted)
+    derive, keep = derivatives(dim, scalar, laws), keeping(dim, scalar, wanted)
     propagate = kick_back(dim, scalar, by_mass, by_gravity)
     rows, neighbours = stencil_rows(steps)
     most = max(map(len, neighbours))
@@ -57,27 +57,17 @@ def stencil_adjoint(
         return own and field(r, n, "bit") < 1 << len(steps)
 
     def add_stencil_adjoint(
+        data: Data,
         table: Table,
         stage: int,
         # State, at which the forces were evaluated:
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
         phi: wp.array(dtype=V),  # ∂L/∂F of each particle
-        # In and out, derivatives by:
-        by_x: wp.array(dtype=V),
-        by_v: wp.array(dtype=V),
-        by_rest_length: wp.array(dtype=scalar),  # shape [direction_count · particle_count]
-        by_stiffness: wp.array(dtype=scalar),
-        by_damping: wp.array(dtype=scalar),
-        by_strain: wp.array(dtype=scalar),
         # The substep before, for `kick_back`; 0 for none:
         drift: scalar,
         kick: scalar,
-        inverse_mass: wp.array(dtype=scalar),
-        gravity: V,
         v_before: wp.array(dtype=V),
-        by_inverse_mass: wp.array(dtype=scalar),
-        by_gravity_of: wp.array(dtype=V),
         phi_before: wp.array(dtype=V),
     ):
         i = wp.tid()
@@ -112,17 +102,12 @@ def stencil_adjoint(
                         sum_x += by_dx
                         sum_v += by_dv
                         if wp.static(owns(r, n)):
-                            c = d * table.mask.shape[0] + i
-                            keep(c, by_rest, by_k, by_b, by_s, by_rest_length, by_stiffness, by_damping, by_strain)
-        back_x = load(by_x, i) + sum_x
-        store(by_x, i, back_x)
-        back = load(by_v, i) + sum_v + drift * back_x
-        push = V()
-        if wp.static(by_mass):
-            push = (load(v, i) - load(v_before, i)) - kick * gravity
-        store(by_v, i, back)
-        phi_i = propagate(i, kick, inverse_mass[i], back, push, by_inverse_mass, by_gravity_of)
-        store(phi_before, i, phi_i)
+                            keep(data, d * table.mask.shape[0] + i, by_rest, by_k, by_b, by_s)
+        back_x = load(data.by_x, i) + sum_x
+        store(data.by_x, i, back_x)
+        back = load(data.by_v, i) + sum_v + drift * back_x
+        store(data.by_v, i, back)
+        store(phi_before, i, propagate(data, i, kick, back, v_before, v))
 
     bounds = BOUNDS if scalar is wp.float32 else None  # float64 needs more registers
     return kernel(add_stencil_adjoint, launch_bounds=bounds, grid_stride=False)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...kernels.adjoint import (
     SUMMING,
+    AdjointData,
     Wanted,
     add_given,
     forget,
@@ -72,33 +73,34 @@ class Adjoint:
         self._model, device, self._count = model, model.device, model.worlds * model.stride
         actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
         own = Wanted(*(name in names for name in Wanted._fields))
-        self.by_x, self.by_v, self._phi, self._next_phi, self._by_gravity = model.vectors_together(5)
+        self.by_x, self.by_v, self._phi, self._next_phi, by_gravity = model.vectors_together(5)
         self._springs = springs_of_particles(model, actuated)
-        self._gravity, self._inverse_mass = model.gravity, model.inverse_mass
+        data = self._data = AdjointData(model.dim, model.scalar)()
+        data.by_x, data.by_v, data.by_gravity = self.by_x, self.by_v, by_gravity
+        data.gravity, data.inverse_mass = model.gravity, model.inverse_mass
         others = "mass" in names, bool({"gravity", "force"} & names)
         if "gravity" in model.rows:  # kernels take none for their F/m = v' − v − s g; `found` subtracts it
-            self._gravity, others = model.vector(), (others[0], any(others))
+            data.gravity, others = model.vector(), (others[0], any(others))
         if model.in_worlds:
             each = np.zeros((model.worlds, model.stride))
             each[:, : model.particle_count] = model.of_each(1.0 / model.row_of("mass"))
-            self._inverse_mass = wp.array(each.ravel(), dtype=model.scalar, device=device)
+            data.inverse_mass = wp.array(each.ravel(), dtype=model.scalar, device=device)
         self._others = others
         self._kick = kick_adjoint(model.dim, model.scalar, *others)
         self._pull = self._springs.kernel(own, *others)
         self._scene, self._correct = dynamics.scene, mid_velocity_adjoint(dynamics.composition, *others)
         self._u = None if self._correct is None else model.vectors()
         """Velocities at which a kick takes the forces that are functions of velocity; None without such forces."""
-        self._own: dict[str, wp.array] = {
-            name: wp.zeros(self._springs.entries if name in names else 1, dtype=model.scalar, device=device)
-            for name in (*CONSTANTS, "strain")
-        }
-        self._by_inverse_mass = wp.zeros(self._count, dtype=model.scalar, device=device)
+        for name in (*CONSTANTS, "strain"):
+            entries = self._springs.entries if name in names else 1
+            setattr(data, f"by_{name}", wp.zeros(entries, dtype=model.scalar, device=device))
+        data.by_inverse_mass = wp.zeros(self._count, dtype=model.scalar, device=device)
         self._sums: list[NumberSums] = []
         self._parameters: dict[str, tuple[NumberSums, Parameter]] = {}
         if isinstance(self._springs, InTable) and actuated is not None:
             sums = self._sums_of(actuated, names, self._springs.column, 1)
             if sums is not None:
-                self._own["strain"] = sums.each.flatten()
+                data.by_strain = sums.each.flatten()
         time = getattr(dynamics.scene, "time", None)  # None if no force depends on it
         time = wp.zeros(1, dtype=model.scalar, device=device) if time is None else time
         about = time, self._launch, self._launch_once
@@ -161,7 +163,7 @@ class Adjoint:
 
     def clear(self) -> None:
         """Set all derivatives to 0."""
-        each = [self.by_x, self.by_v, self._by_gravity, self._by_inverse_mass, *self._own.values()]
+        each = [getattr(self._data, name) for name in self._data._cls.vars if name.startswith("by_")]
         for array in (*each, *self._totals.values(), *([] if self._sizes is None else [self._sizes])):
             array.zero_()
         for sums in self._sums:
@@ -214,13 +216,11 @@ class Adjoint:
 
         `theta` is that of `kernels.integrators.mid_velocity`.
         """
-        inputs = [drift, seconds, self._inverse_mass, self._gravity, state[1], v_out, self.by_x, self.by_v]
-        inputs += [self._by_inverse_mass, self._by_gravity, self._phi]
+        inputs = [self._data, drift, seconds, state[1], v_out, self._phi]
         self._launch(self._kick, self._count, inputs)
         if self._correct is not None:
-            kick = [seconds, theta, self._inverse_mass, self._gravity, *state, v_out, self.by_v]
-            inputs = [self._scene, stage, self._model.stride, *kick, *inputs[-3:], self._u]
-            self._launch(self._correct, self._count, inputs)
+            inputs = [self._data, self._scene, stage, self._model.stride, seconds, theta, *state, v_out]
+            self._launch(self._correct, self._count, [*inputs, self._phi, self._u])
 
     def _propagate_forces(
         self, x: wp.array, v: wp.array, stage: int, h: float = 0.0, v_before: Any = None, u: Any = None
@@ -229,15 +229,14 @@ class Adjoint:
 
         Forces that are functions of velocity have been evaluated at velocities u, if not None.
         """
-        state = [x, v, self._phi, self.by_x, self.by_v]
         h, v_before = (0.0, v) if v_before is None else (h, v_before)
-        kick = [h, h, self._inverse_mass, self._gravity, v_before, self._by_inverse_mass, self._by_gravity]
-        inputs = [self._springs.table, stage, *state, *self._own.values(), *kick, self._next_phi]
+        inputs = [self._data, self._springs.table, stage, x, v, self._phi, h, h, v_before, self._next_phi]
         self._springs.launch(self._pull, inputs, self._launch)
         for one, of_velocity in self._elements:
             one.propagate(x, u if of_velocity and u is not None else v, self._phi, self.by_x, self.by_v, stage)
         if self._soft is not None:
-            inputs = [self._soft.data, self._inverse_mass, *state, self._by_inverse_mass, self._soft_by]
+            by = [self.by_x, self.by_v, self._data.by_inverse_mass, self._soft_by]
+            inputs = [self._soft.data, self._data.inverse_mass, x, v, self._phi, *by]
             self._launch(self._soft_kernel, self._count, inputs)
         for sums in self._sums:
             if sums.varies:
@@ -307,8 +306,7 @@ class Adjoint:
         """Launch the addition of a frame's contributions to the parameters' derivatives, in float64."""
         model = self._model
         for name, total in self._totals.items():
-            narrow: Any = {"mass": self._by_inverse_mass, "gravity": self._by_gravity}.get(name)
-            narrow = self._own[name] if narrow is None else narrow
+            narrow = getattr(self._data, "by_inverse_mass" if name == "mass" else f"by_{name}")
             kinds = (model.scalar, wp.float64)
             if name == "gravity":
                 kinds = (model.vector, vector(model.dim, wp.float64))

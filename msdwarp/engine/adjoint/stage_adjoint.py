@@ -66,6 +66,5 @@ class StageAdjoint(Adjoint):
     def _propagate_combination(self, n: int, states: list[Any], begin: int) -> None:
         """Propagate derivatives by state n of a substep, whose first stage is `begin`, back by one stage."""
         self.forget_driven(begin + n)
-        inputs = [self._weight, n, self._times[n], self._inverse_mass, self._gravity, states[0][1], states[n][1]]
-        inputs += [self.by_x, self.by_v, self._by_inverse_mass, self._by_gravity, self._kept, self._phi]
+        inputs = [self._data, self._weight, n, self._times[n], states[0][1], states[n][1], self._kept, self._phi]
         self._launch(self._combine, self._count, inputs)
