@@ -29,4 +29,3 @@ from .stencil import (
     stencil_adjoint as stencil_adjoint,
     stencil_table as stencil_table,
 )
-from .worlds import in_worlds as in_worlds

@@ -138,52 +138,80 @@ class Neighbours(NamedTuple):
     owns: Any
     """wp.func (table, i, slot, c) -> whether particle i writes the derivatives by entry c."""
     strain_of: Any = None
-    """wp.func (table, stage, c) -> the strain of an actuator; None without actuators."""
+    """wp.func (table, stage, slot) -> the strain of an actuator; None without actuators."""
 
 
 @functools.cache
-def in_table(scalar: type, damped: bool) -> Neighbours:
-    """Return neighbours that are found in a table, for every system (see `springs.gather`)."""
+def in_table(scalar: type, damped: bool, in_worlds: bool) -> Neighbours:
+    """Return neighbours that are found in a table, for every system (see `springs.gather`).
+
+    In an ensemble the table is that of a world, and the particles of worlds are `stride` apart. The derivatives by
+    constants have an entry for each spring of each world: w · connection_count + c.
+    """
     Three = vector(3, scalar)
 
     @wp.struct
     class Table:
+        # Of a world:
         first: wp.array(dtype=int)
         other: wp.array(dtype=int)
         connection: wp.array(dtype=int)
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
-        rest_length: wp.array(dtype=scalar)  # [m], shape [connection_count]
-        stiffness: wp.array(dtype=scalar)  # [N/m]
-        damping: wp.array(dtype=scalar)  # in the units of the law
         column: wp.array(dtype=int)  # of `strain` for each connection, −1 without an actuator
         strain: wp.array2d(dtype=scalar)  # of actuators, in each stage of a frame
+        particle_count: int
+        stride: int
+        # Shared by all worlds, or concatenated by world:
+        rest_length: wp.array(dtype=scalar)  # [m]
+        stiffness: wp.array(dtype=scalar)  # [N/m]
+        damping: wp.array(dtype=scalar)  # in the units of the law
+        differs: wp.vec3i  # 0 for each of these three that is shared, else 1
+
+    @wp.func
+    def world_of(table: Table, i: int) -> int:
+        w = int(0)
+        if wp.static(in_worlds):
+            w = i / table.stride
+        return w
 
     @wp.func
     def range_of(table: Table, i: int):
-        part = i / wp.static(SLICE)
-        return table.first[part] + i % wp.static(SLICE), wp.static(SLICE), table.first[part + 1]
+        own = i - world_of(table, i) * table.stride
+        part = own / wp.static(SLICE)
+        first = int(0)
+        last = int(0)
+        if own < table.particle_count:
+            first = table.first[part] + own % wp.static(SLICE)
+            last = table.first[part + 1]
+        return first, wp.static(SLICE), last
 
     @wp.func
     def look(table: Table, i: int, slot: int):
         c = table.connection[slot]
-        return c >= 0, table.other[slot], c
+        w = world_of(table, i)
+        return c >= 0, w * table.stride + table.other[slot], w * table.connections.shape[0] + c
 
     @wp.func
     def spring_of(table: Table, slot: int, c: int) -> Three:
+        at = wp.vec3i(c, c, c)
+        if wp.static(in_worlds):
+            own = table.connection[slot]
+            at = wp.vec3i(own, own, own) + (c - own) * table.differs
         b = scalar(0.0)
         if wp.static(damped):
-            b = table.damping[c]
-        return Three(table.rest_length[c], table.stiffness[c], b)
+            b = table.damping[at[2]]
+        return Three(table.rest_length[at[0]], table.stiffness[at[1]], b)
 
     @wp.func
     def owns(table: Table, i: int, slot: int, c: int) -> bool:
-        return table.connections[c][0] == i
+        return table.connections[table.connection[slot]][0] == i - world_of(table, i) * table.stride
 
     @wp.func
-    def strain_of(table: Table, stage: int, c: int) -> scalar:
+    def strain_of(table: Table, stage: int, slot: int) -> scalar:
         s = scalar(0.0)
-        if table.column[c] >= 0:
-            s = table.strain[stage, table.column[c]]
+        column = table.column[table.connection[slot]]
+        if column >= 0:
+            s = table.strain[stage, column]
         return s
 
     return Neighbours(Table, range_of, look, spring_of, owns, strain_of)
@@ -307,7 +335,7 @@ def springs_adjoint(
                         dv = v_i - load(v, j)
                     s = scalar(0.0)
                     if wp.static(actuated):
-                        s = strain_of(table, stage, c)
+                        s = strain_of(table, stage, slot)
                     by_dx, by_dv, by_rest, by_k, by_b, by_s = derive(
                         x_i - load(x, j), dv, phi_i - load(phi, j), spring[0], spring[1], spring[2], s
                     )

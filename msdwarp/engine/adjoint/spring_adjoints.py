@@ -14,7 +14,6 @@ from ...kernels.adjoint import (
     Wanted,
     in_lattice,
     in_table,
-    in_worlds,
     is_linear,
     springs_adjoint,
     stencil_adjoint,
@@ -59,8 +58,7 @@ class InTable(OverParticles):
     """The springs of each particle in a table, for every system, in one world or many."""
 
     def __init__(self, model: Model, actuated: ActuatedSprings | None) -> None:
-        neighbours = in_worlds if model.in_worlds else in_table
-        super().__init__(model, neighbours(model.scalar, model.laws.damper is not None))
+        super().__init__(model, in_table(model.scalar, model.laws.damper is not None, model.in_worlds))
         self._actuated = actuated
         self.entries = model.worlds * model.connection_count
         """Number of entries of the derivatives by a constant."""
@@ -79,9 +77,8 @@ class InTable(OverParticles):
             setattr(table, name, values)
         table.column = wp.array(self.column, dtype=int, device=model.device)
         table.strain = wp.zeros((1, 1), dtype=model.scalar, device=model.device)
-        if model.in_worlds:
-            table.particle_count, table.stride = model.particle_count, model.stride
-            table.differs = wp.vec3i(*(int(name in model.rows) for name in CONSTANTS))
+        table.particle_count, table.stride = model.particle_count, model.stride
+        table.differs = wp.vec3i(*(int(name in model.rows) for name in CONSTANTS))
 
     @property
     def table(self) -> Any:
