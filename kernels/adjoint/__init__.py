@@ -23,7 +23,7 @@ from .springs import (
     is_linear as is_linear,
     springs_adjoint as springs_adjoint,
 )
-from .stages import combination_adjoint as combination_adjoint, keep_state as keep_state
+from .stages import combination_adjoint as combination_adjoint
 from .stencil import (
     BLOCK as BLOCK,
     stencil_adjoint as stencil_adjoint,

@@ -10,31 +10,6 @@ from .kick import AdjointData, kick_back
 
 
 @functools.cache
-def keep_state(dim: int, scalar: type):
-    """Compose the kernel, over particles, that copies a state."""
-    V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-
-    @kernel
-    def copy_state(
-        x: wp.array(dtype=V),
-        v: wp.array(dtype=V),
-        # Out:
-        x_kept: wp.array(dtype=V),
-        v_kept: wp.array(dtype=V),
-        begin: int,  # particles of this launch
-        end: int,
-        threads: int,  # of the launch
-    ):
-        i = begin + wp.tid()
-        while i < end:
-            store(x_kept, i, load(x, i))
-            store(v_kept, i, load(v, i))
-            i += threads
-
-    return copy_state
-
-
-@functools.cache
 def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     """Compose the kernel, over particles, that propagates derivatives back from state n of a substep.
 

@@ -1,14 +1,15 @@
 """The adjoint of explicit methods with a tableau: goes back through the stages, from the last to the first."""
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import combination_adjoint, keep_state
-from ..device.vector_arrays import in_records
+from ...kernels.adjoint import combination_adjoint
+from ..device.vector_arrays import in_records, numbers_of
 from ..stepping.dynamics import Dynamics
 from .adjoint import Adjoint
 from .tape import Tape
@@ -37,7 +38,6 @@ class StageAdjoint(Adjoint):
         super().__init__(dynamics, names)
         model, stages = dynamics.model, len(tableau)
         kinds = model.dim, model.scalar
-        self._copy = keep_state(*kinds)
         self._combine = combination_adjoint(*kinds, *self._others)
         inner = model.vectors_together(2 * (stages - 1)) if stages > 1 else ()
         self._inner = list(zip(inner[::2], inner[1::2], strict=True))
@@ -61,7 +61,8 @@ class StageAdjoint(Adjoint):
     def _keep(self, stage: int, x: wp.array, v: wp.array) -> None:
         """Store the state at which a stage evaluates forces; the tape already has the first."""
         if stage:
-            self._launch(self._copy, self._count, [x, v, *self._inner[stage - 1]])
+            for kept, now in zip(self._inner[stage - 1], (x, v), strict=True):
+                self._launch_once(partial(wp.copy, numbers_of(kept), numbers_of(now)))
 
     def _propagate_combination(self, n: int, states: list[Any], begin: int) -> None:
         """Propagate derivatives by state n of a substep, whose first stage is `begin`, back by one stage."""

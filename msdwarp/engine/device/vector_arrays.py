@@ -37,6 +37,12 @@ def records_together(
     return tuple(view_of(storage, count, strides, Vector, begin + k * step) for k in range(arrays))
 
 
+def numbers_of(vectors: wp.array) -> wp.array:
+    """Return the numbers of an array of vectors, with those between them, as a contiguous array."""
+    kind: Any = vectors.dtype
+    return view_of(vectors, len(vectors) * record_length(kind._length_), dtype=kind._wp_scalar_type_)
+
+
 def rows_like(together: Sequence[wp.array], rows: int) -> tuple[wp.array, list[tuple[wp.array, ...]]]:
     """Return an array of `rows` rows, and for each row views like arrays in one shared allocation."""
     one: Any = together[0]._ref
