@@ -10,10 +10,11 @@ from .measure import (
     sum_up as sum_up,
 )
 from .probes import (
+    Sum as Sum,
     mean_of_function as mean_of_function,
+    spring_sums as spring_sums,
     sum_cell_stress as sum_cell_stress,
+    sum_members as sum_members,
     sum_of_group as sum_of_group,
-    sum_strain as sum_strain,
-    sum_virial as sum_virial,
 )
 from .rate_bounds import largest_eigenvalue as largest_eigenvalue, largest_rate as largest_rate

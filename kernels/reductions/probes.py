@@ -1,238 +1,222 @@
 """Sums over groups for probes, in float64. Each thread computes a partial sum; the order of additions is fixed."""
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import fully_hashed, kernel, vector
 from ..springs.cell_geometry import cell_geometry
 from ..springs.cell_volumes import volume_law
 from .measure import difference
 
 SUM, LARGEST, COUNT = 0, 1, 2
-"""Columns of `sum_strain`: sum of strains, largest absolute strain, number of connections."""
+"""Columns of the sum of strains: sum of strains, largest absolute strain, number of connections."""
 STRAIN_COLUMNS = 3
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))}
 """Components of a symmetric tensor, by dimension: xx, yy, zz, xy, xz, yz."""
 
 
+class Sum(NamedTuple):
+    """A sum over the members of a group."""
+
+    Data: Any
+    """Struct type of what the terms are computed from."""
+    term: Any
+    """wp.func (data, w, m) -> vector of the numbers of member m in world w."""
+    columns: int
+    """Number of these numbers."""
+    largest: int = -1
+    """Column of which the maximum is taken instead of the sum; −1 for none."""
+
+
 @functools.cache
-def sum_of_group(dim: int, Vector: Any, compensated: bool):
-    """Compose the kernel, over worlds and threads, that sums values of a group's particles with weights."""
+def sum_members(of: Sum):
+    """Compose the kernel, over worlds and threads, that sums the terms of `count` members."""
+    Data, term, columns, largest = of
+    Columns = wp.types.vector(columns, wp.float64)
 
     @kernel
-    def sum_over_group(
-        weight: wp.array2d(dtype=wp.float64),  # weight of each member, shape [rows, member_count]
-        member: wp.array(dtype=int),  # particles of the group, shape [member_count]
-        value: wp.array(dtype=Vector),  # value of each particle of all worlds
-        compensation: wp.array(dtype=Vector),  # compensation of these values
-        stride: int,  # particles from one world to the next
+    def sum_terms(
+        data: Data,
+        count: int,
         # Out:
-        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, dim]
+        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
     ):
         w, share = wp.tid()
-        total = wp.vec3d()
+        total = Columns()
         m = share
-        while m < member.shape[0]:
-            i = w * stride + member[m]
-            for k in range(wp.static(dim)):
-                one = wp.float64(value[i][k])
-                if wp.static(compensated):
-                    one -= wp.float64(compensation[i][k])
-                total[k] += weight[w % weight.shape[0], m] * one
+        while m < count:
+            one = term(data, w, m)
+            if wp.static(largest >= 0):
+                most = wp.max(total[largest], one[largest])
+            total += one
+            if wp.static(largest >= 0):
+                total[largest] = most
             m += shares.shape[1]
-        for k in range(wp.static(dim)):
+        for k in range(wp.static(columns)):
             shares[w, share, k] = total[k]
 
-    return sum_over_group
+    return sum_terms
 
 
 @functools.cache
-def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, width: int):
-    """Compose the kernel, over worlds and threads, that sums a function over a group's particles.
+def sum_of_group(dim: int, Vector: Any, compensated: bool) -> Sum:
+    """Return the sum of values of a group's particles with weights."""
+    Wide = vector(dim, wp.float64)
+
+    @wp.struct
+    class GroupData:
+        weight: wp.array2d(dtype=wp.float64)  # weight of each member, shape [rows, member_count]
+        member: wp.array(dtype=int)  # particles of the group, shape [member_count]
+        value: wp.array(dtype=Vector)  # value of each particle of all worlds
+        lost: wp.array(dtype=Vector)  # compensation of these values
+        stride: int  # particles from one world to the next
+
+    @wp.func
+    def weighted(data: GroupData, w: int, m: int) -> Wide:
+        i = w * data.stride + data.member[m]
+        value = Wide(data.value[i])
+        if wp.static(compensated):
+            value -= Wide(data.lost[i])
+        return data.weight[w % data.weight.shape[0], m] * value
+
+    return Sum(GroupData, weighted, dim)
+
+
+@functools.cache
+def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, width: int) -> Sum:
+    """Return the mean of a function over a group's particles.
 
     The function is a wp.func (x, v, i) of a particle's position, velocity and index, float64 and corrected for
     rounding in compensated precision. It returns a vector of `width` numbers, or one number if `width` is 0.
     """
     V, Wide = vector(dim, scalar), vector(dim, wp.float64)
     columns = max(width, 1)
+    Columns = wp.types.vector(columns, wp.float64)
 
-    @kernel
-    def mean_of_each(
-        member: wp.array(dtype=int),  # particles of the group, shape [member_count]
-        # State in, of all worlds:
-        x: wp.array(dtype=V),  # positions [m]
-        v: wp.array(dtype=V),  # velocities [m/s]
-        x_lost: wp.array(dtype=V),  # compensation of x; below, of v
-        v_lost: wp.array(dtype=V),
-        stride: int,  # particles from one world to the next
-        # Out:
-        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
-    ):
-        w, share = wp.tid()
-        weight = wp.float64(1.0) / wp.float64(member.shape[0])
-        for k in range(wp.static(columns)):
-            shares[w, share, k] = wp.float64(0.0)
-        m = share
-        while m < member.shape[0]:
-            at = w * stride + member[m]
-            place = Wide(x[at])
-            speed = Wide(v[at])
-            if wp.static(compensated):
-                place = place - Wide(x_lost[at])
-                speed = speed - Wide(v_lost[at])
-            result = function(place, speed, member[m])
-            if wp.static(width == 0):
-                shares[w, share, 0] = shares[w, share, 0] + weight * result
-            else:
-                for k in range(wp.static(columns)):
-                    shares[w, share, k] = shares[w, share, k] + weight * result[k]
-            m += shares.shape[1]
+    @wp.struct
+    class MeanData:
+        member: wp.array(dtype=int)  # particles of the group, shape [member_count]
+        # State, of all worlds:
+        x: wp.array(dtype=V)  # positions [m]
+        v: wp.array(dtype=V)  # velocities [m/s]
+        x_lost: wp.array(dtype=V)  # compensation of x; below, of v
+        v_lost: wp.array(dtype=V)
+        stride: int  # particles from one world to the next
 
-    return mean_of_each
+    @wp.func
+    def weighted(data: MeanData, w: int, m: int) -> Columns:
+        at = w * data.stride + data.member[m]
+        place = Wide(data.x[at])
+        speed = Wide(data.v[at])
+        if wp.static(compensated):
+            place = place - Wide(data.x_lost[at])
+            speed = speed - Wide(data.v_lost[at])
+        return wp.float64(1.0) / wp.float64(data.member.shape[0]) * Columns(function(place, speed, data.member[m]))
+
+    return Sum(MeanData, weighted, columns)
 
 
 @functools.cache
-def sum_strain(dim: int, scalar: type, compensated: bool, tears: bool):
-    """Compose the kernel, over worlds and threads, that sums the strains of chosen unbroken connections."""
-    V = vector(dim, scalar)
-    separation = difference(dim, scalar, compensated)
+def spring_sums(dim: int, scalar: type, compensated: bool, tears: bool) -> tuple[Sum, Sum]:
+    """Return the sums of strains of chosen unbroken connections, and of weight · tension · length · n nᵀ."""
+    V, components, separation = vector(dim, scalar), COMPONENTS[dim], difference(dim, scalar, compensated)
+    Stress = wp.types.vector(len(components), wp.float64)
 
-    @kernel
-    def sum_strains(
+    @wp.struct
+    class SpringData:
         # Model, row w mod (number of rows) for world w:
-        rest_length: wp.array2d(dtype=scalar),  # [m], shape [rows, connection_count]
-        stiffness: wp.array2d(dtype=scalar),  # [N/m], shape [rows, connection_count]
-        damping: wp.array2d(dtype=scalar),  # in the units of the law, shape [rows, connection_count]
+        rest_length: wp.array2d(dtype=scalar)  # [m], shape [rows, connection_count]
+        stiffness: wp.array2d(dtype=scalar)  # [N/m], shape [rows, connection_count]
+        damping: wp.array2d(dtype=scalar)  # in the units of the law, shape [rows, connection_count]
         # The same in all worlds:
-        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        chosen: wp.array(dtype=int),  # indices of connections
-        # State in, of all worlds:
-        x: wp.array(dtype=V),  # positions [m]
-        x_lost: wp.array(dtype=V),  # compensation of positions [m]
-        stride: int,  # particles from one world to the next
-        # Out:
-        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, STRAIN_COLUMNS]
-    ):
-        w, share = wp.tid()
-        start = w * stride
-        total = wp.float64(0.0)
-        largest = wp.float64(0.0)
-        count = wp.float64(0.0)
-        m = share
-        while m < chosen.shape[0]:
-            c = chosen[m]
-            whole = bool(True)
-            if wp.static(tears):
-                springs = stiffness[w % stiffness.shape[0], c] != scalar(0.0)
-                whole = springs or damping[w % damping.shape[0], c] != scalar(0.0)
-            if whole:
-                length = wp.length(separation(x, x_lost, start + connections[c][0], start + connections[c][1]))
-                strain = length / wp.float64(rest_length[w % rest_length.shape[0], c]) - wp.float64(1.0)
-                total += strain
-                largest = wp.max(largest, wp.abs(strain))
-                count += wp.float64(1.0)
-            m += shares.shape[1]
-        shares[w, share, wp.static(SUM)] = total
-        shares[w, share, wp.static(LARGEST)] = largest
-        shares[w, share, wp.static(COUNT)] = count
+        connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
+        member: wp.array(dtype=int)  # indices of the chosen connections
+        weight: wp.array(dtype=wp.float64)  # fraction of each chosen connection that is counted in the stress
+        # State, of all worlds:
+        value: wp.array(dtype=V)  # positions [m]
+        lost: wp.array(dtype=V)  # compensation of positions [m]
+        stride: int  # particles from one world to the next
 
-    return sum_strains
+    @wp.func
+    def apart(data: SpringData, w: int, c: int) -> wp.vec3d:
+        start = w * data.stride
+        return separation(data.value, data.lost, start + data.connections[c][0], start + data.connections[c][1])
 
+    @wp.func
+    def strain(data: SpringData, w: int, m: int) -> wp.vec3d:
+        c = data.member[m]
+        if wp.static(tears):
+            stiff = data.stiffness[w % data.stiffness.shape[0], c] != scalar(0.0)
+            if not (stiff or data.damping[w % data.damping.shape[0], c] != scalar(0.0)):
+                return wp.vec3d()
+        rest = wp.float64(data.rest_length[w % data.rest_length.shape[0], c])
+        strain = wp.length(apart(data, w, c)) / rest - wp.float64(1.0)
+        return wp.vec3d(strain, wp.abs(strain), wp.float64(1.0))
 
-@functools.cache
-def sum_virial(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over worlds and threads, that sums weight · tension · length · n nᵀ of connections."""
-    V, components = vector(dim, scalar), COMPONENTS[dim]
-    separation = difference(dim, scalar, compensated)
-
-    @kernel
-    def sum_virials(
-        # Model, row w mod (number of rows) for world w:
-        rest_length: wp.array2d(dtype=scalar),  # [m], shape [rows, connection_count]
-        stiffness: wp.array2d(dtype=scalar),  # [N/m], shape [rows, connection_count]
-        # The same in all worlds:
-        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        weight: wp.array(dtype=wp.float64),  # fraction of each chosen connection that is counted
-        chosen: wp.array(dtype=int),  # indices of connections
-        # State in, of all worlds:
-        x: wp.array(dtype=V),  # positions [m]
-        x_lost: wp.array(dtype=V),  # compensation of positions [m]
-        stride: int,  # particles from one world to the next
-        # Out:
-        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, len(COMPONENTS)]
-    ):
-        w, share = wp.tid()
-        start = w * stride
+    @fully_hashed
+    def virial(data: SpringData, w: int, m: int) -> Stress:
+        c = data.member[m]
+        dx = apart(data, w, c)
+        length = wp.length(dx)
+        rest = wp.float64(data.rest_length[w % data.rest_length.shape[0], c])
+        density = wp.float64(data.stiffness[w % data.stiffness.shape[0], c]) * (length - rest) * data.weight[m]
+        if length > wp.float64(0.0):
+            density /= length
+        result = Stress()
         for k in range(wp.static(len(components))):
-            shares[w, share, k] = wp.float64(0.0)
-        m = share
-        while m < chosen.shape[0]:
-            c = chosen[m]
-            apart = separation(x, x_lost, start + connections[c][0], start + connections[c][1])
-            length = wp.length(apart)
-            rest = wp.float64(rest_length[w % rest_length.shape[0], c])
-            density = wp.float64(stiffness[w % stiffness.shape[0], c]) * (length - rest) * weight[m]
-            if length > wp.float64(0.0):
-                density /= length
-            for k in range(wp.static(len(components))):
-                product = apart[wp.static(components[k][0])] * apart[wp.static(components[k][1])]
-                shares[w, share, k] = shares[w, share, k] + density * product
-            m += shares.shape[1]
+            result[k] = density * (dx[wp.static(components[k][0])] * dx[wp.static(components[k][1])])
+        return result
 
-    return sum_virials
+    return Sum(SpringData, strain, STRAIN_COLUMNS, LARGEST), Sum(SpringData, virial, len(components))
 
 
 @functools.cache
-def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool):
-    """Compose the kernel, over worlds and threads, that sums w' V P [J] and volumes V over chosen cells.
+def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool) -> Sum:
+    """Return the sum of w' V P [J], then of the volumes V, over chosen cells.
 
     w' is minus a cell's pressure. P projects on the plane of a flat cell, and is the identity for a solid one.
     """
     V, components, corner_count = vector(dim, scalar), COMPONENTS[dim], 8 if solid else 4
     separation, law = difference(dim, scalar, compensated), volume_law(wp.float64)
     Rows, geometry, _turning = cell_geometry(dim, wp.float64, solid, flat)
+    Columns = wp.types.vector(len(components) + 1, wp.float64)
 
-    @kernel
-    def sum_cell_stresses(
-        corners: wp.array2d(dtype=int),  # particles of each chosen cell, shape [chosen_count, 8]; -1: none
-        rest_volume: wp.array(dtype=wp.float64),  # [m³], or [m²]
-        modulus: wp.array(dtype=wp.float64),  # [Pa], or [N/m]
-        # State in, of all worlds:
-        x: wp.array(dtype=V),  # positions [m]
-        x_lost: wp.array(dtype=V),  # compensation of positions [m]
-        stride: int,  # particles from one world to the next
-        # Out:
-        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, len(COMPONENTS) + 1]
-    ):
-        w, share = wp.tid()
-        start = w * stride
-        for k in range(wp.static(len(components) + 1)):
-            shares[w, share, k] = wp.float64(0.0)
-        m = share
-        while m < corners.shape[0]:
-            is_flat = corners[m, wp.static(corner_count - 1)] < 0 or wp.static(not solid)
-            points = Rows()
-            for k in range(wp.static(corner_count)):
-                if corners[m, k] >= 0:
-                    point = separation(x, x_lost, start + corners[m, k], start + corners[m, 0])
-                    for d in range(wp.static(dim)):
-                        points[k, d] = point[d]
-            volume, _gradient = geometry(points, is_flat)
-            _energy, slope, _curvature, _share = law(modulus[m], volume / rest_volume[m])
-            volume = wp.abs(volume)
-            normal = wp.vec3d()
-            if wp.static(flat and dim == 3):
-                if is_flat:
-                    normal = wp.normalize(wp.cross(points[2] - points[0], points[3] - points[1]))
-            for k in range(wp.static(len(components))):
-                part = -normal[wp.static(components[k][0])] * normal[wp.static(components[k][1])]
-                if wp.static(components[k][0] == components[k][1]):
-                    part += wp.float64(1.0)
-                shares[w, share, k] = shares[w, share, k] + slope * volume * part
-            last = wp.static(len(components))
-            shares[w, share, last] = shares[w, share, last] + volume
-            m += shares.shape[1]
+    @wp.struct
+    class CellStressData:
+        corners: wp.array2d(dtype=int)  # particles of each chosen cell, shape [chosen_count, 8]; -1: none
+        rest_volume: wp.array(dtype=wp.float64)  # [m³], or [m²]
+        modulus: wp.array(dtype=wp.float64)  # [Pa], or [N/m]
+        # State, of all worlds:
+        value: wp.array(dtype=V)  # positions [m]
+        lost: wp.array(dtype=V)  # compensation of positions [m]
+        stride: int  # particles from one world to the next
 
-    return sum_cell_stresses
+    @fully_hashed
+    def stress(data: CellStressData, w: int, m: int) -> Columns:
+        start = w * data.stride
+        is_flat = data.corners[m, wp.static(corner_count - 1)] < 0 or wp.static(not solid)
+        points = Rows()
+        for k in range(wp.static(corner_count)):
+            if data.corners[m, k] >= 0:
+                point = separation(data.value, data.lost, start + data.corners[m, k], start + data.corners[m, 0])
+                for d in range(wp.static(dim)):
+                    points[k, d] = point[d]
+        volume, _gradient = geometry(points, is_flat)
+        _energy, slope, _curvature, _share = law(data.modulus[m], volume / data.rest_volume[m])
+        volume = wp.abs(volume)
+        normal = wp.vec3d()
+        if wp.static(flat and dim == 3):
+            if is_flat:
+                normal = wp.normalize(wp.cross(points[2] - points[0], points[3] - points[1]))
+        result = Columns()
+        for k in range(wp.static(len(components))):
+            part = -normal[wp.static(components[k][0])] * normal[wp.static(components[k][1])]
+            if wp.static(components[k][0] == components[k][1]):
+                part += wp.float64(1.0)
+            result[k] = slope * volume * part
+        result[wp.static(len(components))] = volume
+        return result
+
+    return Sum(CellStressData, stress, len(components) + 1)

@@ -8,15 +8,17 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import CORNERS, connection_shares, mask_of, von_mises
+from ...kernels.basis import vector
 from ...kernels.integrators import force_on_each
 from ...kernels.reductions import (
+    Sum,
     fold,
     mean_of_function,
     probes,
+    spring_sums,
     sum_cell_stress,
+    sum_members,
     sum_of_group,
-    sum_strain,
-    sum_virial,
 )
 from ...world import (
     BODY_CONTACT_FORCE,
@@ -94,7 +96,9 @@ class Sensors:
             values[CONTACT_FORCE] = self._contact_forces.by_all()
             values[BODY_CONTACT_FORCE] = self._contact_forces.by_bodies
         for one in self._sums:
-            one.launch(values[one.what], lost.get(one.what), rows)
+            value = values[one.what]
+            for part in one.parts:
+                part.launch(rows, value=value, lost=lost.get(one.what, value))
         if k == len(self._rows) - 1 and self._found is not self._rows:
             wp.copy(self._found, self._rows)
 
@@ -109,32 +113,55 @@ class Sensors:
         return {one.name: one.reading(rows, self._seconds) for one in self._sums}
 
 
+class _Part:
+    """A sum in each world, whose numbers are columns of a table of sums, starting at `first`.
+
+    A term takes as long as `work` particles; `fields` are those of its data that do not change.
+    """
+
+    def __init__(self, model: Model, of: Sum, count: int, first: int, work: int = 1, **fields: Any) -> None:
+        self._kernel, self._data, self._count, self._first = sum_members(of), of.Data(), count, first
+        self._largest, device = of.largest, model.device
+        self._data.stride = model.stride
+        for name, value in fields.items():
+            setattr(self._data, name, value)
+        most = max(MOST_THREADS // model.worlds, 1)
+        threads = min(max(work * count // FEW_EACH, 1), most) if device.is_cuda else 1
+        self._shares = wp.zeros((model.worlds, threads, of.columns), dtype=wp.float64, device=device)
+
+    def launch(self, rows: wp.array, **state: Any) -> None:
+        """Launch the sum for a state, given as fields of the data, and its addition into a few rows."""
+        for name, value in state.items():
+            setattr(self._data, name, value)
+        shares = self._shares
+        wp.launch(self._kernel, shares.shape[:2], [self._data, self._count], [shares], device=shares.device)
+        threads, where = (*rows.shape[:2], shares.shape[2]), [self._largest, self._first]
+        wp.launch(fold, threads, [shares, *where], [rows], device=shares.device)
+
+
+def _springs(model: Model) -> dict[str, Any]:
+    """Return the fields of the data of `spring_sums` that all sums share."""
+    return {"connections": model.connections} | {name: model.table(name) for name in CONSTANTS}
+
+
 class _Sum:
     """The sums for one probe: columns of the table of all probes' sums, starting at `first`."""
 
     def __init__(self, model: Model, name: str, probe: Probe, first: int, tears: bool) -> None:
-        self._tears, self.name, self.what, self._first, self._model = tears, name, probe.what, first, model
-        self.width = probes.STRAIN_COLUMNS if self.what == STRAIN else model.dim
+        self.name, self.what, self._first, self._model = name, probe.what, first, model
         if self.what == STRAIN:
             chosen = mask_of(probe.connections(model.system), model.connection_count)
-            member = np.flatnonzero(model.ordered(chosen))
-            self._constants = [*map(model.table, CONSTANTS), model.connections]
+            member, fields = np.flatnonzero(model.ordered(chosen)), _springs(model)
+            of = spring_sums(model.dim, model.scalar, model.compensated, tears)[0]
         else:
             member = np.flatnonzero(probe.particles(model.system))
             weight, self._mass = _weights(self.what, model.row_of("mass")[:, member])
-            self._constants = [wp.array(weight, dtype=wp.float64, device=model.device)]
-        self._member = wp.array(member, dtype=int, device=model.device)
-        self._shares = _shares(model, len(member), self.width)
-
-    def launch(self, values: Any, lost: Any, rows: wp.array) -> None:
-        """Launch the sum of `values` over the group's particles, or of the strains of its connections."""
-        model, compensated, largest = self._model, self._model.compensated and lost is not None, -1
-        kernel = sum_of_group(model.dim, values.dtype, compensated)
-        if self.what == STRAIN:
-            kernel, largest = sum_strain(model.dim, model.scalar, compensated, self._tears), probes.LARGEST
-        inputs = [*self._constants, self._member, values, lost if compensated else values, model.stride]
-        wp.launch(kernel, self._shares.shape[:2], inputs, [self._shares], device=model.device)
-        _fold(self._shares, rows, self._first, largest)
+            fields = {"weight": wp.array(weight, dtype=wp.float64, device=model.device)}
+            wide = self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE)
+            kind = vector(model.dim, wp.float64) if wide else model.vector
+            of = sum_of_group(model.dim, kind, model.compensated and self.what in (POSITION, VELOCITY))
+        fields["member"] = wp.array(member, dtype=int, device=model.device)
+        self.width, self.parts = of.columns, [_Part(model, of, len(member), first, **fields)]
 
     def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
         """Return the probe's values by reading, `seconds` apart; `rows`: [readings, worlds, rows, columns]."""
@@ -165,32 +192,19 @@ class _StressSum:
         assert cells is not None
         share = model.ordered(connection_shares(system, inside))
         chosen = np.flatnonzero(share)
-        self._weight = wp.array(share[chosen], dtype=wp.float64, device=device)
-        self._chosen = wp.array(chosen, dtype=int, device=device)
-        self._cells: Any = [wp.array(cells.corners[inside], dtype=int, device=device)]
-        for numbers in (cells.rest_volume, cells.modulus):
-            self._cells.append(wp.array(numbers[inside], dtype=wp.float64, device=device))
-        kind = model.dim, model.scalar, model.compensated
-        self._virial, flat = sum_virial(*kind), cells.flat
-        self._stress = sum_cell_stress(*kind, not flat.all(), bool(flat.any()))
-        self._shares = _shares(model, len(chosen), len(self._components))
-        self._cell_shares = _shares(model, int(inside.sum()) * CORNERS, len(self._components) + 1)
-
-    def launch(self, values: Any, lost: Any, rows: wp.array) -> None:
-        """Launch the sums at positions `values`."""
-        model, device = self._model, self._model.device
-        state = [values, lost if model.compensated else values, model.stride]
-        constants = [
-            *map(model.table, ("rest_length", "stiffness")),
-            model.connections,
-            self._weight,
-            self._chosen,
+        springs = _springs(model) | {
+            "weight": wp.array(share[chosen], dtype=wp.float64, device=device),
+            "member": wp.array(chosen, dtype=int, device=device),
+        }
+        own = {"corners": wp.array(cells.corners[inside], dtype=int, device=device)}
+        for name in ("rest_volume", "modulus"):
+            own[name] = wp.array(getattr(cells, name)[inside], dtype=wp.float64, device=device)
+        kind, flat = (model.dim, model.scalar, model.compensated), cells.flat
+        stress = sum_cell_stress(*kind, not flat.all(), bool(flat.any()))
+        self.parts = [
+            _Part(model, spring_sums(*kind, False)[1], len(chosen), first, **springs),
+            _Part(model, stress, int(inside.sum()), first + len(self._components), CORNERS, **own),
         ]
-        wp.launch(self._virial, self._shares.shape[:2], [*constants, *state], [self._shares], device=device)
-        _fold(self._shares, rows, self._first)
-        inputs = [*self._cells, *state]
-        wp.launch(self._stress, self._cell_shares.shape[:2], inputs, [self._cell_shares], device=device)
-        _fold(self._cell_shares, rows, self._first + len(self._components))
 
     def reading(self, rows: NDArray[np.float64], _seconds: float) -> NDArray[np.float64]:
         """Return stress components and von Mises stress by reading; `rows`: [readings, worlds, rows, columns]."""
@@ -207,32 +221,16 @@ class GroupMeans:
     """Unweighted mean of a function over chosen particles, in each world; see `mean_of_function`."""
 
     def __init__(self, model: Model, function: Any, chosen: NDArray[np.bool_], width: int) -> None:
-        self._model = model
-        self._kernel = mean_of_function(model.dim, model.scalar, model.compensated, function, width)
-        self._member = wp.array(np.flatnonzero(chosen), dtype=int, device=model.device)
-        self._shares = _shares(model, len(self._member), max(width, 1))
-        self._means = wp.zeros((model.worlds, 1, max(width, 1)), dtype=wp.float64, device=model.device)
+        of = mean_of_function(model.dim, model.scalar, model.compensated, function, width)
+        member = wp.array(np.flatnonzero(chosen), dtype=int, device=model.device)
+        self._part = _Part(model, of, len(member), 0, member=member)
+        self._means = wp.zeros((model.worlds, 1, of.columns), dtype=wp.float64, device=model.device)
 
     def read(self, state: State, v: wp.array) -> NDArray[np.float64]:
         """Return the means, shape [worlds, columns]; v are velocities at the time of the positions [m/s]."""
-        model, lost = self._model, state.compensation
-        inputs = [self._member, state.x, v, lost.x, lost.v, model.stride]
-        wp.launch(self._kernel, self._shares.shape[:2], inputs, [self._shares], device=model.device)
-        _fold(self._shares, self._means)
+        lost = state.compensation
+        self._part.launch(self._means, x=state.x, v=v, x_lost=lost.x, v_lost=lost.v)
         return self._means.numpy()[:, 0].astype(np.float64)
-
-
-def _shares(model: Model, count: int, width: int) -> wp.array:
-    """Return zeros for partial sums of threads: `width` numbers by world and thread, over `count` particles."""
-    most = max(MOST_THREADS // model.worlds, 1)
-    threads = min(max(count // FEW_EACH, 1), most) if model.device.is_cuda else 1
-    return wp.zeros((model.worlds, threads, width), dtype=wp.float64, device=model.device)
-
-
-def _fold(shares: wp.array, rows: wp.array, first: int = 0, largest: int = -1) -> None:
-    """Launch the addition of partial sums of threads into a few rows."""
-    threads = (*rows.shape[:2], shares.shape[2])
-    wp.launch(fold, threads, [shares, largest, first], [rows], device=shares.device)
 
 
 def _weights(what: str, mass: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
