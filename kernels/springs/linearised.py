@@ -46,26 +46,21 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
         if length == scalar(0.0):
             return
         axis = dx / length
+        counts_i = wp.static(everyone) or inverse_mass[i] > scalar(0.0)
+        counts_j = wp.static(everyone) or inverse_mass[j] > scalar(0.0)
         dp = V()
-        if wp.static(everyone):
-            dp = p[i] - p[j]
-        else:
-            if inverse_mass[i] > scalar(0.0):
-                dp += p[i]
-            if inverse_mass[j] > scalar(0.0):
-                dp -= p[j]
+        if counts_i:
+            dp += p[i]
+        if counts_j:
+            dp -= p[j]
         across = wp.max(scalar(0.0), scalar(1.0) - rest_length[c] / length)
         k = scale * spring * stiffness[c]
         b = scale * damper * damping[c]
         part = (k * (scalar(1.0) - across) + b) * wp.dot(axis, dp) * axis + k * across * dp
-        if wp.static(everyone):
+        if counts_i:
             wp.atomic_add(z, i, part)
+        if counts_j:
             wp.atomic_sub(z, j, part)
-        else:
-            if inverse_mass[i] > scalar(0.0):
-                wp.atomic_add(z, i, part)
-            if inverse_mass[j] > scalar(0.0):
-                wp.atomic_sub(z, j, part)
 
     return add_linearised_product
 
