@@ -24,6 +24,7 @@ from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .cell_geometry import cell_geometry
+from .force_algorithm import difference
 
 CRUSHED, STIFFENING = 1.0 / 3.0, 30.0
 """J₀, the fraction of its volume below which a cell stiffens, and by how much: 21-fold at J = 0."""
@@ -101,7 +102,8 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
     Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
-    pressure_of, load, corners = cell_pressure(scalar, damped), records(dim, scalar).load, 8 if solid else 4
+    pressure_of, corners = cell_pressure(scalar, damped), 8 if solid else 4
+    load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
 
     @wp.func
     def exert(
@@ -125,10 +127,7 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
         for k in range(wp.static(corners)):
             if k < used:
                 i = shift + cells.corners[c, k]
-                point = load(x, i) - load(x, origin)
-                if wp.static(compensated):
-                    point -= load(compensation.x, i) - load(compensation.x, origin)
-                points[k] = point
+                points[k] = separation(compensation, x, load(x, i), i, origin)
         volume, gradient = geometry(points, is_flat)
         rate = scalar(0.0)
         if wp.static(damped):

@@ -19,6 +19,7 @@ from ..effect import ForceTerm
 from ..records import records
 from .cell_geometry import cell_geometry
 from .cell_volumes import cell_pressure, cell_table
+from .force_algorithm import difference
 
 
 @functools.cache
@@ -47,6 +48,7 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
     Cells: Any = lattice_cells(scalar)
     Rows, geometry, _turning = cell_geometry(3, scalar, True, False)
     pressure_of, load = cell_pressure(scalar, damped), records(3, scalar).load
+    separation = difference(3, scalar, compensated)
 
     @wp.func
     def corner_of(lower: int, steps: wp.vec3i, k: int) -> int:
@@ -69,10 +71,7 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
         points = Rows()
         for k in range(8):
             i = corner_of(origin, cells.steps, k)
-            point = load(x, i) - load(x, origin)
-            if wp.static(compensated):
-                point -= load(compensation.x, i) - load(compensation.x, origin)
-            points[k] = point
+            points[k] = separation(compensation, x, load(x, i), i, origin)
         volume, gradient = geometry(points, False)
         rate = scalar(0.0)
         if wp.static(damped):
@@ -91,16 +90,10 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
     """
     V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
-    load, find_pressure = records(3, scalar).load, lattice_pressure(scalar, compensated, damped)
+    load, separation = records(3, scalar).load, difference(3, scalar, compensated)
+    find_pressure = lattice_pressure(scalar, compensated, damped)
     Six = wp.types.matrix((6, 3), scalar)
     zero = scalar(0.0)
-
-    @wp.func
-    def separation(compensation: Compensation, x: Vectors, i: int, j: int) -> V:
-        apart = load(x, j) - load(x, i)
-        if wp.static(compensated):
-            apart -= load(compensation.x, j) - load(compensation.x, i)
-        return apart
 
     def force(SceneData: Any):
         @wp.func
@@ -110,7 +103,8 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
             at = scene.cells.margin + i
             near = Six()  # entries of missing neighbours are not used by any face
             for k in range(6):
-                near[k] = separation(compensation, x, i, wp.clamp(i + (1 - 2 * (k % 2)) * steps[k / 2], 0, last))
+                j = wp.clamp(i + (1 - 2 * (k % 2)) * steps[k / 2], 0, last)
+                near[k] = separation(compensation, x, load(x, j), j, i)
             total = V()
             for axis in range(3):
                 u = steps[axis]
@@ -127,7 +121,7 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
                         a = near[2 * axis + k % 2]
                         b = near[2 * ((axis + 1) % 3) + k / 2]
                         j = i + (1 - 2 * (k % 2)) * u + (1 - 2 * (k / 2)) * w
-                        corner = separation(compensation, x, i, j)
+                        corner = separation(compensation, x, load(x, j), j, i)
                         if k == 1 or k == 2:  # clockwise corners
                             jump = -jump
                         total += jump * (wp.cross(a, corner + b) + wp.cross(corner, b))
