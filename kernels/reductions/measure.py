@@ -306,11 +306,8 @@ def put_in_order(
 
 
 @functools.cache
-def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
-    """Compose the kernel, over connections, that writes length / rest length − 1.
-
-    If `sorted_anew`, the device's order of connections differs: the strain of connection c is written at place[c].
-    """
+def strain_each(dim: int, scalar: type, compensated: bool):
+    """Compose the kernel, over connections, that writes length / rest length − 1; NaN for broken connections."""
     V = vector(dim, scalar)
     separation = difference(dim, scalar, compensated)
 
@@ -319,7 +316,8 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
         # Model:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
-        place: wp.array(dtype=int),  # index in `strain` of each connection, shape [connection_count]
+        broken_at: wp.array(dtype=wp.float32),  # [s], inf if unbroken; shape [0] if none can break
+        place: wp.array(dtype=int),  # index in `strain` of each connection, shape [connection_count]; [0] if equal
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
         x_lost: wp.array(dtype=V),  # compensation of positions [m], shape [particle_count]
@@ -328,9 +326,13 @@ def strain_each(dim: int, scalar: type, compensated: bool, sorted_anew: bool):
     ):
         c = wp.tid()
         length = wp.length(separation(x, x_lost, connections[c][0], connections[c][1]))
+        own = scalar(length / wp.float64(rest_length[c]) - wp.float64(1.0))
+        if broken_at.shape[0] > 0:
+            if wp.isfinite(broken_at[c]):
+                own = scalar(wp.nan)
         at = c
-        if wp.static(sorted_anew):
+        if place.shape[0] > 0:
             at = place[c]
-        strain[at] = scalar(length / wp.float64(rest_length[c]) - wp.float64(1.0))
+        strain[at] = own
 
     return strain_of_each

@@ -25,7 +25,7 @@ from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KI
 from .dampers import LINEAR as LINEAR, damper_force as damper_force
 from .extra_springs import tie_force as tie_force
 from .force_algorithm import ForceAlgorithm as ForceAlgorithm
-from .fracture import NO_SUBSTEP as NO_SUBSTEP, breaking as breaking, leave_out_broken as leave_out_broken
+from .fracture import NO_SUBSTEP as NO_SUBSTEP, breaking as breaking
 from .gather import CHUNK as CHUNK, SLICE as SLICE, gather as gather
 from .lanes import (
     MOST_NEIGHBOURS as MOST_NEIGHBOURS,

@@ -5,8 +5,6 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import kernel
-
 NO_SUBSTEP = -1
 """Substep number in force evaluations that do not begin a substep: nothing breaks then."""
 
@@ -72,24 +70,3 @@ def breaking(scalar: type) -> Breaking:
         return True
 
     return Breaking(Breaks, is_suspect, breaks)
-
-
-@functools.cache
-def leave_out_broken(scalar: type):
-    """Compose the kernel, over springs, that sets the strain of broken springs to NaN."""
-
-    @kernel
-    def leave_out(
-        broken_at: wp.array(dtype=wp.float32),  # [s], inf if unbroken, shape [connection_count]
-        place: wp.array(dtype=int),  # index in `strain` of each spring, shape [connection_count]; [0] if equal
-        # In and out:
-        strain: wp.array(dtype=scalar),  # shape [connection_count]
-    ):
-        c = wp.tid()
-        if wp.isfinite(broken_at[c]):
-            at = c
-            if place.shape[0] > 0:
-                at = place[c]
-            strain[at] = scalar(wp.nan)
-
-    return leave_out

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
-from ...kernels.springs import Laws, leave_out_broken
+from ...kernels.springs import Laws
 from ...runtime import in_turn
 from ..model.model import CONSTANTS
 from ..model.state import State
@@ -152,9 +152,7 @@ def write_strain(assembly: Assembly, state: State, place: wp.array | None, strai
     `place` has the index in the system of each connection on the device; None if both orders are equal.
     """
     model, fracture = assembly.model, assembly.fracture
-    kernel = strain_each(model.dim, model.scalar, model.compensated, place is not None)
-    inputs = [model.connections, model.rest_length, place, state.x, state.compensation.x]
+    broken_at = None if fracture is None else fracture.broken_at
+    inputs = [model.connections, model.rest_length, broken_at, place, state.x, state.compensation.x]
+    kernel = strain_each(model.dim, model.scalar, model.compensated)
     wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
-    if fracture is not None:
-        inputs = [fracture.broken_at, place]
-        wp.launch(leave_out_broken(model.scalar), model.connection_count, inputs, [strain], device=model.device)
