@@ -24,6 +24,7 @@ from ...kernels.colliders import soft_adjoint
 from ...kernels.lanes import WARP
 from ...kernels.springs import CONSTANTS
 from ..collision.soft_colliders import SoftColliders
+from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records
 from ..loads.actuators import ActuatedSprings
 from ..loads.drives import Drives
@@ -145,7 +146,7 @@ class Adjoint:
         self._staged = wp.zeros(self._count, dtype=model.vector, device="cpu", pinned=device.is_cuda)
         self._given = wp.zeros_like(self._staged, device=device, pinned=False)
         self._aside: tuple[wp.array, ...] = ()
-        self._partition = dynamics.partition
+        self._launcher = dynamics.partition or Launcher()
 
     def _sums_of(
         self, effect: Effect, wanted: Container[str], group: NDArray[np.integer], numbers: int
@@ -245,25 +246,18 @@ class Adjoint:
 
     def _launch(self, kernel: Any, count: int, inputs: list[Any], lanes: int = 1) -> None:
         """Launch a kernel over particles, or over parts of them if CPU threads share a frame."""
-        device, partition = self._model.device, self._partition
-        if partition is None or not partition.is_recording:
-            threads = count * lanes if device.is_cuda else 1  # on a CPU each would copy its arguments
-            wp.launch(kernel, threads, [*inputs, 0, count, threads], device=device)
-            return
+        device = self._model.device
+        threads = count * lanes if device.is_cuda else 1  # on a CPU each would copy its arguments
 
         def launch_part(k: int, parts: int) -> None:
-            part = [k * count // parts, (k + 1) * count // parts, 1]
-            wp.launch(kernel, 1, [*inputs, *part], device=device)
+            part = [k * count // parts, (k + 1) * count // parts, threads]
+            wp.launch(kernel, threads, [*inputs, *part], device=device)
 
-        partition.launch_parts(launch_part)
+        self._launcher.launch_parts(launch_part)
 
     def _launch_once(self, launch: Callable[[], Any]) -> None:
         """Call `launch` in only one of the CPU threads that share a frame."""
-        partition = self._partition
-        if partition is None or not partition.is_recording:
-            launch()
-        else:
-            partition.launch_parts(lambda k, parts: launch() if k == 0 else None)
+        self._launcher.launch_parts(lambda k, parts: launch() if k == 0 else None)
 
     def add(self, to: wp.array, values: NDArray[np.float64]) -> None:
         """Add host values of shape [particle_count, d], or [worlds, particle_count, d], to derivatives."""
