@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import Drawing, Part, ramp
+from ..pictures import Drawing, Part, divided_triangle, ramp
 
 LEVELS = 24
 """Number of colours of a scale in a browser."""
@@ -83,7 +83,8 @@ def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDA
     triangles = one.triangles
     if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
         divisions = 1  # one colour everywhere
-    weights, pieces = _divided(divisions)
+    steps, pieces = divided_triangle(divisions)
+    weights = steps / divisions
     uv = np.einsum("pcv,tvk->tpck", weights[pieces], drawing.uv[triangles])
     height, width = drawing.texture.shape[:2]
     middle = uv.mean(axis=2)
@@ -94,19 +95,6 @@ def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDA
     all_weights = np.tile(weights, (len(triangles), 1)).astype(np.float32)
     faces = (pieces[None] + len(weights) * np.arange(len(triangles))[:, None, None]).reshape(-1, 3)
     return corners, all_weights, faces, colours
-
-
-def _divided(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return (vertex weights, pieces) of a triangle that is divided into n² pieces."""
-    at = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n + 1) for j in range(n + 1 - i))}
-    weights = np.array([(n - i - j, i, j) for i, j in at]) / n
-    pieces = []
-    for i in range(n):
-        for j in range(n - i):
-            pieces.append((at[i, j], at[i + 1, j], at[i, j + 1]))
-            if i + j + 2 <= n:
-                pieces.append((at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]))
-    return weights, np.array(pieces)
 
 
 def _few(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -8,6 +8,7 @@ from .onscreen import OnScreen as OnScreen
 from .opengl_window import no_display as no_display
 from .parts import Part as Part
 from .renderer import Renderer as Renderer, no_opengl as no_opengl, picture_size as picture_size
+from .sheets import divided_triangle as divided_triangle
 from .stage import Camera as Camera, Stage as Stage, visible as visible
 from .timelapse import still as still, timelapse as timelapse
 from .warp_renderers import RayCaster as RayCaster

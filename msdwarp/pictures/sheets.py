@@ -87,23 +87,29 @@ def triangles_of_sheets(system: System) -> NDArray[np.bool_]:
     return look_of_triangles(system.surface, on_sheet) == 1
 
 
+def divided_triangle(pieces: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Divide the sides of a triangle into `pieces`: return vertices, barycentric × pieces, and small triangles."""
+    steps = [(i, j, pieces - i - j) for i in range(pieces + 1) for j in range(pieces + 1 - i)]
+    at = {(i, j): k for k, (i, j, _) in enumerate(steps)}
+    up = [(at[i, j], at[i + 1, j], at[i, j + 1]) for i, j, rest in steps if rest > 0]
+    down = [(at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]) for i, j, rest in steps if rest > 1]
+    return np.array(steps), np.array(up + down)
+
+
 def divided(triangles: NDArray, pieces: int) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32]]:
     """Divide each side of triangles into `pieces`: return corners and shares of vertices, and the small triangles.
 
     A vertex has the barycentric coordinates `shares` in the triangle of the vertices `corners`, both of shape
     [fine_count, 3]; adjacent triangles share vertices.
     """
-    steps = np.array([(i, j, pieces - i - j) for i in range(pieces + 1) for j in range(pieces + 1 - i)])
-    at = {(i, j): k for k, (i, j, _) in enumerate(steps.tolist())}
-    up = [(at[i, j], at[i + 1, j], at[i, j + 1]) for i, j, rest in steps.tolist() if rest > 0]
-    down = [(at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]) for i, j, rest in steps.tolist() if rest > 1]
+    steps, small = divided_triangle(pieces)
     vertices, steps = np.repeat(triangles, len(steps), axis=0), np.tile(steps, (len(triangles), 1))
     # A vertex on a side is the same in the triangle beyond.
     ends = np.where(steps > 0, vertices, -1)
     order = np.argsort(ends, axis=1)
     key = np.concatenate([np.take_along_axis(each, order, axis=1) for each in (ends, steps)], axis=1)
     _, first, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    mine = number.reshape(len(triangles), -1)[:, np.array(up + down)].reshape(-1, 3)
+    mine = number.reshape(len(triangles), -1)[:, small].reshape(-1, 3)
     return vertices[first], steps[first] / pieces, mine.astype(np.int32)
 
 
