@@ -223,21 +223,16 @@ def cell_projection(dim: int, scalar: type, solid: bool, flat: bool, damped: boo
     def projected(
         cells: CellTable, c: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
     ) -> scalar:
-        used = wp.static(corners)
         is_flat = cells.corners[c, wp.static(corners - 1)] < 0 or wp.static(not solid)
-        if is_flat:
-            used = 4
         points = Rows()
         for k in range(wp.static(corners)):
-            if k < used:
-                points[k] = x[k] - x[0]
+            points[k] = x[k] - x[0]
         volume, gradient = geometry(points, is_flat)
         rate = scalar(0.0)
         along = scalar(0.0)
-        for k in range(wp.static(corners)):
-            if k < used:
-                rate += wp.dot(v[k], gradient[k])
-                along += wp.dot(phi[k], gradient[k])
+        for k in range(wp.static(corners)):  # the gradient is 0 at the last four of a flat cell
+            rate += wp.dot(v[k], gradient[k])
+            along += wp.dot(phi[k], gradient[k])
         return -pressure_of(cells, c, volume, rate) * along
 
     return projected
