@@ -106,11 +106,9 @@ def _by_pyvista(path: Path, meshes: Sequence[DrawnMesh]) -> None:
     import pyvista as pv
 
     first = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
-    points, triangles = (
-        [mesh.points for mesh in meshes],
-        [m.triangles + k for m, k in zip(meshes, first[:-1], strict=True)],
-    )
-    whole = pv.PolyData.from_regular_faces(_joined(points, 3), _joined(triangles, 3).astype(int))
+    points = _joined([mesh.points for mesh in meshes], 3)
+    triangles = _joined([mesh.triangles + k for mesh, k in zip(meshes, first, strict=False)], 3)
+    whole = pv.PolyData.from_regular_faces(points, triangles.astype(int))
     whole.active_texture_coordinates = _joined([mesh.uv for mesh in meshes], 2).astype(np.float32)
     paint: dict[str, Any] = {}
     if path.suffix == ".ply" and meshes:
