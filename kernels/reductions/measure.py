@@ -88,8 +88,8 @@ def add_up(column_count: int, block: int):
 
 
 @functools.cache
-def difference(dim: int, scalar: type, compensated: bool):
-    """Compose separation(x, x_lost, i, j) = x[i] − x[j]; if `compensated`, positions are x − x_lost."""
+def difference(dim: int, scalar: type):
+    """Compose separation(x, x_lost, i, j) = x[i] − x[j]; unless x_lost is empty, positions are x − x_lost."""
     V = vector(dim, scalar)
 
     @wp.func
@@ -97,7 +97,7 @@ def difference(dim: int, scalar: type, compensated: bool):
         dx = wp.vec3d()
         for k in range(wp.static(dim)):
             dx[k] = wp.float64(x[i][k]) - wp.float64(x[j][k])
-            if wp.static(compensated):
+            if x_lost.shape[0] > 0:
                 dx[k] -= wp.float64(x_lost[i][k]) - wp.float64(x_lost[j][k])
         return dx
 
@@ -110,7 +110,6 @@ def sum_up(
     scalar: type,
     in_worlds: bool,
     everything: bool,
-    compensated: bool,
     laws: Laws,
     tears: bool,
     chosen: bool,
@@ -118,11 +117,11 @@ def sum_up(
 ):
     """Compose the kernel that computes all `columns` for a state.
 
-    Unless `everything`, it only visits particles, and computes LOOKED columns. If `compensated`, lengths use the
-    positions x − x_lost. If `tears`, connections without stiffness and damping are broken, and excluded from the
-    largest strain. If `chosen`, only chosen connections are included in the largest strain.
+    Unless `everything`, it only visits particles, and computes LOOKED columns. If `tears`, connections without
+    stiffness and damping are broken, and excluded from the largest strain. If `chosen`, only chosen connections
+    are included in the largest strain.
     """
-    V, separation = vector(dim, scalar), difference(dim, scalar, compensated)
+    V, separation = vector(dim, scalar), difference(dim, scalar)
     resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
     energy = None if spring_law is None else spring_energy(spring_law)
     slack, own_damper = laws.slacken, laws.own_damper
@@ -141,7 +140,7 @@ def sum_up(
         counts: wp.array(dtype=wp.uint8),  # whether its strain is included, shape [connection_count]
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
-        x_lost: wp.array(dtype=V),  # compensation of positions [m]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m], or empty
         u: wp.array(dtype=V),  # velocities of the method [m/s]
         v: wp.array(dtype=V),  # velocities at the time of the positions [m/s]
         work: wp.array(dtype=wp.float64),  # terms to sum [J], equally many for each world
@@ -306,21 +305,20 @@ def put_in_order(
 
 
 @functools.cache
-def strain_each(dim: int, scalar: type, compensated: bool):
+def strain_each(dim: int, scalar: type):
     """Compose the kernel, over connections, that writes length / rest length − 1; NaN for broken connections."""
-    V = vector(dim, scalar)
-    separation = difference(dim, scalar, compensated)
+    V, separation = vector(dim, scalar), difference(dim, scalar)
 
     @kernel
     def strain_of_each(
         # Model:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         rest_length: wp.array(dtype=scalar),  # l0 [m], shape [connection_count]
-        broken_at: wp.array(dtype=wp.float32),  # [s], inf if unbroken; shape [0] if none can break
-        place: wp.array(dtype=int),  # index in `strain` of each connection, shape [connection_count]; [0] if equal
+        broken_at: wp.array(dtype=wp.float32),  # [s], inf if unbroken, shape [connection_count]; or empty
+        place: wp.array(dtype=int),  # index in `strain` of each connection, shape [connection_count]; or empty
         # State in:
         x: wp.array(dtype=V),  # positions [m], shape [particle_count]
-        x_lost: wp.array(dtype=V),  # compensation of positions [m], shape [particle_count]
+        x_lost: wp.array(dtype=V),  # compensation of positions [m], shape [particle_count], or empty
         # Out:
         strain: wp.array(dtype=scalar),  # shape [connection_count]
     ):

@@ -61,7 +61,7 @@ def sum_members(of: Sum):
 
 
 @functools.cache
-def sum_of_group(dim: int, Vector: Any, compensated: bool) -> Sum:
+def sum_of_group(dim: int, Vector: Any) -> Sum:
     """Return the sum of values of a group's particles with weights."""
     Wide = vector(dim, wp.float64)
 
@@ -70,14 +70,14 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool) -> Sum:
         weight: wp.array2d(dtype=wp.float64)  # weight of each member, shape [rows, member_count]
         member: wp.array(dtype=int)  # particles of the group, shape [member_count]
         value: wp.array(dtype=Vector)  # value of each particle of all worlds
-        lost: wp.array(dtype=Vector)  # compensation of these values
+        lost: wp.array(dtype=Vector)  # compensation of these values, or empty
         stride: int  # particles from one world to the next
 
     @wp.func
     def weighted(data: GroupData, w: int, m: int) -> Wide:
         i = w * data.stride + data.member[m]
         value = Wide(data.value[i])
-        if wp.static(compensated):
+        if data.lost.shape[0] > 0:
             value -= Wide(data.lost[i])
         return data.weight[w % data.weight.shape[0], m] * value
 
@@ -85,7 +85,7 @@ def sum_of_group(dim: int, Vector: Any, compensated: bool) -> Sum:
 
 
 @functools.cache
-def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, width: int) -> Sum:
+def mean_of_function(dim: int, scalar: type, function: Any, width: int) -> Sum:
     """Return the mean of a function over a group's particles.
 
     The function is a wp.func (x, v, i) of a particle's position, velocity and index, float64 and corrected for
@@ -101,7 +101,7 @@ def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, w
         # State, of all worlds:
         x: wp.array(dtype=V)  # positions [m]
         v: wp.array(dtype=V)  # velocities [m/s]
-        x_lost: wp.array(dtype=V)  # compensation of x; below, of v
+        x_lost: wp.array(dtype=V)  # compensation of x, or empty; below, of v
         v_lost: wp.array(dtype=V)
         stride: int  # particles from one world to the next
 
@@ -110,7 +110,7 @@ def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, w
         at = w * data.stride + data.member[m]
         place = Wide(data.x[at])
         speed = Wide(data.v[at])
-        if wp.static(compensated):
+        if data.x_lost.shape[0] > 0:
             place = place - Wide(data.x_lost[at])
             speed = speed - Wide(data.v_lost[at])
         return wp.float64(1.0) / wp.float64(data.member.shape[0]) * Columns(function(place, speed, data.member[m]))
@@ -119,9 +119,9 @@ def mean_of_function(dim: int, scalar: type, compensated: bool, function: Any, w
 
 
 @functools.cache
-def spring_sums(dim: int, scalar: type, compensated: bool, tears: bool) -> tuple[Sum, Sum]:
+def spring_sums(dim: int, scalar: type) -> tuple[Sum, Sum]:
     """Return the sums of strains of chosen unbroken connections, and of weight · tension · length · n nᵀ."""
-    V, components, separation = vector(dim, scalar), COMPONENTS[dim], difference(dim, scalar, compensated)
+    V, components, separation = vector(dim, scalar), COMPONENTS[dim], difference(dim, scalar)
     Stress = wp.types.vector(len(components), wp.float64)
 
     @wp.struct
@@ -132,11 +132,12 @@ def spring_sums(dim: int, scalar: type, compensated: bool, tears: bool) -> tuple
         damping: wp.array2d(dtype=scalar)  # in the units of the law, shape [rows, connection_count]
         # The same in all worlds:
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
+        tears: int  # whether connections without stiffness and damping are broken
         member: wp.array(dtype=int)  # indices of the chosen connections
         weight: wp.array(dtype=wp.float64)  # fraction of each chosen connection that is counted in the stress
         # State, of all worlds:
         value: wp.array(dtype=V)  # positions [m]
-        lost: wp.array(dtype=V)  # compensation of positions [m]
+        lost: wp.array(dtype=V)  # compensation of positions [m], or empty
         stride: int  # particles from one world to the next
 
     @wp.func
@@ -147,7 +148,7 @@ def spring_sums(dim: int, scalar: type, compensated: bool, tears: bool) -> tuple
     @wp.func
     def strain(data: SpringData, w: int, m: int) -> wp.vec3d:
         c = data.member[m]
-        if wp.static(tears):
+        if data.tears != 0:
             stiff = data.stiffness[w % data.stiffness.shape[0], c] != scalar(0.0)
             if not (stiff or data.damping[w % data.damping.shape[0], c] != scalar(0.0)):
                 return wp.vec3d()
@@ -173,13 +174,13 @@ def spring_sums(dim: int, scalar: type, compensated: bool, tears: bool) -> tuple
 
 
 @functools.cache
-def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat: bool) -> Sum:
+def sum_cell_stress(dim: int, scalar: type, solid: bool, flat: bool) -> Sum:
     """Return the sum of w' V P [J], then of the volumes V, over chosen cells.
 
     w' is minus a cell's pressure. P projects on the plane of a flat cell, and is the identity for a solid one.
     """
     V, components, corner_count = vector(dim, scalar), COMPONENTS[dim], 8 if solid else 4
-    separation, law = difference(dim, scalar, compensated), volume_law(wp.float64)
+    separation, law = difference(dim, scalar), volume_law(wp.float64)
     Rows, geometry, _turning = cell_geometry(dim, wp.float64, solid, flat)
     Columns = wp.types.vector(len(components) + 1, wp.float64)
 
@@ -190,7 +191,7 @@ def sum_cell_stress(dim: int, scalar: type, compensated: bool, solid: bool, flat
         modulus: wp.array(dtype=wp.float64)  # [Pa], or [N/m]
         # State, of all worlds:
         value: wp.array(dtype=V)  # positions [m]
-        lost: wp.array(dtype=V)  # compensation of positions [m]
+        lost: wp.array(dtype=V)  # compensation of positions [m], or empty
         stride: int  # particles from one world to the next
 
     @fully_hashed

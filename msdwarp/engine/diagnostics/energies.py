@@ -126,11 +126,10 @@ class Sums:
         model = self._model
         if self._work is not None and self._shares is not None:
             self._work.launch(x, u, self._shares, self._more)
-        compensated = model.compensated and x_lost is not None and self._everything
         how = model.dim, model.scalar, model.in_worlds, self._everything
         inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]
-        inputs += [model.connections, self._counts, x, x_lost if compensated else x, u, v, self._shares]
-        self._sweep.launch(partial(sum_up, *how, compensated, *self._what), inputs, found)
+        inputs += [model.connections, self._counts, x, x_lost, u, v, self._shares]
+        self._sweep.launch(partial(sum_up, *how, *self._what), inputs, found)
 
 
 def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:
@@ -154,5 +153,4 @@ def write_strain(assembly: Assembly, state: State, place: wp.array | None, strai
     model, fracture = assembly.model, assembly.fracture
     broken_at = None if fracture is None else fracture.broken_at
     inputs = [model.connections, model.rest_length, broken_at, place, state.x, state.compensation.x]
-    kernel = strain_each(model.dim, model.scalar, model.compensated)
-    wp.launch(kernel, model.connection_count, inputs, [strain], device=model.device)
+    wp.launch(strain_each(model.dim, model.scalar), model.connection_count, inputs, [strain], device=model.device)

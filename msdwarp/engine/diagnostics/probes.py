@@ -98,7 +98,7 @@ class Sensors:
         for one in self._sums:
             value = values[one.what]
             for part in one.parts:
-                part.launch(rows, value=value, lost=lost.get(one.what, value))
+                part.launch(rows, value=value, lost=lost.get(one.what))
         if k == len(self._rows) - 1 and self._found is not self._rows:
             wp.copy(self._found, self._rows)
 
@@ -151,15 +151,14 @@ class _Sum:
         self.name, self.what, self._first, self._model = name, probe.what, first, model
         if self.what == STRAIN:
             chosen = mask_of(probe.connections(model.system), model.connection_count)
-            member, fields = np.flatnonzero(model.ordered(chosen)), _springs(model)
-            of = spring_sums(model.dim, model.scalar, model.compensated, tears)[0]
+            member, fields = np.flatnonzero(model.ordered(chosen)), _springs(model) | {"tears": int(tears)}
+            of = spring_sums(model.dim, model.scalar)[0]
         else:
             member = np.flatnonzero(probe.particles(model.system))
             weight, self._mass = _weights(self.what, model.row_of("mass")[:, member])
             fields = {"weight": wp.array(weight, dtype=wp.float64, device=model.device)}
             wide = self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE)
-            kind = vector(model.dim, wp.float64) if wide else model.vector
-            of = sum_of_group(model.dim, kind, model.compensated and self.what in (POSITION, VELOCITY))
+            of = sum_of_group(model.dim, vector(model.dim, wp.float64) if wide else model.vector)
         fields["member"] = wp.array(member, dtype=int, device=model.device)
         self.width, self.parts = of.columns, [_Part(model, of, len(member), first, **fields)]
 
@@ -199,10 +198,10 @@ class _StressSum:
         own = {"corners": wp.array(cells.corners[inside], dtype=int, device=device)}
         for name in ("rest_volume", "modulus"):
             own[name] = wp.array(getattr(cells, name)[inside], dtype=wp.float64, device=device)
-        kind, flat = (model.dim, model.scalar, model.compensated), cells.flat
+        kind, flat = (model.dim, model.scalar), cells.flat
         stress = sum_cell_stress(*kind, not flat.all(), bool(flat.any()))
         self.parts = [
-            _Part(model, spring_sums(*kind, False)[1], len(chosen), first, **springs),
+            _Part(model, spring_sums(*kind)[1], len(chosen), first, **springs),
             _Part(model, stress, int(inside.sum()), first + len(self._components), CORNERS, **own),
         ]
 
@@ -221,7 +220,7 @@ class GroupMeans:
     """Unweighted mean of a function over chosen particles, in each world; see `mean_of_function`."""
 
     def __init__(self, model: Model, function: Any, chosen: NDArray[np.bool_], width: int) -> None:
-        of = mean_of_function(model.dim, model.scalar, model.compensated, function, width)
+        of = mean_of_function(model.dim, model.scalar, function, width)
         member = wp.array(np.flatnonzero(chosen), dtype=int, device=model.device)
         self._part = _Part(model, of, len(member), 0, member=member)
         self._means = wp.zeros((model.worlds, 1, of.columns), dtype=wp.float64, device=model.device)
