@@ -25,8 +25,8 @@ def AdjointData(dim: int, scalar: type):
         # Derivatives by:
         by_x: wp.array(dtype=V)
         by_v: wp.array(dtype=V)
-        by_inverse_mass: Numbers  # times 1/m
-        by_gravity: wp.array(dtype=V)  # by the gravity of each particle
+        by_inverse_mass: Numbers  # times 1/m; or empty
+        by_gravity: wp.array(dtype=V)  # by the gravity of each particle; or empty
         # By the constants of springs; see `Neighbours` for their entries:
         by_rest_length: Numbers
         by_stiffness: Numbers
@@ -37,7 +37,7 @@ def AdjointData(dim: int, scalar: type):
 
 
 @functools.cache
-def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
+def kick_back(dim: int, scalar: type):
     """Compose wp.func that returns φ = s back/m, the derivative ∂L/∂F of the loss L for particle i.
 
     `back` is ∂L/∂v after a kick of s seconds from `v_before`. The function also adds to (1/m) ∂L/∂(1/m), from the
@@ -51,10 +51,10 @@ def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
     ) -> V:
         w = data.inverse_mass[i]
         if w > scalar(0.0):
-            if wp.static(by_mass):
+            if data.by_inverse_mass.shape[0] > 0:
                 push = (load(v, i) - load(v_before, i)) - kick * data.gravity
                 data.by_inverse_mass[i] = data.by_inverse_mass[i] + wp.dot(back, push)
-            if wp.static(by_gravity):
+            if data.by_gravity.shape[0] > 0:
                 store(data.by_gravity, i, load(data.by_gravity, i) + kick * back)
         return (kick * w) * back
 
@@ -62,14 +62,14 @@ def kick_back(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
 
 
 @functools.cache
-def kick_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
+def kick_adjoint(dim: int, scalar: type):
     """Compose the kernel, over particles, that propagates derivatives back through a drift and a kick.
 
     From the derivatives of a loss L it computes ∂L/∂v = ∂L/∂v' + h ∂L/∂x', to which forces that depend on v add
     later, and φ = ∂L/∂F = s/m ∂L/∂v of each particle. h and s are the lengths of the drift and of the kick [s].
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
-    propagate = kick_back(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar)
 
     @kernel
     def propagate_kick(

@@ -10,7 +10,7 @@ from .kick import AdjointData, kick_back
 
 
 @functools.cache
-def mid_velocity_adjoint(composition: Composition, by_mass: bool, by_gravity: bool):
+def mid_velocity_adjoint(composition: Composition):
     """Compose the kernel, over particles, that corrects φ of `kick_adjoint`; None without such forces.
 
     v' = v + s F(x, u)/m with u = v + θ (v' − v) gives φ = s/m q with q = (1 − θ s/m ∂F/∂u)^−T ∂L/∂v'; F is
@@ -20,7 +20,7 @@ def mid_velocity_adjoint(composition: Composition, by_mass: bool, by_gravity: bo
         return None
     scalar, inverse = composition.scalar, inverse_of_kick(composition)
     V, SceneData, _, load, store, _ = tools(composition)
-    Data, propagate = AdjointData(composition.dim, scalar), kick_back(composition.dim, scalar, by_mass, by_gravity)
+    Data, propagate = AdjointData(composition.dim, scalar), kick_back(composition.dim, scalar)
 
     @kernel
     def correct_kick(

@@ -272,15 +272,7 @@ def keeping(dim: int, scalar: type, wanted: Wanted):
 
 @functools.cache
 def springs_adjoint(
-    dim: int,
-    scalar: type,
-    laws: Laws,
-    wanted: Wanted,
-    neighbours: Neighbours,
-    lanes: int,
-    by_mass: bool,
-    by_gravity: bool,
-    actuated: bool,
+    dim: int, scalar: type, laws: Laws, wanted: Wanted, neighbours: Neighbours, lanes: int, actuated: bool
 ):
     """Compose the kernel, over particles and their lanes, of the adjoint of spring forces.
 
@@ -292,7 +284,7 @@ def springs_adjoint(
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
     derive, keep = derivatives(dim, scalar, laws), keeping(dim, scalar, wanted)
-    propagate = kick_back(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
     Table, range_of, look, spring_of, owns, strain_of = neighbours
 

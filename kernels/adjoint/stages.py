@@ -10,7 +10,7 @@ from .kick import AdjointData, kick_back
 
 
 @functools.cache
-def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool):
+def combination_adjoint(dim: int, scalar: type):
     """Compose the kernel, over particles, that propagates derivatives back from state n of a substep.
 
     Y_n = Y_0 + h Σ_m A_nm (v_m, a_m) over the stages m < n. The kernel stores the given ∂L/∂Y_n. From all that
@@ -18,7 +18,7 @@ def combination_adjoint(dim: int, scalar: type, by_mass: bool, by_gravity: bool)
     stored ones, which gives the derivative with respect to the start of the substep.
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
-    propagate = kick_back(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar)
 
     @kernel
     def propagate_combination(

@@ -35,9 +35,7 @@ def stencil_table(scalar: type, steps: tuple):
 
 
 @functools.cache
-def stencil_adjoint(
-    dim: int, scalar: type, laws: Laws, wanted: Wanted, steps: tuple, by_mass: bool, by_gravity: bool
-):
+def stencil_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, steps: tuple):
     """Compose the kernel of `springs_adjoint` for a uniform lattice; see `springs.stencil`.
 
     Derivatives by constants have an entry for each direction from each particle, as in `in_lattice`.
@@ -45,7 +43,7 @@ def stencil_adjoint(
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     damped, own, Table = laws.damper is not None, any(wanted), stencil_table(scalar, steps)
     derive, keep = derivatives(dim, scalar, laws), keeping(dim, scalar, wanted)
-    propagate = kick_back(dim, scalar, by_mass, by_gravity)
+    propagate = kick_back(dim, scalar)
     rows, neighbours = stencil_rows(steps)
     most = max(map(len, neighbours))
 

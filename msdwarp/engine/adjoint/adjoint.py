@@ -74,28 +74,28 @@ class Adjoint:
         self._model, device, self._count = model, model.device, model.worlds * model.stride
         actuated = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
         own = Wanted(*(name in names for name in Wanted._fields))
-        self.by_x, self.by_v, self._phi, self._next_phi, by_gravity = model.vectors_together(5)
+        self.by_x, self.by_v, self._phi, self._next_phi = model.vectors_together(4)
         self._springs = springs_of_particles(model, actuated)
         data = self._data = AdjointData(model.dim, model.scalar)()
-        data.by_x, data.by_v, data.by_gravity = self.by_x, self.by_v, by_gravity
+        data.by_x, data.by_v = self.by_x, self.by_v
         data.gravity, data.inverse_mass = model.gravity, model.inverse_mass
-        others = "mass" in names, bool({"gravity", "force"} & names)
+        by_mass, by_gravity = "mass" in names, bool({"gravity", "force"} & names)
         if "gravity" in model.rows:  # kernels take none for their F/m = v' − v − s g; `found` subtracts it
-            data.gravity, others = model.vector(), (others[0], any(others))
+            data.gravity, by_gravity = model.vector(), by_mass or by_gravity
         if model.in_worlds:
             each = np.zeros((model.worlds, model.stride))
             each[:, : model.particle_count] = model.of_each(1.0 / model.row_of("mass"))
             data.inverse_mass = wp.array(each.ravel(), dtype=model.scalar, device=device)
-        self._others = others
-        self._kick = kick_adjoint(model.dim, model.scalar, *others)
-        self._pull = self._springs.kernel(own, *others)
-        self._scene, self._correct = dynamics.scene, mid_velocity_adjoint(dynamics.composition, *others)
+        data.by_gravity = model.vectors() if by_gravity else wp.zeros(0, dtype=model.vector, device=device)
+        self._kick = kick_adjoint(model.dim, model.scalar)
+        self._pull = self._springs.kernel(own)
+        self._scene, self._correct = dynamics.scene, mid_velocity_adjoint(dynamics.composition)
         self._u = None if self._correct is None else model.vectors()
         """Velocities at which a kick takes the forces that are functions of velocity; None without such forces."""
         for name in (*CONSTANTS, "strain"):
             entries = self._springs.entries if name in names else 1
             setattr(data, f"by_{name}", wp.zeros(entries, dtype=model.scalar, device=device))
-        data.by_inverse_mass = wp.zeros(self._count, dtype=model.scalar, device=device)
+        data.by_inverse_mass = wp.zeros(self._count if by_mass else 0, dtype=model.scalar, device=device)
         self._sums: list[NumberSums] = []
         self._parameters: dict[str, tuple[NumberSums, Parameter]] = {}
         if isinstance(self._springs, InTable) and actuated is not None:
@@ -118,7 +118,7 @@ class Adjoint:
         self._soft, self._soft_kernel = soft, None
         if soft is not None:
             sums = self._sums_of(soft, names, np.tile(np.arange(soft.data.count), model.stride), 5 + model.dim)
-            kinds = soft.kinds, "mass" in names, sums is not None
+            kinds = soft.kinds, by_mass, sums is not None
             self._soft_kernel = soft_adjoint(model.dim, model.scalar, *kinds)
             self._soft_by = wp.zeros((0, 1), dtype=model.scalar, device=device) if sums is None else sums.each
         drives = next((one for one in assembly.all if isinstance(one, Drives)), None)
@@ -138,9 +138,9 @@ class Adjoint:
         self._totals = {}
         for name in names & set(CONSTANTS):
             self._totals[name] = wp.zeros(self._springs.entries, dtype=wp.float64, device=device)
-        if "mass" in names:
+        if by_mass:
             self._totals["mass"] = wp.zeros(self._count, dtype=wp.float64, device=device)
-        if others[1]:
+        if by_gravity:
             self._totals["gravity"] = in_records(self._count, model.dim, wp.float64, device)
         self._sizes: wp.array | None = None
         self._staged = wp.zeros(self._count, dtype=model.vector, device="cpu", pinned=device.is_cuda)

@@ -43,11 +43,11 @@ class OverParticles:
         while self._lanes > 1 and self._lanes * self._count > MOST_THREADS:
             self._lanes //= 2
 
-    def kernel(self, wanted: Wanted, by_mass: bool, by_gravity: bool) -> Any:
+    def kernel(self, wanted: Wanted) -> Any:
         """Compose the kernel of the adjoint."""
         model, actuated = self._model, self._actuated is not None
-        kinds = model.dim, model.scalar, model.laws, wanted, self._neighbours, self._lanes
-        return springs_adjoint(*kinds, by_mass, by_gravity, actuated)
+        kinds = model.dim, model.scalar, model.laws, wanted
+        return springs_adjoint(*kinds, self._neighbours, self._lanes, actuated)
 
     def launch(self, kernel: Any, inputs: list[Any], over: Callable[..., None]) -> None:
         """Launch the kernel by `over`, which launches over particles."""
@@ -128,11 +128,10 @@ class InStencil(InLattice):
         fill_uniform(table, model, lattice)
         return table
 
-    def kernel(self, wanted: Wanted, by_mass: bool, by_gravity: bool) -> Any:
+    def kernel(self, wanted: Wanted) -> Any:
         """Compose the kernel of the adjoint."""
         model = self._model
-        kinds = model.dim, model.scalar, model.laws, wanted, self._lattice.steps
-        return stencil_adjoint(*kinds, by_mass, by_gravity)
+        return stencil_adjoint(model.dim, model.scalar, model.laws, wanted, self._lattice.steps)
 
     def launch(self, kernel: Any, inputs: list[Any], over: Callable[..., None]) -> None:
         """Launch the kernel with a thread for each particle."""

@@ -38,7 +38,7 @@ class StageAdjoint(Adjoint):
         super().__init__(dynamics, names)
         model, stages = dynamics.model, len(tableau)
         kinds = model.dim, model.scalar
-        self._combine = combination_adjoint(*kinds, *self._others)
+        self._combine = combination_adjoint(*kinds)
         inner = model.vectors_together(2 * (stages - 1)) if stages > 1 else ()
         self._inner = list(zip(inner[::2], inner[1::2], strict=True))
         self._kept = in_records(2 * (stages + 1) * self._count, *kinds, model.device)
