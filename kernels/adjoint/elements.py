@@ -14,9 +14,7 @@ from ..records import records
 
 
 @functools.cache
-def elements_adjoint(
-    dim: int, scalar: type, points: int, Data: Any, project: Any, in_worlds: bool, numbers: Any, wanted: int
-):
+def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: Any, numbers: Any, wanted: int):
     """Compose the kernel, over elements, that writes ∂(φ·F)/∂x and ∂(φ·F)/∂v of each point.
 
     `project` is a wp.func (data, e, i, time, stage, x, v, φ) -> φ·F of element e, whose first point is particle i,
@@ -61,11 +59,8 @@ def elements_adjoint(
                         places[k] = places[k] + share * load(x, i)
                         rates[k] = rates[k] + share * load(v, i)
                         phis[k] = phis[k] + share * load(phi, i)
-            own = e
-            first = particle[e * wp.static(points), 0]
-            if wp.static(in_worlds):
-                own = e % count
-                first = first % stride
+            own = e % count
+            first = particle[e * wp.static(points), 0] % stride
             seconds = time[wp.min(stage, time.shape[0] - 1)]
             if wp.static(numbers is None):
                 _d, _e, _i, _t, _s, of_x, of_v, _phi = wp.grad(project)(

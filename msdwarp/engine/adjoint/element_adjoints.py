@@ -68,7 +68,7 @@ class ElementAdjoints:
         self._by = [wp.zeros(len(particle), dtype=model.vector, device=device) for _ in range(2)]
         own, wanted = elements.numbers, sums is not None
         self._by_numbers = sums.each if sums else wp.zeros((0, 1), dtype=scalar, device=device)
-        kinds = elements.data._cls, elements.projected, model.in_worlds
+        kinds = elements.data._cls, elements.projected
         numbers = (own.of, own.width if wanted else 0) if own is not None else (None, 0)
         self._lead = elements_adjoint(model.dim, scalar, size, *kinds, *numbers)
         self._add = add_elements(model.dim, scalar)
