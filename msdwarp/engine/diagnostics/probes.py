@@ -195,7 +195,7 @@ class _StressSum:
             "weight": wp.array(share[chosen], dtype=wp.float64, device=device),
             "member": wp.array(chosen, dtype=int, device=device),
         }
-        own = {"corners": wp.array(cells.corners[inside], dtype=int, device=device)}
+        own: dict[str, Any] = {"corners": wp.array(cells.corners[inside], dtype=int, device=device)}
         for name in ("rest_volume", "modulus"):
             own[name] = wp.array(getattr(cells, name)[inside], dtype=wp.float64, device=device)
         kind, flat = (model.dim, model.scalar), cells.flat
