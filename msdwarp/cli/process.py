@@ -130,8 +130,10 @@ def progress_on(console: "Console", *, over: float = 30.0) -> Iterator["Progress
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    progress = Progress(*columns, console=console, transient=True, speed_estimate_period=over)
-    if console.is_terminal:
+    progress = Progress(
+        *columns, console=console, transient=True, speed_estimate_period=over, disable=console.quiet
+    )
+    if console.is_terminal or console.quiet:
         with progress:
             yield progress
         return
