@@ -105,21 +105,10 @@ def difference(dim: int, scalar: type):
 
 
 @functools.cache
-def sum_up(
-    dim: int,
-    scalar: type,
-    in_worlds: bool,
-    everything: bool,
-    laws: Laws,
-    tears: bool,
-    chosen: bool,
-    block: int,
-):
+def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
     """Compose the kernel that computes all `columns` for a state.
 
-    Unless `everything`, it only visits particles, and computes LOOKED columns. If `tears`, connections without
-    stiffness and damping are broken, and excluded from the largest strain. If `chosen`, only chosen connections
-    are included in the largest strain.
+    Unless `everything`, it only visits particles, and computes LOOKED columns.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar)
     resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
@@ -137,7 +126,8 @@ def sum_up(
         damping: wp.array2d(dtype=scalar),  # b in the units of the law, shape [rows, connection_count]
         # The same in all worlds:
         connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
-        counts: wp.array(dtype=wp.uint8),  # whether its strain is included, shape [connection_count]
+        counts: wp.array(dtype=wp.uint8),  # whether its strain is included, shape [connection_count]; or empty
+        tears: int,  # whether connections without stiffness and damping are broken: their strain is not included
         # State in, of all worlds:
         x: wp.array(dtype=V),  # positions [m]
         x_lost: wp.array(dtype=V),  # compensation of positions [m], or empty
@@ -154,7 +144,7 @@ def sum_up(
     ):
         w = int(0)
         thread = wp.tid()
-        if wp.static(in_worlds):  # in a single world the division would take 1 % of a frame
+        if found.shape[0] > 1:  # in a single world the division would take 1 % of a frame
             w = wp.tid() / threads
             thread = wp.tid() % threads
         start = w * stride
@@ -239,10 +229,9 @@ def sum_up(
                         pull = spring * wp.max(stretch, wp.float64(0.0))
                         resisting = wp.max(wp.min(resisting, pull), -pull)
                     dissipated += resisting * rate
-                if wp.static(tears):
-                    if spring == wp.float64(0.0) and damper == wp.float64(0.0):
-                        stretch = wp.float64(0.0)
-                if wp.static(chosen):
+                if tears != 0 and spring == wp.float64(0.0) and damper == wp.float64(0.0):
+                    stretch = wp.float64(0.0)
+                if counts.shape[0] > 0:
                     if counts[c] == wp.uint8(0):
                         stretch = wp.float64(0.0)
                 strain = wp.max(strain, wp.abs(stretch) / rest)

@@ -111,10 +111,9 @@ class Sums:
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.system.yields or not everything
         between = None if plain else model.system.between_neighbours
-        self._what = Laws(), False, False  # a pass over particles alone uses one kernel for all spring laws
-        if everything:
-            laws = Laws(model.system.damper.law, model.laws.spring)
-            self._what = laws, assembly.fracture is not None, between is not None
+        self._tears = int(assembly.fracture is not None)
+        # A pass over particles alone uses one kernel for all spring laws.
+        self._laws = Laws(model.system.damper.law, model.laws.spring) if everything else Laws()
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
@@ -126,10 +125,10 @@ class Sums:
         model = self._model
         if self._work is not None and self._shares is not None:
             self._work.launch(x, u, self._shares, self._more)
-        how = model.dim, model.scalar, model.in_worlds, self._everything
         inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]
-        inputs += [model.connections, self._counts, x, x_lost, u, v, self._shares]
-        self._sweep.launch(partial(sum_up, *how, *self._what), inputs, found)
+        inputs += [model.connections, self._counts, self._tears, x, x_lost, u, v, self._shares]
+        kernel = partial(sum_up, model.dim, model.scalar, self._everything, self._laws)
+        self._sweep.launch(kernel, inputs, found)
 
 
 def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:
