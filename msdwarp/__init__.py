@@ -68,6 +68,7 @@ if _typing.TYPE_CHECKING:
         InvertedWarning as InvertedWarning,
         SettleWarning as SettleWarning,
         StartWarning as StartWarning,
+        StepWarning as StepWarning,
         StrainWarning as StrainWarning,
     )
     from .engine import Measures as Measures
@@ -154,7 +155,8 @@ _ROOMS = {
         "TensionOnlySpring space_filling_order stress von_mises"
     ),
     "checks": (
-        "EnergyDriftWarning FitWarning GradientWarning InvertedWarning SettleWarning StartWarning StrainWarning"
+        "EnergyDriftWarning FitWarning GradientWarning InvertedWarning SettleWarning StartWarning StepWarning "
+        "StrainWarning"
     ),
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",

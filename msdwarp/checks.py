@@ -48,6 +48,10 @@ class StartWarning(UserWarning):
     """The scene can be simulated, but its starting state probably contains a mistake."""
 
 
+class StepWarning(UserWarning):
+    """Substeps that were given are too long for a function of time."""
+
+
 class StrainWarning(UserWarning):
     """A body is strained so much that its model may not hold."""
 

@@ -8,6 +8,7 @@ from .forces import (
     add_function_slopes as add_function_slopes,
     function_force as function_force,
     function_projection as function_projection,
+    function_values as function_values,
     given_force_projection as given_force_projection,
     steady_force as steady_force,
     varying_force as varying_force,
@@ -24,7 +25,7 @@ from .surface_triangles import mix_vertices as mix_vertices, mixed_vertices as m
 from .wind import (
     projection_on_faces as projection_on_faces,
     projection_on_particles as projection_on_particles,
-    speed_of_air as speed_of_air,
+    velocity_of_air as velocity_of_air,
     wind_on_faces as wind_on_faces,
     wind_on_particles as wind_on_particles,
 )

@@ -147,8 +147,29 @@ def function_projection(dim: int, scalar: type, function: Any):
 
 
 @functools.cache
+def function_values(dim: int, scalar: type, function: Any):
+    """Compose the kernel, over times and particles, of a force given by a function, at present places."""
+    V = vector(dim, scalar)
+
+    @kernel
+    def find_values(
+        member: wp.array(dtype=int),
+        x: wp.array(dtype=V),
+        v: wp.array(dtype=V),
+        time: wp.array(dtype=scalar),  # [s], shape [time_count]
+        # Out:
+        value: wp.array2d(dtype=V),  # [N], shape [time_count, member_count]
+    ):
+        k, n = wp.tid()
+        i = member[n]
+        value[k, n] = function(x[i], v[i], time[k], i)
+
+    return find_values
+
+
+@functools.cache
 def add_function_slopes(dim: int, scalar: type, function: Any):
-    """Compose the kernel, over particles, that adds half of |∂F/∂x| and |∂F/∂v| to the blocks of the bound.
+    """Compose the kernel, over worlds and particles, that adds half of |∂F/∂x| and |∂F/∂v| to the bound's blocks.
 
     |J| is the largest singular value: forces across the motion count as those along it. The steepest counts of the
     present place and, if asked for, two ahead, where the velocity leads to in half a frame and in one.
@@ -159,37 +180,41 @@ def add_function_slopes(dim: int, scalar: type, function: Any):
     @kernel
     def add_slopes(
         member: wp.array(dtype=int),
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg]
+        inverse_mass: wp.array2d(dtype=scalar),  # [1/kg], row w mod (number of rows) for world w
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
+        first: int,  # world
+        stride: int,  # particles from one world to the next
         time: scalar,  # present [s]
         seconds: scalar,  # of a frame
         size: scalar,  # of the system [m]
         most: wp.float64,  # largest rate that is believed ahead [1/s]
         places: int,  # 1, or 3 to look ahead
         # In and out:
-        stiffness_block: wp.array(dtype=Block),  # [N/m], shape [particle_count]
-        damping_block: wp.array(dtype=Block),  # [N s/m]
+        stiffness_block: wp.array2d(dtype=Block),  # [N/m], shape [worlds, particle_count]
+        damping_block: wp.array2d(dtype=Block),  # [N s/m]
     ):
-        i = member[wp.tid()]
-        w = wp.max(wp.float64(inverse_mass[i]), wp.float64(1e-300))
-        u = v[i]
+        world, k = wp.tid()
+        i = member[k]
+        row = (first + world) % inverse_mass.shape[0]
+        w = wp.max(wp.float64(inverse_mass[row, i]), wp.float64(1e-300))
+        u = v[world * stride + i]
         steepest = wp.vec2d()
         for ahead in range(places):
             t = time + scalar(0.5) * scalar(ahead) * seconds
-            place = x[i] + (t - time) * u
+            place = x[world * stride + i] + (t - time) * u
             by_x = Block()
             by_v = Block()
-            for k in range(wp.static(dim)):
+            for d in range(wp.static(dim)):
                 dx = V()
                 dv = V()
-                dx[k] = scalar(wp.static(apart)) * (size + wp.length(place))
-                dv[k] = scalar(wp.static(apart)) * (size / seconds + wp.length(u))
-                of_x = (function(place + dx, u, t, i) - function(place - dx, u, t, i)) / (dx[k] + dx[k])
-                of_v = (function(place, u + dv, t, i) - function(place, u - dv, t, i)) / (dv[k] + dv[k])
+                dx[d] = scalar(wp.static(apart)) * (size + wp.length(place))
+                dv[d] = scalar(wp.static(apart)) * (size / seconds + wp.length(u))
+                of_x = (function(place + dx, u, t, i) - function(place - dx, u, t, i)) / (dx[d] + dx[d])
+                of_v = (function(place, u + dv, t, i) - function(place, u - dv, t, i)) / (dv[d] + dv[d])
                 for j in range(wp.static(dim)):
-                    by_x[j, k] = wp.float64(of_x[j])
-                    by_v[j, k] = wp.float64(of_v[j])
+                    by_x[j, d] = wp.float64(of_x[j])
+                    by_v[j, d] = wp.float64(of_v[j])
             here = wp.vec2d(largest(wp.transpose(by_x) * by_x), largest(wp.transpose(by_v) * by_v))
             for n in range(2):
                 slope = wp.sqrt(here[n])
@@ -197,8 +222,8 @@ def add_function_slopes(dim: int, scalar: type, function: Any):
                     if ahead > 0:
                         slope = wp.min(slope, wp.pow(most, wp.float64(2 - n)) / w)
                     steepest[n] = wp.max(steepest[n], slope)
-        for k in range(wp.static(dim)):
-            stiffness_block[i][k, k] += wp.float64(0.5) * steepest[0]
-            damping_block[i][k, k] += wp.float64(0.5) * steepest[1]
+        for d in range(wp.static(dim)):
+            stiffness_block[world, i][d, d] += wp.float64(0.5) * steepest[0]
+            damping_block[world, i][d, d] += wp.float64(0.5) * steepest[1]
 
     return add_slopes

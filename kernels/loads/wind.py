@@ -33,21 +33,22 @@ def _blows(dim: int, scalar: type, function: Any):
 
 
 @functools.cache
-def speed_of_air(dim: int, scalar: type, function: Any):
-    """Compose the kernel, over particles, of the air's speed at each of them, for a `function` of place."""
+def velocity_of_air(dim: int, scalar: type, function: Any):
+    """Compose the kernel, over times and particles, of the air's velocity at each, for a `function` of place."""
     V = vector(dim, scalar)
 
     @kernel
-    def find_speeds(
+    def find_velocities(
         x: wp.array(dtype=V),  # [m], shape [particle_count]
-        time: scalar,  # [s]
+        every: int,  # one of so many particles
+        time: wp.array(dtype=scalar),  # [s], shape [time_count]
         # Out:
-        speed: wp.array(dtype=scalar),  # [m/s], shape [particle_count]
+        velocity: wp.array2d(dtype=V),  # [m/s], shape [time_count, particle_count / every]
     ):
-        i = wp.tid()
-        speed[i] = wp.length(function(x[i], time))
+        k, n = wp.tid()
+        velocity[k, n] = function(x[n * every], time[k])
 
-    return find_speeds
+    return find_velocities
 
 
 @functools.cache

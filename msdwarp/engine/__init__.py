@@ -26,6 +26,7 @@ from .diagnostics.energy_balance import (
     EnergyBalance as EnergyBalance,
     EnergySums as EnergySums,
     is_told_by_frames as is_told_by_frames,
+    mass as mass,
     potential as potential,
     rounding_energy as rounding_energy,
     size as size,
@@ -42,6 +43,7 @@ from .diagnostics.rate_bounds import (
     world_rates as world_rates,
 )
 from .diagnostics.readout import Found as Found
+from .diagnostics.time_scales import LOOK as LOOK, time_rates as time_rates
 from .model.effect import Effect as Effect, Steps as Steps
 from .model.model import Model as Model
 from .model.state import State as State, copy_vectors as copy_vectors

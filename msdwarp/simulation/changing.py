@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import LINEAR_SPRING, System
-from ..engine import Assembly, State, assemble, caught, functions_of, own_rates, resists
+from ..engine import Assembly, State, assemble, caught, resists
 from ..integrators import Integrator, UnstableStep
 from ..runtime import completing, exclusive
 from ..world import (
@@ -29,9 +29,6 @@ from .properties import PresentWorld
 from .settling import Settled, settled
 from .substep_controller import StepController
 from .undoing import undoing, undoing_in_place
-
-EASE_AFTER = 60
-"""Frames between looks at whether functions of one's own are less steep: recording frames again is slow."""
 
 
 class Changing(PresentWorld):
@@ -239,18 +236,6 @@ class Changing(PresentWorld):
         if change.gravity is not None:
             other["gravity"] = change.gravity
         self._reload(change.applied_to(system), other)
-
-    @property
-    def _looks_ahead(self) -> bool:
-        """Whether each frame may need other substeps, which the state before it tells."""
-        return self._refresh or (self._forced is None and bool(functions_of(self.assembly)))
-
-    def _functions_changed(self) -> bool:
-        """Return whether functions of one's own need other substeps in the coming frame than those chosen."""
-        for one in functions_of(self.assembly):
-            one.hold(self.time)
-        chosen, now = self.choice.rates.own, own_rates(self.assembly, self.state)[0]
-        return now > 1.1 * chosen or (now < 0.5 * chosen and self.frame_index % EASE_AFTER == 0)
 
     def _reload(self, system: System, other: dict[str, Any]) -> None:
         """Upload a system again, with changed surroundings."""

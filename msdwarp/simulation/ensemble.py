@@ -20,7 +20,6 @@ from ..engine import (
     assemble_worlds,
     starting_state,
     threads_of_world,
-    world_rates,
 )
 from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
 from ..runtime import calling, completing, exclusive, in_turn
@@ -34,6 +33,7 @@ from .ensemble_results import dataset, import_xarray, observations
 from .gradient import Differentiable
 from .simulation import Simulation
 from .stepping import Stepping
+from .undoing import undoing
 
 STATUS = ("running", "not finite", "energy")
 """Names of the values 0, 1 and 2 of `WorldStatus.status`."""
@@ -166,17 +166,24 @@ class Ensemble(Differentiable):
     @exclusive
     def reset(self) -> None:
         """Go back to the start."""
-        assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
-        threads_of_world(assembly, self._threads)  # raise before kernels are compiled
-        state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
+        with undoing(self):
+            self.frame_index, self._warned = 0, set()
+            assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
+            threads_of_world(assembly, self._threads)  # raise before kernels are compiled
+            state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
+            choices = self._choices(assembly, state)
+            how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}
+            self.stepping = Stepping(Dynamics(assembly), state, self._method, choices, **how)
+
+    def _choices(self, assembly: Assembly, state: State) -> list[StepChoice]:
+        """Return the substeps that worlds with different parameters need."""
         choices = list[StepChoice]()
-        for k, rates in enumerate(world_rates(assembly, state)):
+        for k, rates in enumerate(self._rates(assembly, state)):
             try:
                 choices.append(self._choose(rates, assembly, state, k))
             except UnstableStep as error:
                 raise UnstableStep(f"in world {k} {error}") from error
-        how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}
-        self.stepping, self.frame_index = Stepping(Dynamics(assembly), state, self._method, choices, **how), 0
+        return choices
 
     def _parameter_of(self, name: str, world: int) -> NDArray[np.float64]:
         """Return a world's entry of a parameter."""
@@ -194,6 +201,8 @@ class Ensemble(Differentiable):
         """Advance all worlds that have not diverged by one or more frames."""
         with completing() as interrupted:
             for _ in range(checks.count("frames", frames, 1)):
+                if self._functions_changed():
+                    self.stepping = self.stepping.with_choice(*self._choices(self.assembly, self.state))
                 self.stepping.advance(self.time)
                 self.frame_index += 1
                 if interrupted:

@@ -1,5 +1,7 @@
 """Properties of simulations and ensembles that can be read between two frames."""
 
+import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,7 +13,21 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..engine import Assembly, Measures, Model, Rates, State, measure, rates_by_part
+from ..checks import StepWarning
+from ..engine import (
+    LOOK,
+    Assembly,
+    Measures,
+    Model,
+    Rates,
+    State,
+    functions_of,
+    measure,
+    own_rates,
+    rates_by_part,
+    time_rates,
+    world_rates,
+)
 from ..integrators import (
     Integrator,
     StepChoice,
@@ -27,6 +43,18 @@ from .arguments import given_substeps
 from .pinned_staging import to_host
 from .readings import Readings
 from .stepping import Stepping
+
+EASE_AFTER = 60
+"""Frames between looks at whether functions of one's own are less steep: recording frames again is slow."""
+FEW = 2
+"""Given substeps are warned of if automatic ones would be more than so many times as many."""
+
+
+def _asked(method: Integrator, fps: float, time: float, *scene: Any) -> str:
+    """Return as text how many substeps parts of a scene ask for, and its functions of time."""
+    own = time_rates(scene[0], scene[1], time, fps)
+    parts = rates_by_part(*scene) | {name: Rates(0.0, 0.0, math.inf, own=rate) for name, rate in own.items()}
+    return asked_by(parts, method, fps)
 
 
 class Present(ReleasedInTurn):
@@ -45,6 +73,10 @@ class Present(ReleasedInTurn):
     stepping: Stepping
     fps: float
     frame_index: int
+    _warned: set[type[Warning]]
+    """Warnings that the run has given."""
+    _timed = False
+    """Whether there are functions of time."""
     _due: Sequence[Change] = ()
     """Scheduled changes that have not been made yet."""
 
@@ -80,13 +112,52 @@ class Present(ReleasedInTurn):
         self._allow_unstable = allow_unstable
         self._energy_limit = checks.non_negative("energy_limit", energy_limit, infinite=True)
 
+    def _rates(self, assembly: Assembly, state: State) -> list[Rates]:
+        """Return bounds of the rates of worlds with different parameters, and what functions of time ask for."""
+        found, own = world_rates(assembly, state), max(self._time_rates(assembly, state).values(), default=0.0)
+        return [one._replace(own=max(one.own, own)) for one in found]
+
+    def _time_rates(self, assembly: Assembly, state: State) -> dict[str, float]:
+        """Return `time_rates` now; warn once if a function is much faster than substeps that are given."""
+        found = time_rates(assembly, state, self.time, self.fps)
+        self._timed = bool(found)
+        name, most = max(found.items(), key=lambda one: one[1], default=("", 0.0))
+        if self._forced is not None and most > FEW * self._forced * self.fps and StepWarning not in self._warned:
+            self._warned.add(StepWarning)
+            warnings.warn(
+                f"{name} changes too fast for substeps={self._forced} between {self.time:.4g} s and "
+                f"{self.time + LOOK / self.fps:.4g} s; {math.ceil(most / self.fps)} would resolve it",
+                StepWarning,
+                stacklevel=7,
+            )
+        return found
+
+    def _looks_at(self, frame: int) -> bool:
+        """Return whether functions of one's own, or of time, are looked at before frame number `frame`."""
+        own = self._forced is None and bool(functions_of(self.assembly))
+        return own or (frame % LOOK == 0 and self._timed)
+
+    def _functions_changed(self) -> bool:
+        """Return whether functions of one's own, or of time, need other substeps than those chosen."""
+        functions, chosen = functions_of(self.assembly), max(one.rates.own for one in self.stepping.choices)
+        if not self._looks_at(self.frame_index):
+            return False
+        for one in functions:
+            one.hold(self.time)
+        now, of_time = max(own_rates(self.assembly, self.state)), 0.0
+        if self.frame_index % LOOK == 0:
+            of_time = max(self._time_rates(self.assembly, self.state).values(), default=0.0)
+        ease = self.frame_index % (EASE_AFTER if functions else LOOK) == 0
+        more = now > 1.1 * chosen or of_time > self.substeps * self.fps
+        return self._forced is None and (more or (ease and max(now, of_time) < 0.5 * chosen))
+
     def _choose(self, rates: Rates, *scene: Any) -> StepChoice:
         """Return the substeps for these rates; raise UnstableStep if the requested substeps are too few.
 
         `scene` are arguments of `rates_by_part`, which is called for messages only.
         """
         given = rates, self._method, self.fps
-        asked = partial(lambda *of: asked_by(rates_by_part(*scene), *of), *given[1:])
+        asked = partial(_asked, *given[1:], self.time, *scene)  # without a reference to `self`
         if self._forced is not None and self._allow_unstable:
             return replace(choose_forced(*given, self._forced), asked=asked)
         try:

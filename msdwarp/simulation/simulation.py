@@ -17,7 +17,6 @@ from ..engine import (
     Dynamics,
     assemble,
     check_blocks,
-    rate_bounds,
     starting_state,
     warn_of_start,
 )
@@ -284,9 +283,10 @@ class Simulation(Changing, Differentiable):
         """Advance by a frame; `continues`: another frame follows immediately."""
         while self._due and self._due[0].is_due(self.frame_index, self.fps):
             self._apply_scheduled_change()
-        if self._refresh or (self._looks_ahead and self._functions_changed()):
+        if self._refresh or self._functions_changed():
             self._update_choice()
-        interrupted = self._looks_ahead or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
+        interrupted = self._refresh or self._looks_at(self.frame_index + 1)
+        interrupted = interrupted or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
         self._advance((self.frame_index + 1) / self.fps if continues and not interrupted else None)
         self._count_frame()
 
@@ -316,7 +316,7 @@ class Simulation(Changing, Differentiable):
     def _stable_choice(self, *of: Any) -> StepChoice:
         """Return the substeps for an assembly and a state, by default the current ones; or raise UnstableStep."""
         assembly, state = of or (self.assembly, self.state)
-        return self._choose(rate_bounds(assembly.model.system, assembly, state), assembly, state)
+        return self._choose(self._rates(assembly, state)[0], assembly, state)
 
     def _update_choice(self) -> None:
         """Choose the substeps for the current state."""

@@ -42,6 +42,11 @@ from .track import Track, Tracks, can_judge_late
 from .undoing import undoing_in_place
 
 
+def largest(choices: Sequence[StepChoice]) -> StepChoice:
+    """Return the choice with the most substeps."""
+    return max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
+
+
 class Stepping:
     """The worlds on a device, the method that advances them, and the substeps of a frame.
 
@@ -74,7 +79,7 @@ class Stepping:
     ) -> None:
         self.dynamics, self.assembly, self.model = dynamics, dynamics.assembly, dynamics.model
         self.state, self.choices = state, choices
-        choice = self.choice = max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
+        choice = self.choice = largest(choices)
         self._options = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
         self._options |= {"watch_energy": watch_energy, "still": still}
         self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
@@ -130,15 +135,18 @@ class Stepping:
         """Function that replays the first recorded graph; None if there is none yet."""
         return next(iter(self._tracks.first.graphs.values()), None)
 
-    def with_choice(self, choice: StepChoice) -> Self:
+    def with_choice(self, *choices: StepChoice) -> Self:
         """Return a `Stepping` with other substeps, which replaces this one and continues from its state."""
-        own = self.integrator
+        own, choice = self.integrator, largest(choices)
         with undoing_in_place(self):
             if own.staggered or not self.at_start:
                 most = own.lag * choice.limit if choice.limit > 0 else math.inf
                 self.velocities.change_lag(own.lag * choice.step, most)
             options = self._options | {"baseline": self.watch.baseline, "time": self._time}
-            return type(self)(self.dynamics, self.state, choices=[choice], **options)
+            other = type(self)(self.dynamics, self.state, choices=choices, **options)
+        if other.frozen is not None:
+            other.frozen.go_on_from(self.frozen)
+        return other
 
     def keep(self) -> None:
         """Have `go_back` return to the present state."""

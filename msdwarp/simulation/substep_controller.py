@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 from .. import checks
-from ..engine import EnergyBalance, rounding_energy, size, weight
+from ..engine import EnergyBalance, mass, rounding_energy, size, weight
 from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
 from .stepping import Stepping
 
@@ -39,6 +39,8 @@ LONGEST_INTERVAL = 64
 """Maximal number of frames between two checks. A check costs as much as a few substeps."""
 OFTEN = 8
 """At shorter intervals than this, each frame on a GPU sums its energy balance."""
+AT_REST = 1e-7
+"""A body that moves by less than this fraction of its size in a frame is at rest."""
 LARGE_STRAIN = 0.3
 """Above this strain the stability limit of small motions is unreliable, and every frame is checked."""
 FRAGILE_STRAIN = 0.4
@@ -146,7 +148,7 @@ class StepController:
         balance, model, state = stepping.balance(), stepping.model, stepping.state
         # Rounding errors of ten seconds add up to several hundred times one error.
         fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(stepping.assembly, state)
-        self.scale = fall + rounding
+        self.scale = fall + rounding + mass(model) * (AT_REST * size(state) * stepping.choice.fps) ** 2
         separable = model.precision != "float64" and max(fall, balance.inner) > ROUNDED * rounding
         self.rounding = rounding if separable else 0.0
         self.least, self.floor, self.strain = balance.energy, balance.energy - above, balance.strain
@@ -259,8 +261,13 @@ class StepController:
         return SHARE * self._scale_of(balance)
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:
-        """Return the scale of energies [J]: at least the external work, whose error is of first order."""
-        return self.scale if balance is None else max(self.scale, abs(balance.work))
+        """Return the scale of energies [J]: at least the external work, whose error is of first order.
+
+        Motion of the whole body has a small weight, since it is not internal energy.
+        """
+        if balance is None:
+            return self.scale
+        return max(self.scale, abs(balance.work), balance.inner + 0.05 * balance.kinetic)
 
     def _accept_gain(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
         """Accept a frame with an unexplained rise of energy if the total rise is small."""
@@ -319,8 +326,7 @@ class StepController:
         """Update the least and the largest energies."""
         self.least, self.floor = min(self.least, balance.energy), min(self.floor, balance.energy)
         self.low, self.high = min(self.low, balance.free), max(self.high, balance.free)
-        # Motion of the whole body has a small weight, since it is not internal energy.
-        self.scale = max(self.scale, balance.inner + 0.05 * balance.kinetic, abs(balance.work))
+        self.scale = self._scale_of(balance)
 
     def _refine(
         self, stepping: Stepping, stable_choice: Callable[[], StepChoice]

@@ -23,7 +23,7 @@ from msdwarp import (
     chain,
     sheet,
 )
-from msdwarp.simulation import ensemble as ensemble_module
+from msdwarp.simulation import properties
 
 WORLDS = 6
 METHODS = {
@@ -333,7 +333,7 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
     ],
 )
 def test_what_worlds_cannot_be_is_said(own, said, monkeypatch):
-    monkeypatch.setattr(ensemble_module, "world_rates", None)  # before the first kernels of a step are compiled
+    monkeypatch.setattr(properties, "world_rates", None)  # before the first kernels of a step are compiled
     given = {"scene": block(), "worlds": WORLDS, "device": "cpu"} | own
     with pytest.raises(ValueError, match=said):
         Ensemble(given.pop("scene"), given.pop("worlds"), **given)

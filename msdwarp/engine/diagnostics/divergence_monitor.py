@@ -165,6 +165,10 @@ class FrozenWorlds:
         each = (one for one in assembly.all if one.by_world and one is not self._contact)
         self._put_back = {id(array) for one in each for array in one.changing}
 
+    def go_on_from(self, other: Any) -> None:
+        """Take over what another one has found."""
+        self._own, self._good_frames, self._particle = other._own, other._good_frames, other._particle
+
     @property
     def changing(self) -> list[wp.array]:
         """Arrays to restore if a frame must be repeated, which happens only for contact between bodies."""

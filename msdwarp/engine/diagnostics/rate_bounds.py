@@ -48,7 +48,7 @@ class Rates(NamedTuple):
     limited_share: float = 0.0
     """Fraction of the longest stable step that limited dampers use; 0 if none are limited."""
     own: float = 0.0
-    """Substeps per second that resolve the motion under functions of one's own, whatever the method."""
+    """Substeps per second that resolve functions of one's own, and of time, whatever the method."""
 
     @classmethod
     def all_within(cls, several: Iterable["Rates"]) -> "Rates":
@@ -109,11 +109,8 @@ def own_rates(assembly: Assembly, state: State) -> list[float]:
     if not functions:
         return [0.0] * model.different
     blocks = zero_blocks(model)
-    for world in range(model.different):
-        here = slice(world * model.stride, world * model.stride + model.particle_count)
-        parts: Any = (state.x[here], state.v[here], *(each[world] for each in blocks), world)
-        for one in functions:
-            one.add_blocks(*parts, places=PLACES)
+    for one in functions:
+        one.add_slopes(state.x, state.v, *blocks, places=PLACES)
     found = largest_rates(model, *blocks)
     return np.maximum(np.sqrt(found[:, 0]) / OSCILLATION, found[:, 1] / RELAXATION).tolist()
 

@@ -40,6 +40,9 @@ class AttachmentSprings(FrameTables):
             if isinstance(one, Attachment) and one.carried_by is not None and one.carried_by.motion is not None
         ]
         self._moving = bool(self._carriers)
+        self.prescribed = [
+            (f"{name}.carried_by", one.motion, one.centre(model.dim)) for name, one in self._carriers
+        ]
         self._damped = bool(self._hands) or any(one.damping for one in several)
         self._composed = attachments(
             model.dim,

@@ -39,6 +39,7 @@ class Drives(FrameTables):
 
     def __init__(self, model: Model, drives: Sequence[tuple[str, Driven]]) -> None:
         self._model, self._drives = model, drives
+        self.prescribed = [(name, one.motion, one.centre) for name, one in drives]
         self._wide = vector(model.dim, wp.float64)
         self._turn = wp.types.matrix((model.dim, model.dim), wp.float64)
         self.piece = driven(model.dim, model.scalar, model.compensated)

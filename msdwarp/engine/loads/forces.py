@@ -12,6 +12,7 @@ from ...kernels.loads import (
     add_function_slopes,
     function_force,
     function_projection,
+    function_values,
     given_force_projection,
     steady_force,
     varying_force,
@@ -21,7 +22,7 @@ from ...world import Falling, Force, Load
 from ..device.device import upload_fields
 from ..model.effect import Effect, Elements, Numbers, Parameter
 from ..model.model import Model
-from ..model.stage_tables import StageTables, exchanged
+from ..model.stage_tables import MOST_LOOKED_AT, StageTables, exchanged
 
 MOST_AHEAD = 64.0
 """Largest rate of a function where a particle goes next that is believed, times a frame: it may not get there."""
@@ -146,8 +147,11 @@ class ForceField(Effect):
 
     def __init__(self, model: Model, name: str, force: Force, number: int) -> None:
         kinds = {"x": model.vector, "v": model.vector, "t": model.scalar, "i": wp.int32}
-        own = force.force, number, "v" in check_types(name, force.force, kinds, model.vector)
+        used = check_types(name, force.force, kinds, model.vector)
+        own = force.force, number, "v" in used
         self.piece = function_force(model.dim, model.scalar, model.compensated, *own)
+        self._name, self._timed = name, "t" in used
+        self._values = function_values(model.dim, model.scalar, force.force)
         self._projected = function_projection(model.dim, model.scalar, force.force)
         self.data, self.members = self.piece.Data(), force.particles(model.system)
         self._model, self._time, self._on = model, 0.0, np.flatnonzero(self.members)
@@ -159,14 +163,28 @@ class ForceField(Effect):
         """Have the next bound begin at `time` [s]."""
         self._time = time
 
-    def add_blocks(
-        self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0, places: int = 1
+    def look_ahead(self, times: NDArray[np.float64], x: Any, v: Any) -> dict[str, NDArray[np.float64]]:
+        """Return the force on some of the particles at their present places, if the function names the time."""
+        if not self._timed:
+            return {}
+        model, member = self._model, self._member[:: -(-len(self._on) // MOST_LOOKED_AT)]
+        found = wp.zeros((len(times), len(member)), dtype=model.vector, device=model.device)
+        inputs = [member, x, v, wp.array(times, dtype=model.scalar, device=model.device)]
+        wp.launch(self._values, found.shape, inputs, [found], device=model.device)
+        return {self._name: found.numpy().astype(np.float64)}
+
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+        """Add half of |∂F/∂x| and |∂F/∂v| of each particle."""
+        self.add_slopes(x, v, stiffness.reshape((1, -1)), damping.reshape((1, -1)), world)
+
+    def add_slopes(
+        self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, first: int = 0, places: int = 1
     ) -> None:
-        """Add half of |∂F/∂x| and |∂F/∂v| of each particle; with 3 places the largest until a frame later."""
-        masses, fps = self._model.table("inverse_mass"), self.steps.fps
-        numbers = [self._time, 1.0 / fps, self._size, MOST_AHEAD * fps, places]
-        inputs = [self._member, masses[world % len(masses)], x, v, *numbers]
-        wp.launch(self._slopes, len(self._on), inputs, [stiffness, damping], device=self._model.device)
+        """Do so in worlds from the `first` on, shape [worlds, ...]; with 3 places the largest in a frame's way."""
+        masses, fps, stride = self._model.table("inverse_mass"), self.steps.fps, self._model.stride
+        numbers = [first, stride, self._time, 1.0 / fps, self._size, MOST_AHEAD * fps, places]
+        inputs, shape = [self._member, masses, x, v, *numbers], (len(stiffness), len(self._on))
+        wp.launch(self._slopes, shape, inputs, [stiffness, damping], device=self._model.device)
 
     def elements(self) -> Elements:
         """Return the particles that the force acts on, as elements for gradients."""

@@ -11,7 +11,7 @@ from ...bodies import check_types
 from ...kernels.loads import (
     projection_on_faces,
     projection_on_particles,
-    speed_of_air,
+    velocity_of_air,
     wind_on_faces,
     wind_on_particles,
 )
@@ -19,11 +19,11 @@ from ...world import Load, Wind
 from ..device.device import upload_fields
 from ..model.effect import Effect, Elements, Numbers, Parameter
 from ..model.model import Model
-from ..model.stage_tables import AHEAD, StageTables
+from ..model.stage_tables import AHEAD, MOST_LOOKED_AT, StageTables
 from .surface_triangles import Faces, area_vectors
 
 AHEAD_BY_PLACE = 15
-"""Wind that is a function of place is bounded at every 15th time of AHEAD: each needs a launch."""
+"""Wind that is a function of place is bounded at every 15th time of AHEAD: each takes all particles."""
 Named = Sequence[tuple[str, Wind]]
 """Winds, each with its name in messages."""
 
@@ -94,22 +94,32 @@ class WindEffect(StageTables):
         """Return the velocity of each wind at each time [m/s], shape [time_count, wind_count, d]."""
         return super().at(times) if self._given else np.zeros((len(times), 1, self._model.dim))
 
+    def look_ahead(self, times: NDArray[np.float64], x: Any, v: Any) -> dict[str, NDArray[np.float64]]:
+        """Return the velocities of the air at these times; if a function of place, at some of the particles."""
+        if self._given:
+            return super().look_ahead(times, x, v)
+        return {self.named[0][0]: self._by_place(times, x, -(-self._model.particle_count // MOST_LOOKED_AT))}
+
+    def _by_place(self, times: NDArray[np.float64], x: wp.array, every: int = 1) -> NDArray[np.float64]:
+        """Return the velocity of the air at these times at one of `every` so many particles [m/s]."""
+        model = self._model
+        count = -(-model.particle_count // every)
+        found = wp.zeros((len(times), count), dtype=model.vector, device=model.device)
+        inputs = [x, every, wp.array(times, dtype=model.scalar, device=model.device)]
+        kernel = velocity_of_air(model.dim, model.scalar, self.function)
+        wp.launch(kernel, found.shape, inputs, [found], device=model.device)
+        return found.numpy().astype(np.float64)
+
     def _resistance(self, x: wp.array, v: wp.array, area: NDArray, wind: NDArray) -> NDArray[np.float64]:
         """Return dF/du = ρ (C_d + C_l) A u [N s/m] for areas A [m²], at the largest relative speed u [m/s].
 
         That of the air is the largest now and in the next second; if it is a function of place, at the particles'
         present places.
         """
-        model = self._model
         coefficients = np.array([one.density * (one.drag + one.lift) for _, one in self.named])[wind]
         air = np.linalg.norm(self.now_and_ahead(), axis=-1).max(axis=0)[wind]
         if not self._given:
-            times = self._time + AHEAD[::AHEAD_BY_PLACE]
-            speeds = wp.zeros((len(times), len(x)), dtype=model.scalar, device=model.device)
-            kernel = speed_of_air(model.dim, model.scalar, self.function)
-            for k, time in enumerate(times):
-                wp.launch(kernel, len(x), [x, time], [speeds[k]], device=model.device)
-            air = speeds.numpy().max()
+            air = np.linalg.norm(self._by_place(self._time + AHEAD[::AHEAD_BY_PLACE], x), axis=-1).max()
         speed = np.linalg.norm(v.numpy().astype(np.float64), axis=1).max() + air
         return coefficients * area * speed
 

@@ -256,6 +256,14 @@ class Effect:
         For forces that depend on speeds, at positions x and velocities v.
         """
 
+    def look_ahead(self, times: NDArray[np.float64], x: wp.array, v: wp.array) -> dict[str, NDArray[np.float64]]:
+        """Return values of the effect's functions of time by name, shape [time_count, columns, width].
+
+        Functions also of place are taken for particles at positions x with velocities v. The substeps follow from
+        these values, each column by itself (`time_rates`). Raises ValueError if one is undefined.
+        """
+        return {}
+
     def elements(self) -> Elements | None:
         """Return the elements whose forces Warp differentiates; None if the effect has none."""
 

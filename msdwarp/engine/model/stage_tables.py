@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...world import Load
+from ...world import Load, poses
 from ..device.frame_tables import InFrames, Tables
 from .effect import Effect
 from .model import Model
@@ -14,11 +14,16 @@ from .model import Model
 AHEAD = np.arange(61) / 60.0
 """Times after the current one at which stability bounds evaluate values that are functions of time [s]."""
 
+MOST_LOOKED_AT = 64
+"""Functions of place are looked at ahead for so many particles, evenly chosen."""
+
 
 class FrameTables(Effect):
     """An effect whose kernels may read tables that are filled for each frame."""
 
     _frames: InFrames | None = None
+    prescribed: Sequence[tuple[str, Any, Any]] = ()
+    """Prescribed motions, each with its name in messages and the centre of its rotation [m]."""
     varies = True
     """Whether tables are filled for each frame; else they keep the values that `hold` wrote."""
 
@@ -36,6 +41,16 @@ class FrameTables(Effect):
     def fill(self, time: float, tables: Tables) -> None:
         """Write the tables of the frame that begins at `time` [s]."""
         raise NotImplementedError
+
+    def look_ahead(self, times: NDArray[np.float64], x: Any, v: Any) -> dict[str, NDArray[np.float64]]:
+        """Return each motion's rotation and displacement since the first of these times, to a picometre."""
+        found = {}
+        for name, motion, centre in self.prescribed:
+            turn, shift = poses(name, motion, centre, times, np.inf)
+            values = found[name] = np.zeros((len(times), 2, centre.size**2))
+            values[:, 0], values[:, 1, : centre.size] = turn.reshape(len(times), -1), turn @ centre + shift
+            values[:] = np.round(values - values[0], 12)
+        return found
 
     def begin_frame(self, time: float) -> None:
         """Upload the tables of the frame that begins at `time` [s]."""
@@ -71,6 +86,16 @@ class StageTables(FrameTables):
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the table's rows at these times, shape [time_count, width] or [time_count, width, d]."""
         return np.stack([one.at(times, self._model.dim, name) for name, one in self.named], axis=1)
+
+    def look_ahead(self, times: NDArray[np.float64], x: Any, v: Any) -> dict[str, NDArray[np.float64]]:
+        """Return the table's rows at these times, all under one name if there is not one element for each load."""
+        if not self.varies:
+            return {}
+        names, rows = [name for name, _ in self.named], self.at(times)
+        rows = rows.reshape(*rows.shape[:2], -1)
+        if len(names) != rows.shape[1]:
+            return {", ".join(names): rows}
+        return {name: rows[:, k, None] for k, name in enumerate(names)}
 
     def now_and_ahead(self) -> NDArray[np.float64]:
         """Return the current frame's rows and those of the next second, for stability bounds."""
