@@ -26,7 +26,6 @@ from .diagnostics.energy_balance import (
     EnergyBalance as EnergyBalance,
     EnergySums as EnergySums,
     is_told_by_frames as is_told_by_frames,
-    mass as mass,
     potential as potential,
     rounding_energy as rounding_energy,
     size as size,

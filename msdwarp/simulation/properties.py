@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..checks import StepWarning
 from ..engine import (
     LOOK,
     Assembly,
@@ -122,12 +121,13 @@ class Present(ReleasedInTurn):
         found = time_rates(assembly, state, self.time, self.fps)
         self._timed = bool(found)
         name, most = max(found.items(), key=lambda one: one[1], default=("", 0.0))
-        if self._forced is not None and most > FEW * self._forced * self.fps and StepWarning not in self._warned:
-            self._warned.add(StepWarning)
+        too_few = self._forced is not None and most > FEW * self._forced * self.fps
+        if too_few and checks.StepWarning not in self._warned:
+            self._warned.add(checks.StepWarning)
             warnings.warn(
                 f"{name} changes too fast for substeps={self._forced} between {self.time:.4g} s and "
                 f"{self.time + LOOK / self.fps:.4g} s; {math.ceil(most / self.fps)} would resolve it",
-                StepWarning,
+                checks.StepWarning,
                 stacklevel=7,
             )
         return found

@@ -41,10 +41,8 @@ from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
 from .undoing import undoing_in_place
 
-
-def largest(choices: Sequence[StepChoice]) -> StepChoice:
-    """Return the choice with the most substeps."""
-    return max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
+WITHIN = 8
+"""Moments within a frame at which its energies are looked at."""
 
 
 class Stepping:
@@ -79,7 +77,7 @@ class Stepping:
     ) -> None:
         self.dynamics, self.assembly, self.model = dynamics, dynamics.assembly, dynamics.model
         self.state, self.choices = state, choices
-        choice = self.choice = largest(choices)
+        choice = self.choice = max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
         self._options = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
         self._options |= {"watch_energy": watch_energy, "still": still}
         self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
@@ -137,7 +135,7 @@ class Stepping:
 
     def with_choice(self, *choices: StepChoice) -> Self:
         """Return a `Stepping` with other substeps, which replaces this one and continues from its state."""
-        own, choice = self.integrator, largest(choices)
+        own, choice = self.integrator, max(choices, key=lambda one: one.substeps)
         with undoing_in_place(self):
             if own.staggered or not self.at_start:
                 most = own.lag * choice.limit if choice.limit > 0 else math.inf
@@ -373,6 +371,19 @@ class Stepping:
             return self._energy_sums.balance(self.watch.told)
         self.discard_ahead()
         return self.balance()
+
+    def balances_within_frame(self) -> list[EnergyBalance]:
+        """Simulate the last frame again, and return its energy balance at some moments; go back to its start."""
+        self.go_back()
+        self.dynamics.begin_frame(self._frame_start)
+        found, first = list[EnergyBalance](), 0
+        for end in sorted({math.ceil(self.choice.substeps * k / WITHIN) for k in range(1, WITHIN + 1)}):
+            self.stepper.take(end - first, first)
+            found.append(self.balance())
+            self.watch.allow_for_work(found[-1].work)
+            first = end
+        self.go_back()
+        return found
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
         """Return the last frame's readings by probe name: evenly spaced rows, the last row at the frame's end."""

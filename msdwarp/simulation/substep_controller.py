@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 from .. import checks
-from ..engine import EnergyBalance, mass, rounding_energy, size, weight
+from ..engine import EnergyBalance, rounding_energy, size, weight
 from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
 from .stepping import Stepping
 
@@ -39,8 +39,6 @@ LONGEST_INTERVAL = 64
 """Maximal number of frames between two checks. A check costs as much as a few substeps."""
 OFTEN = 8
 """At shorter intervals than this, each frame on a GPU sums its energy balance."""
-AT_REST = 1e-7
-"""A body that moves by less than this fraction of its size in a frame is at rest."""
 LARGE_STRAIN = 0.3
 """Above this strain the stability limit of small motions is unreliable, and every frame is checked."""
 FRAGILE_STRAIN = 0.4
@@ -148,7 +146,7 @@ class StepController:
         balance, model, state = stepping.balance(), stepping.model, stepping.state
         # Rounding errors of ten seconds add up to several hundred times one error.
         fall, rounding = 0.05 * weight(model) * size(state), 100.0 * rounding_energy(stepping.assembly, state)
-        self.scale = fall + rounding + mass(model) * (AT_REST * size(state) * stepping.choice.fps) ** 2
+        self.scale = fall + rounding
         separable = model.precision != "float64" and max(fall, balance.inner) > ROUNDED * rounding
         self.rounding = rounding if separable else 0.0
         self.least, self.floor, self.strain = balance.energy, balance.energy - above, balance.strain
@@ -214,6 +212,10 @@ class StepController:
         usual, rises, start = self.refinement, list[float](), None
         while True:
             balance = stepping.balance_of_frame() if fine else None
+            if stepping.assembly.external_work and not (balance and self._is_acceptable(balance)):
+                within = max(map(_own_scale, stepping.balances_within_frame()))
+                fine = stepping.advance(time)
+                balance = stepping.balance_of_frame()._replace(within=within) if fine else None
             if balance is not None and self._is_acceptable(balance):
                 if start is not None:  # the refinement has handled this rise; the next rise counts from here
                     self.least = max(self.least, balance.energy - SLOW * self._allowed(balance))
@@ -261,13 +263,10 @@ class StepController:
         return SHARE * self._scale_of(balance)
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:
-        """Return the scale of energies [J]: at least the external work, whose error is of first order.
-
-        Motion of the whole body has a small weight, since it is not internal energy.
-        """
+        """Return the scale of energies [J]."""
         if balance is None:
             return self.scale
-        return max(self.scale, abs(balance.work), balance.inner + 0.05 * balance.kinetic)
+        return max(self.scale, balance.within, _own_scale(balance))
 
     def _accept_gain(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
         """Accept a frame with an unexplained rise of energy if the total rise is small."""
@@ -360,6 +359,14 @@ class StepController:
         added = stepping.balance().energy - before
         self.least, self.floor = self.least + added, self.floor + added
         return stepping
+
+
+def _own_scale(balance: EnergyBalance) -> float:
+    """Return the scale of a state's energies [J]: at least the external work, whose error is of first order.
+
+    Motion of the whole body has a small weight, since it is not internal energy.
+    """
+    return max(balance.inner + 0.05 * balance.kinetic, abs(balance.work))
 
 
 def _is_physical(stepping: Stepping, rises: list[float]) -> bool:

@@ -86,9 +86,14 @@ class DivergenceMonitor:
         if self._work is not None:
             work = float(self._work.before[0]) + told[columns.WORK]
             self.energy -= work
-            self._most_work = max(self._most_work, abs(work))
-            most += self._most_work  # errors of the work, O(h), remain when it falls
+            self.allow_for_work(work)
+            most += self._most_work
         return self._first < self._model.particle_count or not self.energy <= most
+
+    def allow_for_work(self, work: float) -> None:
+        """Allow for errors of so much work [J], which are O(h) and remain when it falls."""
+        if np.isfinite(work):
+            self._most_work = max(self._most_work, abs(work))
 
     @property
     def _first(self) -> int:

@@ -38,6 +38,8 @@ class EnergyBalance(NamedTuple):
     """Largest |l / l0 − 1|."""
     work: float = 0.0
     """Work of loads, drives and moving obstacles [J]; that of drives and obstacles to first order in the step."""
+    within: float = 0.0
+    """Scale of energies within the last frame, if known [J]: all may vanish at its end."""
 
 
 class EnergySums:

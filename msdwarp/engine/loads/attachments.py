@@ -126,6 +126,7 @@ class AttachmentSprings(FrameTables):
         """Allocate tables for carriers' poses in a frame."""
         if not self._moving:
             return
+        self.keep_work(dt)
         self.data.ahead = int(self.steps.lagging)
         shape, model = (len(self.steps.times(0.0)), len(self._carriers)), self._model
         turn = wp.types.matrix((model.dim, model.dim), model.scalar)

@@ -58,6 +58,7 @@ class Drives(FrameTables):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Allocate tables for a frame's poses, and compute the weights of pose differences."""
+        self.keep_work(dt)
         rows = np.append(np.add.outer(np.arange(substeps), self.steps.stage_times).ravel(), substeps)
         before_or_between = [-1.0] if self.steps.lag else np.linspace(0, substeps, POINTS)
         at = np.append(before_or_between, rows)

@@ -24,6 +24,8 @@ class FrameTables(Effect):
     _frames: InFrames | None = None
     prescribed: Sequence[tuple[str, Any, Any]] = ()
     """Prescribed motions, each with its name in messages and the centre of its rotation [m]."""
+    _last_dt = 0.0
+    """Length of substeps for which `done` holds [s]; 0 at first."""
     varies = True
     """Whether tables are filled for each frame; else they keep the values that `hold` wrote."""
 
@@ -33,6 +35,15 @@ class FrameTables(Effect):
         for name, array in self._frames.arrays.items():
             self.place_table(name, array)
         return self._frames.tables
+
+    def keep_work(self, dt: float) -> None:
+        """Prepare `done` for substeps of `dt` [s]: its second row is half of the next substep's work."""
+        if self.done is not None and self._last_dt not in (0.0, dt):
+            work, ratio = self.done.numpy(), dt / self._last_dt
+            work[0::2] += (1.0 - ratio) * work[1::2]
+            work[1::2] *= ratio
+            self.done.assign(work)
+        self._last_dt = dt
 
     def place_table(self, name: str, table: Any) -> None:
         """Store a table in `data`, where kernels read it."""
