@@ -74,6 +74,7 @@ class Ensemble(Differentiable):
         With a `System`: obstacles, loads, and contact between bodies.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. All worlds have the same number of substeps; "auto" is the largest that a world needs.
+        It follows functions of one's own, and of time, but no energies.
     force_algorithm
         As for `Simulation`; "auto" is the stencil or gather on a GPU, and scatter on the CPU: with these, results
         repeat bit for bit.

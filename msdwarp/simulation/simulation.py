@@ -262,10 +262,10 @@ class Simulation(Changing, Differentiable):
 
         Warns
         -----
-        EnergyDriftWarning, InvertedWarning, StrainWarning
-            Once per run each, with automatic substeps only: if the energy has risen by rounding errors, if cells
-            of a body stay turned inside out, or if a body whose Poisson's ratio is below that of springs is
-            strained so much that it may stay distorted.
+        StepWarning, EnergyDriftWarning, InvertedWarning, StrainWarning
+            Once per run each: if given substeps are much too long for a function of time; with automatic ones if
+            the energy has risen by rounding errors, if cells of a body stay turned inside out, or if a body whose
+            Poisson's ratio is below that of springs is strained so much that it may stay distorted.
         """
         count = checks.count("frames", frames, 1)
         with completing() as interrupted:
@@ -285,8 +285,8 @@ class Simulation(Changing, Differentiable):
             self._apply_scheduled_change()
         if self._refresh or self._functions_changed():
             self._update_choice()
-        interrupted = self._refresh or self._looks_at(self.frame_index + 1)
-        interrupted = interrupted or (self._due and self._due[0].is_due(self.frame_index + 1, self.fps))
+        due = self._due and self._due[0].is_due(self.frame_index + 1, self.fps)
+        interrupted = due or self._refresh or self._looks_at(self.frame_index + 1)
         self._advance((self.frame_index + 1) / self.fps if continues and not interrupted else None)
         self._count_frame()
 

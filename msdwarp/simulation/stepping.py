@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bodies import Frame
 from ..engine import (
-    Backup,
     Baseline,
     Blocks,
     ContactForces,
@@ -41,9 +40,6 @@ from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
 from .undoing import undoing_in_place
 
-WITHIN = 8
-"""Moments within a frame at which its energies are looked at."""
-
 
 class Stepping:
     """The worlds on a device, the method that advances them, and the substeps of a frame.
@@ -55,7 +51,7 @@ class Stepping:
     entry for equal worlds; all worlds use the largest number, `choice`, to which `integrator` is fitted. For
     `energy_limit` and `blocks` see `Simulation`; in an ensemble `blocks` is the number of threads per world. With
     `watch_energy` a `StepController` reads the energy balance of frames. `baseline` is the reference for energies,
-    by default the energy of `state`, at `time` [s].
+    by default the energy of `state`, at `time` [s]. `frozen` are the worlds that have stopped before.
 
     `frozen` freezes worlds; it is None outside of ensembles. `contact_forces` sums the contact forces of a frame;
     None if no probe or caller needs them. With `still`, functions of time keep their values at a frame's start.
@@ -74,6 +70,7 @@ class Stepping:
         still: bool = False,
         baseline: Baseline | None = None,
         time: float = 0.0,
+        frozen: FrozenWorlds | None = None,
     ) -> None:
         self.dynamics, self.assembly, self.model = dynamics, dynamics.assembly, dynamics.model
         self.state, self.choices = state, choices
@@ -90,7 +87,8 @@ class Stepping:
         swings = np.array([replace(one, substeps=choice.substeps).energy_swing for one in choices])
         limit = energy_limit * self.model.of_each(swings)
         self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
-        self.frozen = FrozenWorlds(self.assembly, self.watch, dynamics.frozen) if self.model.in_worlds else None
+        several = (self.assembly, self.watch, dynamics.frozen, frozen)
+        self.frozen = FrozenWorlds(*several) if self.model.in_worlds else None
         self.velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
         others = self.frozen.changing if self.frozen is not None else ()
         self._tracks = Tracks(self.assembly, state, self.velocities, others=others)
@@ -124,11 +122,6 @@ class Stepping:
         self.velocities.start()
 
     @property
-    def backup(self) -> Backup:
-        """The copy of the state at the start of the last frame, from which `go_back` restores it."""
-        return self._tracks.current.backup
-
-    @property
     def graph(self) -> Any:
         """Function that replays the first recorded graph; None if there is none yet."""
         return next(iter(self._tracks.first.graphs.values()), None)
@@ -140,11 +133,8 @@ class Stepping:
             if own.staggered or not self.at_start:
                 most = own.lag * choice.limit if choice.limit > 0 else math.inf
                 self.velocities.change_lag(own.lag * choice.step, most)
-            options = self._options | {"baseline": self.watch.baseline, "time": self._time}
-            other = type(self)(self.dynamics, self.state, choices=choices, **options)
-        if other.frozen is not None:
-            other.frozen.go_on_from(self.frozen)
-        return other
+            options = self._options | {"baseline": self.watch.baseline, "time": self._time, "frozen": self.frozen}
+            return type(self)(self.dynamics, self.state, choices=choices, **options)
 
     def keep(self) -> None:
         """Have `go_back` return to the present state."""
@@ -371,19 +361,6 @@ class Stepping:
             return self._energy_sums.balance(self.watch.told)
         self.discard_ahead()
         return self.balance()
-
-    def balances_within_frame(self) -> list[EnergyBalance]:
-        """Simulate the last frame again, and return its energy balance at some moments; go back to its start."""
-        self.go_back()
-        self.dynamics.begin_frame(self._frame_start)
-        found, first = list[EnergyBalance](), 0
-        for end in sorted({math.ceil(self.choice.substeps * k / WITHIN) for k in range(1, WITHIN + 1)}):
-            self.stepper.take(end - first, first)
-            found.append(self.balance())
-            self.watch.allow_for_work(found[-1].work)
-            first = end
-        self.go_back()
-        return found
 
     def readings(self) -> dict[str, NDArray[np.float64]]:
         """Return the last frame's readings by probe name: evenly spaced rows, the last row at the frame's end."""

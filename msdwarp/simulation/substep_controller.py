@@ -39,6 +39,8 @@ LONGEST_INTERVAL = 64
 """Maximal number of frames between two checks. A check costs as much as a few substeps."""
 OFTEN = 8
 """At shorter intervals than this, each frame on a GPU sums its energy balance."""
+WITHIN = 8
+"""Moments at which a frame's energies are looked at within, before it is refused."""
 LARGE_STRAIN = 0.3
 """Above this strain the stability limit of small motions is unreliable, and every frame is checked."""
 FRAGILE_STRAIN = 0.4
@@ -213,7 +215,7 @@ class StepController:
         while True:
             balance = stepping.balance_of_frame() if fine else None
             if stepping.assembly.external_work and not (balance and self._is_acceptable(balance)):
-                within = max(map(_own_scale, stepping.balances_within_frame()))
+                within = _scale_within(stepping, time)
                 fine = stepping.advance(time)
                 balance = stepping.balance_of_frame()._replace(within=within) if fine else None
             if balance is not None and self._is_acceptable(balance):
@@ -367,6 +369,20 @@ def _own_scale(balance: EnergyBalance) -> float:
     Motion of the whole body has a small weight, since it is not internal energy.
     """
     return max(balance.inner + 0.05 * balance.kinetic, abs(balance.work))
+
+
+def _scale_within(stepping: Stepping, time: float) -> float:
+    """Take the frame from `time` [s] again; return the largest scale within [J], and go back to its start."""
+    stepping.go_back()
+    stepping.dynamics.begin_frame(time)
+    scale, first = 0.0, 0
+    for end in sorted({math.ceil(stepping.choice.substeps * k / WITHIN) for k in range(1, WITHIN + 1)}):
+        stepping.stepper.take(end - first, first)
+        balance, first = stepping.balance(), end
+        stepping.watch.allow_for_work(balance.work)
+        scale = max(scale, _own_scale(balance))
+    stepping.go_back()
+    return scale
 
 
 def _is_physical(stepping: Stepping, rises: list[float]) -> bool:

@@ -107,7 +107,7 @@ class Force(VectorLoad):
         The force on each particle [N]: a vector of shape [d]; a function of time [s] that returns one; or, for
         a force that depends on position or velocity, a `wp.func` (x, v, t, i) -> force on particle i at position x
         [m] with velocity v [m/s] at time t. A `wp.func` is compiled into the scene's kernels: it must take vectors
-        of the scene's precision, or `Any`. Automatic substeps follow its slopes by x and v, not changes with t.
+        of the scene's precision, or `Any`. Automatic substeps follow its slopes and changes.
     on
         The particles acted on; see `Load`.
     total

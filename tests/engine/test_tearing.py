@@ -173,7 +173,7 @@ def test_a_frame_can_be_taken_back(device):
     simulation.step()
     after = simulation.snapshot()
     assert after.broken.sum() > before.broken.sum()
-    simulation.stepping.backup.restore()
+    simulation.stepping.go_back()
     np.testing.assert_array_equal(simulation.snapshot().broken_at, before.broken_at)
     assert simulation.stepping.advance(2 / 60)
     if simulation.model.force_algorithm == "scatter" and device.startswith("cuda"):

@@ -14,7 +14,7 @@ from msdwarp.engine import LOOK
 
 BRIEF = 2e-3  # [s], an eighth of a frame
 HOW: dict[str, Any] = {"precision": "float64", "device": "cpu"}
-FREE = HOW | {"gravity": 0.0}
+FREE: dict[str, Any] = {**HOW, "gravity": 0.0}
 SHEET = msd.sheet((3, 3), 0.1, mass=0.001, stiffness=10.0)
 
 
@@ -171,11 +171,11 @@ def shaken(t):
     ],
 )
 def test_no_period_hides_in_that_of_frames(around, name):
-    run = msd.Simulation(SHEET, **(FREE | around))
+    run = msd.Simulation(SHEET, **{**FREE, **around})
     assert run.substeps == 20
     assert f"{name} 20" in str(run.choice)
     with pytest.warns(msd.StepWarning, match="60 Hz|would resolve it"):
-        msd.Simulation(SHEET, substeps=9, **(FREE | around))
+        msd.Simulation(SHEET, substeps=9, **{**FREE, **around})
 
 
 def test_slow_functions_take_no_more_substeps():

@@ -105,7 +105,7 @@ class Colliders(FrameTables):
             for k, collider in enumerate(colliders)
             if collider.motion is not None
         ]
-        self.prescribed = [(f"colliders[{self._numbers[k]}]", *one) for k, *one in self._moving]
+        self.prescribed = [(f"colliders[{self._numbers[k]}]", one, at) for k, one, at in self._moving]
 
     def brings_in(self, model: Model) -> NDArray[np.float64]:
         """Return an estimate of the energy that depenetration adds [J], for each row of a model's parameters."""

@@ -154,10 +154,12 @@ class WorldStatus(NamedTuple):
 class FrozenWorlds:
     """Tests each world for divergence at a frame's end, on the device, from the sums of a `DivergenceMonitor`.
 
-    The array `frozen` has the status of each world (`Dynamics.frozen`).
+    The array `frozen` has the status of each world (`Dynamics.frozen`). What `earlier` has found stays.
     """
 
-    def __init__(self, assembly: Assembly, watch: DivergenceMonitor, frozen: wp.array) -> None:
+    def __init__(
+        self, assembly: Assembly, watch: DivergenceMonitor, frozen: wp.array, earlier: Self | None = None
+    ) -> None:
         model = assembly.model
         self._model, self._contact, self._frozen = model, assembly.body_contact, frozen
         before = np.zeros(model.worlds) if assembly.external_work is None else assembly.external_work.before
@@ -166,13 +168,11 @@ class FrozenWorlds:
         self._good_frames, self._particle = (wp.zeros_like(frozen) for _ in range(2))
         most_work = wp.zeros(model.worlds, dtype=wp.float64, device=model.device)
         self._own = [frozen, self._good_frames, self._particle, most_work]
+        if earlier is not None:
+            _, self._good_frames, self._particle, _ = self._own = earlier._own
         # Arrays of effects are restored in frozen worlds, except the arrays of contact between bodies.
         each = (one for one in assembly.all if one.by_world and one is not self._contact)
         self._put_back = {id(array) for one in each for array in one.changing}
-
-    def go_on_from(self, other: Any) -> None:
-        """Take over what another one has found."""
-        self._own, self._good_frames, self._particle = other._own, other._good_frames, other._particle
 
     @property
     def changing(self) -> list[wp.array]:

@@ -110,7 +110,7 @@ def own_rates(assembly: Assembly, state: State) -> list[float]:
         return [0.0] * model.different
     blocks = zero_blocks(model)
     for one in functions:
-        one.add_slopes(state.x, state.v, *blocks, places=PLACES)
+        one.add_slopes(state.x, state.v, blocks[0], blocks[1], places=PLACES)
     found = largest_rates(model, *blocks)
     return np.maximum(np.sqrt(found[:, 0]) / OSCILLATION, found[:, 1] / RELAXATION).tolist()
 

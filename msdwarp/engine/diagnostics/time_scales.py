@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import checks
 from ...runtime import in_turn
 from ..model.state import State
 from ..stepping.assemble import Assembly
@@ -33,6 +34,8 @@ def time_rates(assembly: Assembly, state: State, time: float, fps: float) -> dic
             times = _times(start, time + ahead / fps, count * fps)
             try:
                 values = effect.look_ahead(times, state.x, state.v)
+                for name, each in values.items():
+                    checks.finite(name, each)
             except (ValueError, SystemExit):  # it may be defined for a shorter run only
                 ahead -= 1
                 continue

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import checks
 from ...world import Load, poses
 from ..device.frame_tables import InFrames, Tables
 from .effect import Effect
@@ -57,7 +58,7 @@ class FrameTables(Effect):
         """Return each motion's rotation and displacement since the first of these times, to a picometre."""
         found = {}
         for name, motion, centre in self.prescribed:
-            turn, shift = poses(name, motion, centre, times, np.inf)
+            turn, shift = poses(name, motion, centre, times, checks.LARGEST)
             values = found[name] = np.zeros((len(times), 2, centre.size**2))
             values[:, 0], values[:, 1, : centre.size] = turn.reshape(len(times), -1), turn @ centre + shift
             values[:] = np.round(values - values[0], 12)
