@@ -266,9 +266,7 @@ class StepController:
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:
         """Return the scale of energies [J]."""
-        if balance is None:
-            return self.scale
-        return max(self.scale, balance.within, _own_scale(balance))
+        return self.scale if balance is None else max(self.scale, balance.within, abs(balance.work))
 
     def _accept_gain(self, stepping: Stepping, balance: EnergyBalance) -> Stepping:
         """Accept a frame with an unexplained rise of energy if the total rise is small."""
@@ -327,7 +325,7 @@ class StepController:
         """Update the least and the largest energies."""
         self.least, self.floor = min(self.least, balance.energy), min(self.floor, balance.energy)
         self.low, self.high = min(self.low, balance.free), max(self.high, balance.free)
-        self.scale = self._scale_of(balance)
+        self.scale = max(self._scale_of(balance), _own_scale(balance))
 
     def _refine(
         self, stepping: Stepping, stable_choice: Callable[[], StepChoice]

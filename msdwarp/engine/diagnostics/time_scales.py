@@ -30,7 +30,7 @@ def time_rates(assembly: Assembly, state: State, time: float, fps: float) -> dic
     found, start = dict[str, float](), max(0.0, time - 1.0 / fps)
     for effect in assembly.all if any(one.overrides("look_ahead") for one in assembly.all) else ():
         count, ahead = LEAST, LOOK + 1
-        while ahead >= 0:
+        while ahead > 0:
             times = _times(start, time + ahead / fps, count * fps)
             try:
                 values = effect.look_ahead(times, state.x, state.v)
