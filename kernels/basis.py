@@ -1,7 +1,5 @@
 """The vector type of kernels, and their declaration."""
 
-import zlib
-
 import warp as wp
 
 
@@ -19,21 +17,14 @@ def kernel(function, **options):
     return wp.kernel(function, module="unique", enable_backward=False, **options)
 
 
-def fully_hashed(function, constants: object = None):
+def fully_hashed(function):
     """Declare `function` as a Warp function all of whose constants count in the hash by which Warp knows kernels.
 
     Warp finds values of `wp.static` that depend on the variable of a loop only when it generates code, and until
     then its hash lacks them. So functions that differ in nothing else would share a kernel, and a kernel would be
     compiled again in a process that had loaded others from the cache. Here code is generated at once.
-
-    `constants` are numbers in the function of which Warp's hash would have the digits of float32 only: they become
-    part of its name.
     """
-    name = None
-    if constants is not None:
-        digest = zlib.crc32(repr(constants).encode())
-        name = f"{function.__qualname__.replace('.<locals>.', '__locals__')}_{digest:08x}"
-    declared = wp.func(function, name=name)
+    declared = wp.func(function)
     declared.build(None)
     return declared
 

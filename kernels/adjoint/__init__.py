@@ -20,7 +20,6 @@ from .springs import (
     Wanted as Wanted,
     in_lattice as in_lattice,
     in_table as in_table,
-    is_linear as is_linear,
     springs_adjoint as springs_adjoint,
 )
 from .stages import combination_adjoint as combination_adjoint

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from ..springs.dampers import LINEAR, damper_force
+from ..springs.dampers import LINEAR, damper_force, law_numbers
 from ..springs.gather import SLICE
 from ..springs.lanes import sum_over_lanes
 from ..springs.law import TINY, inverse_root
@@ -34,30 +34,26 @@ class Wanted(NamedTuple):
 def projected_force(dim: int, scalar: type, laws: Laws):
     """Compose ψ·F for the force F of a spring on its first particle: its gradient is the adjoint of F.
 
-    It is the law of `springs.law`, in operations that Warp can differentiate. `strain` is an actuator's, or 0.
+    It is the law of `springs.law`, in operations that Warp can differentiate. `own` are rest length,
+    stiffness and damping, `actuated` is the strain of an actuator, or 0.
     """
-    V, (damper, spring) = vector(dim, scalar), laws
-    stress = None if spring is None else spring_stress(scalar, spring)
-    resistance, slack, own = damper_force(scalar, damper or LINEAR), laws.slacken, laws.own_damper
-    tiny = TINY[scalar]
+    V, Three, Numbers, (damper, spring) = vector(dim, scalar), vector(3, scalar), law_numbers(scalar), laws
+    stress, resistance = spring_stress(scalar, spring or LINEAR), damper_force(scalar, damper or LINEAR)
+    slack, tiny = laws.slacken, TINY[scalar]
 
     @wp.func
-    def projected(
-        dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar
-    ) -> scalar:
+    def projected(dx: V, dv: V, psi: V, own: Three, actuated: scalar, law: Numbers) -> scalar:
         length = wp.sqrt(wp.dot(dx, dx) + scalar(tiny))
-        pull = stiffness * (length - rest_length)
+        strain = length / own[0] - scalar(1.0)
+        pull = own[1] * (length - own[0])
         if wp.static(spring is not None):
-            pull = stiffness * rest_length * stress(length / rest_length - scalar(1.0))
+            pull = own[1] * own[0] * stress(strain, law)
         if wp.static(damper is not None):
-            if wp.static(own is None):
-                resisting = resistance(wp.dot(dv, dx) / length, damping)
-            else:
-                resisting = own(length / rest_length - scalar(1.0), wp.dot(dv, dx) / length, damping)
+            resisting = resistance(strain, wp.dot(dv, dx) / length, own[2], law)
             if wp.static(slack):  # not `clamp`, whose derivative by `resisting` is 1 where all three are 0
                 resisting = wp.max(wp.min(resisting, pull), -pull)
             pull += resisting
-        pull -= stiffness * rest_length * strain
+        pull -= own[1] * own[0] * actuated
         return -(pull / length) * wp.dot(psi, dx)
 
     return projected
@@ -67,61 +63,35 @@ def projected_force(dim: int, scalar: type, laws: Laws):
 def linear_adjoint(dim: int, scalar: type, damped: bool):
     """Compose the gradient of `projected_force` of linear springs and dampers by hand: half the operations.
 
-    It returns (∂/∂Δx, ∂/∂Δv, along, stretch, rate) with along = ψ·axis; the last three give other derivatives.
-    With u = 1/|Δx| the force is −q Δx, q = k − (k l0 − b l') u, so ∂(ψ·F)/∂Δx = −q ψ − (ψ·Δx) ∂q/∂Δx.
+    It returns the derivatives by Δx, Δv, the constants and the strain of an actuator. With u = 1/|Δx| the force is
+    −q Δx, q = k − (k l0 − b l') u, so ∂(ψ·F)/∂Δx = −q ψ − (ψ·Δx) ∂q/∂Δx.
     """
-    V, tiny, rsqrt = vector(dim, scalar), TINY[scalar], inverse_root(scalar)
+    V, Three, tiny, rsqrt = vector(dim, scalar), vector(3, scalar), TINY[scalar], inverse_root(scalar)
 
     @wp.func
-    def adjoint(dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
+    def adjoint(dx: V, dv: V, psi: V, own: Three, actuated: scalar):
         square = wp.dot(dx, dx)
         inverse = rsqrt(square + scalar(tiny))
         along = wp.dot(psi, dx) * inverse
-        rest = rest_length * (scalar(1.0) + strain)
-        pull = stiffness * rest
+        rest = own[0] * (scalar(1.0) + actuated)
+        pull = own[1] * rest
         bent = along * inverse
         rate = scalar(0.0)
         by_dv = V()
         if wp.static(damped):
             rate = wp.dot(dv, dx) * inverse
-            held = damping * rate
-            by_dv = -(damping * bent) * dx
-            q = stiffness - (pull - held) * inverse
-            by_dx = -q * psi - (bent * inverse * (pull - held - held)) * dx - (damping * bent) * dv
+            held = own[2] * rate
+            by_dv = -(own[2] * bent) * dx
+            q = own[1] - (pull - held) * inverse
+            by_dx = -q * psi - (bent * inverse * (pull - held - held)) * dx - (own[2] * bent) * dv
         else:
-            q = stiffness - pull * inverse
+            q = own[1] - pull * inverse
             by_dx = -q * psi - (bent * inverse * pull) * dx
-        return by_dx, by_dv, along, square * inverse - rest, rate
+        by_rest_length = along * own[1] * (scalar(1.0) + actuated)
+        by_own = Three(by_rest_length, -along * (square * inverse - rest), -along * rate)
+        return by_dx, by_dv, by_own, along * own[1] * own[0]
 
     return adjoint
-
-
-def is_linear(laws: Laws) -> bool:
-    """Tell whether springs and dampers have linear laws, whose adjoint is written by hand."""
-    return laws.spring is None and laws.damper in (None, LINEAR)
-
-
-@functools.cache
-def derivatives(dim: int, scalar: type, laws: Laws):
-    """Compose the derivatives of ψ·F of a spring, by Δx, Δv, rest length, stiffness, damping and strain."""
-    V, plain = vector(dim, scalar), is_linear(laws)
-    projected, by_hand = projected_force(dim, scalar, laws), linear_adjoint(dim, scalar, laws.damper is not None)
-
-    @wp.func
-    def derive(dx: V, dv: V, psi: V, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
-        if wp.static(plain):
-            by_dx, by_dv, along, stretch, rate = by_hand(dx, dv, psi, rest_length, stiffness, damping, strain)
-            by_rest_length = along * stiffness * (scalar(1.0) + strain)
-            by_stiffness = -along * stretch
-            by_damping = -along * rate
-            by_strain = along * stiffness * rest_length
-        else:
-            by_dx, by_dv, _psi, by_rest_length, by_stiffness, by_damping, by_strain = wp.grad(projected)(
-                dx, dv, psi, rest_length, stiffness, damping, strain
-            )
-        return by_dx, by_dv, by_rest_length, by_stiffness, by_damping, by_strain
-
-    return derive
 
 
 class Neighbours(NamedTuple):
@@ -142,13 +112,13 @@ class Neighbours(NamedTuple):
 
 
 @functools.cache
-def in_table(scalar: type, damped: bool, in_worlds: bool) -> Neighbours:
+def in_table(scalar: type, laws: Laws, in_worlds: bool) -> Neighbours:
     """Return neighbours that are found in a table, for every system (see `springs.gather`).
 
     In an ensemble the table is that of a world, and the particles of worlds are `stride` apart. The derivatives by
     constants have an entry for each spring of each world: w · connection_count + c.
     """
-    Three = vector(3, scalar)
+    Three, damped = vector(3, scalar), laws.damper is not None
 
     @wp.struct
     class Table:
@@ -166,6 +136,8 @@ def in_table(scalar: type, damped: bool, in_worlds: bool) -> Neighbours:
         stiffness: wp.array(dtype=scalar)  # [N/m]
         damping: wp.array(dtype=scalar)  # in the units of the law
         differs: wp.vec3i  # 0 for each of these three that is shared, else 1
+        if not laws.linear:
+            law: law_numbers(scalar)
 
     @wp.func
     def world_of(table: Table, i: int) -> int:
@@ -218,7 +190,7 @@ def in_table(scalar: type, damped: bool, in_worlds: bool) -> Neighbours:
 
 
 @functools.cache
-def in_lattice(scalar: type) -> Neighbours:
+def in_lattice(scalar: type, laws: Laws) -> Neighbours:
     """Return the neighbours in a uniform lattice, which need no table.
 
     The derivatives by constants have an entry for each direction from each particle: d · particle_count + i.
@@ -230,6 +202,8 @@ def in_lattice(scalar: type) -> Neighbours:
         mask: wp.array(dtype=wp.uint32)  # neighbours of each particle, as bits
         offset: wp.array(dtype=int)  # to the neighbour of each bit, shape [2 directions]
         constants: wp.array(dtype=Three)  # rest length, stiffness and damping, shape [2 directions]
+        if not laws.linear:
+            law: law_numbers(scalar)
 
     @wp.func
     def range_of(table: Table, i: int):
@@ -254,16 +228,16 @@ def in_lattice(scalar: type) -> Neighbours:
 @functools.cache
 def keeping(dim: int, scalar: type, wanted: Wanted):
     """Compose the function that adds to the derivatives by entry c of the constants that are wanted."""
-    Data = AdjointData(dim, scalar)
+    Data, Three = AdjointData(dim, scalar), vector(3, scalar)
 
     @wp.func
-    def keep(data: Data, c: int, rest_length: scalar, stiffness: scalar, damping: scalar, strain: scalar):
+    def keep(data: Data, c: int, own: Three, strain: scalar):
         if wp.static(wanted.rest_length):
-            data.by_rest_length[c] = data.by_rest_length[c] + rest_length
+            data.by_rest_length[c] = data.by_rest_length[c] + own[0]
         if wp.static(wanted.stiffness):
-            data.by_stiffness[c] = data.by_stiffness[c] + stiffness
+            data.by_stiffness[c] = data.by_stiffness[c] + own[1]
         if wp.static(wanted.damping):
-            data.by_damping[c] = data.by_damping[c] + damping
+            data.by_damping[c] = data.by_damping[c] + own[2]
         if wp.static(wanted.strain):
             data.by_strain[c] = data.by_strain[c] + strain
 
@@ -283,8 +257,8 @@ def springs_adjoint(
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
-    derive, keep = derivatives(dim, scalar, laws), keeping(dim, scalar, wanted)
-    propagate = kick_back(dim, scalar)
+    derive, projected = linear_adjoint(dim, scalar, damped), projected_force(dim, scalar, laws)
+    keep, propagate = keeping(dim, scalar, wanted), kick_back(dim, scalar)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
     Table, range_of, look, spring_of, owns, strain_of = neighbours
 
@@ -328,14 +302,19 @@ def springs_adjoint(
                     s = scalar(0.0)
                     if wp.static(actuated):
                         s = strain_of(table, stage, slot)
-                    by_dx, by_dv, by_rest, by_k, by_b, by_s = derive(
-                        x_i - load(x, j), dv, phi_i - load(phi, j), spring[0], spring[1], spring[2], s
-                    )
+                    dx = x_i - load(x, j)
+                    psi = phi_i - load(phi, j)
+                    if wp.static(laws.linear):
+                        by_dx, by_dv, by_own, by_s = derive(dx, dv, psi, spring, s)
+                    else:
+                        by_dx, by_dv, _psi, by_own, by_s, _law = wp.grad(projected)(
+                            dx, dv, psi, spring, s, table.law
+                        )
                     sum_x += by_dx
                     sum_v += by_dv
                     if wp.static(own):
                         if owns(table, i, slot, c):
-                            keep(data, c, by_rest, by_k, by_b, by_s)
+                            keep(data, c, by_own, by_s)
                 slot += wp.static(lanes) * step
             sum_x = sum_of_lanes(sum_x)
             sum_v = sum_of_lanes(sum_v)

@@ -6,10 +6,9 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from ..springs.spring_laws import Laws
 from ..springs.stencil import stencil_rows
 from .kick import AdjointData, kick_back
-from .springs import Wanted, derivatives, keeping
+from .springs import Wanted, keeping, linear_adjoint
 
 BLOCK = 256
 BOUNDS = (BLOCK, 4)
@@ -35,14 +34,14 @@ def stencil_table(scalar: type, steps: tuple):
 
 
 @functools.cache
-def stencil_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, steps: tuple):
-    """Compose the kernel of `springs_adjoint` for a uniform lattice; see `springs.stencil`.
+def stencil_adjoint(dim: int, scalar: type, damped: bool, wanted: Wanted, steps: tuple):
+    """Compose the kernel of `springs_adjoint` for a uniform lattice with linear laws; see `springs.stencil`.
 
     Derivatives by constants have an entry for each direction from each particle, as in `in_lattice`.
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
-    damped, own, Table = laws.damper is not None, any(wanted), stencil_table(scalar, steps)
-    derive, keep = derivatives(dim, scalar, laws), keeping(dim, scalar, wanted)
+    Three, own, Table = vector(3, scalar), any(wanted), stencil_table(scalar, steps)
+    derive, keep = linear_adjoint(dim, scalar, damped), keeping(dim, scalar, wanted)
     propagate = kick_back(dim, scalar)
     rows, neighbours = stencil_rows(steps)
     most = max(map(len, neighbours))
@@ -86,21 +85,16 @@ def stencil_adjoint(dim: int, scalar: type, laws: Laws, wanted: Wanted, steps: t
                     d = wp.static(field(r, n, "direction"))
                     if wp.static(damped):
                         dv = v_i - load(v, j)
-                    by_dx, by_dv, by_rest, by_k, by_b, by_s = derive(
-                        x_i - load(x, j),
-                        dv,
-                        phi_i - load(phi, j),
-                        table.rest_length[d],
-                        table.stiffness[d],
-                        table.damping[d],
-                        scalar(0.0),
+                    spring = Three(table.rest_length[d], table.stiffness[d], table.damping[d])
+                    by_dx, by_dv, by_own, by_s = derive(
+                        x_i - load(x, j), dv, phi_i - load(phi, j), spring, scalar(0.0)
                     )
                     # Data read for a missing neighbour are discarded.
                     if (mask & wp.uint32(wp.static(field(r, n, "bit")))) != wp.uint32(0):
                         sum_x += by_dx
                         sum_v += by_dv
                         if wp.static(owns(r, n)):
-                            keep(data, d * table.mask.shape[0] + i, by_rest, by_k, by_b, by_s)
+                            keep(data, d * table.mask.shape[0] + i, by_own, by_s)
         back_x = load(data.by_x, i) + sum_x
         store(data.by_x, i, back_x)
         back = load(data.by_v, i) + sum_v + drift * back_x

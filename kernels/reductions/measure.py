@@ -9,7 +9,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from ..springs import LINEAR, Laws, damper_force, spring_energy
+from ..springs import LINEAR, Laws, connection_table, damper_force, spring_energy
 from .columns import COLUMNS, LOOKED, MAXIMA, NONE
 
 SUMMING_BLOCKS = (32, 256)
@@ -111,9 +111,8 @@ def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
     Unless `everything`, it only visits particles, and computes LOOKED columns.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar)
-    resistance, spring_law = damper_force(wp.float64, laws.damper or LINEAR), laws.spring
-    energy = None if spring_law is None else spring_energy(spring_law)
-    slack, own_damper = laws.slacken, laws.own_damper
+    resistance, energy = damper_force(wp.float64, laws.damper or LINEAR), spring_energy(laws.spring or LINEAR)
+    Connected, slack = connection_table(scalar, laws), laws.slacken
     column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
     add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 
@@ -121,11 +120,8 @@ def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
         # Model, row w mod (number of rows) for world w:
         inverse_mass: wp.array2d(dtype=scalar),  # [1/kg], 0 where pinned, shape [rows, particle_count]
         gravity: wp.array(dtype=V),  # [m/s²], shape [rows]
-        rest_length: wp.array2d(dtype=scalar),  # l0 [m], shape [rows, connection_count]
-        stiffness: wp.array2d(dtype=scalar),  # k [N/m], shape [rows, connection_count]
-        damping: wp.array2d(dtype=scalar),  # b in the units of the law, shape [rows, connection_count]
+        connections: Connected,
         # The same in all worlds:
-        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
         counts: wp.array(dtype=wp.uint8),  # whether its strain is included, shape [connection_count]; or empty
         tears: int,  # whether connections without stiffness and damping are broken: their strain is not included
         # State in, of all worlds:
@@ -196,35 +192,35 @@ def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
             done_work += work[w * share + i]
             i += threads
         if wp.static(everything):
-            length_row = w % rest_length.shape[0]
-            stiffness_row = w % stiffness.shape[0]
-            damping_row = w % damping.shape[0]
+            length_row = w % connections.rest_length.shape[0]
+            stiffness_row = w % connections.stiffness.shape[0]
+            damping_row = w % connections.damping.shape[0]
             c = thread
             elastic = wp.float64(0.0)
             dissipated = wp.float64(0.0)
             strain = wp.float64(0.0)
-            while c < connections.shape[0]:
-                i = start + connections[c][0]
-                j = start + connections[c][1]
-                rest = wp.float64(rest_length[length_row, c])
-                spring = wp.float64(stiffness[stiffness_row, c])
-                damper = wp.float64(damping[damping_row, c])
+            while c < connections.ends.shape[0]:
+                i = start + connections.ends[c][0]
+                j = start + connections.ends[c][1]
+                rest = wp.float64(connections.rest_length[length_row, c])
+                spring = wp.float64(connections.stiffness[stiffness_row, c])
+                damper = wp.float64(connections.damping[damping_row, c])
                 dx = separation(x, x_lost, i, j)
                 closing = wp.float64(0.0)
                 for k in range(wp.static(dim)):
                     closing += dx[k] * (wp.float64(v[i][k]) - wp.float64(v[j][k]))
                 length = wp.length(dx)
                 stretch = length - rest
-                if wp.static(spring_law is None):
+                if wp.static(laws.spring is None):
                     elastic += wp.float64(0.5) * spring * stretch * stretch
                 else:
-                    elastic += spring * rest * rest * energy(stretch / rest)
+                    elastic += spring * rest * rest * energy(stretch / rest, connections.law)
                 if length > wp.float64(0.0):
                     rate = closing / length
-                    if wp.static(own_damper is None):
-                        resisting = resistance(rate, damper)
+                    if wp.static(laws.linear):
+                        resisting = damper * rate
                     else:
-                        resisting = own_damper(stretch / rest, rate, damper)
+                        resisting = resistance(stretch / rest, rate, damper, connections.law)
                     if wp.static(slack):
                         pull = spring * wp.max(stretch, wp.float64(0.0))
                         resisting = wp.max(wp.min(resisting, pull), -pull)

@@ -22,7 +22,7 @@ from .cell_volumes import (
     inverted_cells as inverted_cells,
 )
 from .constants import CONSTANTS as CONSTANTS, KIND_SHIFT as KIND_SHIFT, MOST_KINDS as MOST_KINDS
-from .dampers import LINEAR as LINEAR, damper_force as damper_force
+from .dampers import LINEAR as LINEAR, damper_force as damper_force, law_numbers as law_numbers
 from .extra_springs import tie_force as tie_force
 from .force_algorithm import ForceAlgorithm as ForceAlgorithm
 from .fracture import NO_SUBSTEP as NO_SUBSTEP, breaking as breaking
@@ -40,5 +40,11 @@ from .lattice_cells import (
 )
 from .plasticity import yielding as yielding
 from .scatter import scatter as scatter
-from .spring_laws import Laws as Laws, spring_energy as spring_energy
+from .spring_laws import (
+    Laws as Laws,
+    connection_table as connection_table,
+    form_of as form_of,
+    numbers_of as numbers_of,
+    spring_energy as spring_energy,
+)
 from .stencil import COLUMN as COLUMN, stencil as stencil, stencil_rows as stencil_rows

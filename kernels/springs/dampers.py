@@ -5,28 +5,39 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import fully_hashed
+from ..basis import vector
 
-Law = tuple[str, float]
-"""Name of a law, and the speed at which it becomes linear [m/s], or 0."""
-LINEAR: Law = ("linear", 0.0)
+LINEAR = ("linear",)
+"""The form of the linear law."""
+SPEED = 5
+"""Place of a damping law's number among the `LAW_NUMBERS`: the speed at which it becomes linear [m/s]."""
+LAW_NUMBERS = 6
+"""Length of the vector of a law's numbers: at most five of the spring, and the damper's speed."""
+
+
+def law_numbers(scalar: type) -> Any:
+    """Return the vector type of the numbers of a law."""
+    return vector(LAW_NUMBERS, scalar)
 
 
 @functools.cache
-def damper_force(scalar: type, law: Any):
+def damper_force(scalar: type, form: Any):
     """Compose the damping force [N] along a spring, positive in tension, from the rate of lengthening l' [m/s].
 
-    Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The speed s belongs to the law. A law
-    that is a `wp.func` also depends on strain, and is called elsewhere.
+    Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The speed s is a number of the law. A
+    law that is a `wp.func` depends on strain, rate and b.
     """
-    name, speed = law if isinstance(law, tuple) else LINEAR
+    Numbers = law_numbers(scalar)
+    name, own = (form[0], None) if isinstance(form, tuple) else ("own", form)
 
-    @functools.partial(fully_hashed, constants=law)
-    def force(rate: scalar, damping: scalar) -> scalar:
+    @wp.func
+    def force(strain: scalar, rate: scalar, damping: scalar, law: Numbers) -> scalar:
+        if wp.static(own is not None):
+            return own(strain, rate, damping)
         if wp.static(name == "quadratic"):
-            return damping * wp.min(wp.abs(rate), scalar(speed)) * rate
+            return damping * wp.min(wp.abs(rate), law[SPEED]) * rate
         if wp.static(name == "coulomb"):
-            return damping * wp.clamp(rate / scalar(speed), scalar(-1.0), scalar(1.0))
+            return damping * wp.clamp(rate / law[SPEED], scalar(-1.0), scalar(1.0))
         return damping * rate
 
     return force

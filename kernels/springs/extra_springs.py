@@ -8,6 +8,7 @@ import warp as wp
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
+from .dampers import law_numbers
 from .force_algorithm import difference
 from .law import spring_damper
 from .spring_laws import Laws
@@ -22,7 +23,7 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, damped = records(dim, scalar).load, laws.damper is not None
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
+    separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
 
     @wp.struct
     class ExtraSprings:
@@ -32,6 +33,8 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
         rest_length: wp.array(dtype=scalar)  # l0 [m]
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b in the units of the law
+        if not laws.linear:
+            law: law_numbers(scalar)
 
     def force(SceneData: Any):
         @wp.func
@@ -44,9 +47,11 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
                 dx = separation(compensation, x, x_i, i, j)
                 if wp.static(damped):
                     dv = load(v, i) - load(v, j)
-                q = force_density(
-                    dx, dv, scene.ties.rest_length[e], scene.ties.stiffness[e], scene.ties.damping[e]
-                )
+                own = scene.ties
+                if wp.static(laws.linear):
+                    q = density(dx, dv, own.rest_length[e], own.stiffness[e], own.damping[e])
+                else:
+                    q = density(dx, dv, own.rest_length[e], own.stiffness[e], own.damping[e], own.law)
                 total -= q * dx
             return total
 

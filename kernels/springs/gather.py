@@ -13,6 +13,7 @@ from ..basis import fully_hashed
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
+from .dampers import law_numbers
 from .force_algorithm import ForceAlgorithm, difference
 from .fracture import Breaking
 from .law import spring_damper
@@ -49,7 +50,7 @@ def gather(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
+    separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage)
     packed, damped, tears = storage == "packed", laws.damper is not None, breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
@@ -64,6 +65,8 @@ def gather(
         first: wp.array(dtype=int)  # starts of slices, and the end, shape [slice_count + 1]
         other: wp.array(dtype=int)  # neighbour in each slot, shape [slot_count], plus one chunk
         constants: Constants  # of slots
+        if not laws.linear:
+            law: law_numbers(scalar)
         if tears:
             breaking: Breaks
 
@@ -99,7 +102,8 @@ def gather(
                         if breaks(forces.breaking, forces.breaking.number[at], own[0], wp.dot(dx, dx)):
                             forces.other[at] = i
                             dx = V()
-                force -= force_density(dx, dv, own[0], own[1], own[2]) * dx
+                q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
+                force -= q * dx
             slot += wp.static(CHUNK * SLICE)
         return force
 

@@ -12,6 +12,7 @@ from ..basis import fully_hashed, vector
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
+from .dampers import law_numbers
 from .force_algorithm import ForceAlgorithm, difference
 from .gather import SLICE
 from .law import spring_damper
@@ -73,7 +74,7 @@ def stencil_of_lanes(
     Three = vector(3, scalar)
     load, constants_of = records(dim, scalar).load, records(3, scalar).load
     lane_here, sum_of_lanes = lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
+    separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     rows, neighbours = stencil_rows(steps)
     each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
     damped = laws.damper is not None
@@ -88,6 +89,8 @@ def stencil_of_lanes(
         constants: wp.array(dtype=Three)  # of each neighbour, in the order of CONSTANTS, shape [MOST_NEIGHBOURS]
         if by_kind:  # `constants` of one kind after the other
             kind: wp.array(dtype=int)  # kind of each particle, shape [particle_count]
+        if not laws.linear:
+            law: law_numbers(scalar)
 
     @fully_hashed
     def force_at(forces: SharedLattice, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
@@ -114,7 +117,7 @@ def stencil_of_lanes(
             dx = separation(compensation, x, x_i, i, i + offset)
             if wp.static(damped):
                 dv = v_i - load(v, i + offset)
-            q = force_density(dx, dv, own[0], own[1], own[2])
+            q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
             # Data read for a missing neighbour are discarded.
             if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):
                 q = scalar(0.0)
@@ -134,7 +137,7 @@ def gather_of_lanes(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
+    separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage)
     packed, damped = storage == "packed", laws.damper is not None
 
@@ -143,6 +146,8 @@ def gather_of_lanes(
         first: wp.array(dtype=int)  # starts of slices, and the end, shape [slice_count + 1]
         other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count]
         constants: Constants  # of slots
+        if not laws.linear:
+            law: law_numbers(scalar)
 
     @wp.func
     def force_at(forces: GatheredByLanes, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
@@ -168,7 +173,7 @@ def gather_of_lanes(
             dx = separation(compensation, x, x_i, i, j)
             if wp.static(damped):
                 dv = v_i - load(v, j)
-            q = force_density(dx, dv, own[0], own[1], own[2])
+            q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
             if s >= slots:  # no slot remains for this lane
                 q = scalar(0.0)
             force -= q * dx

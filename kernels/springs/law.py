@@ -9,7 +9,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from .dampers import LINEAR, damper_force
+from .dampers import LINEAR, damper_force, law_numbers
 from .spring_laws import Laws, spring_stress
 
 RSQRT = """
@@ -61,42 +61,43 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
     """Compose the force density q of a spring: its force on its first particle is −q Δx (2014 report, eq. 7).
 
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
-    gets −F. Another damping law replaces b Δv·Δx̂; a user's law also depends on strain; without a damper this part
-    is not compiled. Another spring law replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1). For springs that bear only
-    tension, a damper's force is at most the spring's.
+    gets −F. Another damping law replaces b Δv·Δx̂; without a damper this part is not compiled. Another spring law
+    replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1). For springs that bear only tension, a damper's force is at most
+    the spring's. Unless `laws` are linear, the last argument has the numbers of the law.
     """
-    V, (damper, spring) = vector(dim, scalar), laws
-    stress = None if spring is None else spring_stress(scalar, spring)
-    slack, own = laws.slacken, laws.own_damper
-    linear, damped = damper == LINEAR, damper is not None
-    resistance = damper_force(scalar, damper or LINEAR)
+    V, Numbers, (damper, spring) = vector(dim, scalar), law_numbers(scalar), laws
     rsqrt, rounded = inverse_root(scalar), product(scalar)
-    tiny = TINY[scalar]
+    damped, slack, tiny = damper is not None, laws.slacken, TINY[scalar]
+    stress, resistance = spring_stress(scalar, spring or LINEAR), damper_force(scalar, damper or LINEAR)
+
+    if laws.linear:
+
+        @wp.func
+        def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
+            inverse_length = rsqrt(wp.dot(dx, dx) + scalar(tiny))
+            tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density
+            if wp.static(damped):
+                tension += damping * (wp.dot(dv, dx) * inverse_length)
+            return stiffness + tension * inverse_length
+
+        return force_density
 
     @wp.func
-    def force_density(dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar) -> scalar:
+    def force_density(
+        dx: V, dv: V, rest_length: scalar, stiffness: scalar, damping: scalar, law: Numbers
+    ) -> scalar:
         inverse_length = rsqrt(wp.dot(dx, dx) + scalar(tiny))
+        strain = wp.dot(dx, dx) * inverse_length / rest_length - scalar(1.0)
+        pull = rounded(-stiffness, rest_length)
         if wp.static(spring is not None):
-            length = wp.dot(dx, dx) * inverse_length
-            pull = rounded(stiffness, rest_length) * stress(length / rest_length - scalar(1.0))
-            if wp.static(damped):
-                if wp.static(own is None):
-                    resisting = resistance(wp.dot(dv, dx) * inverse_length, damping)
-                else:
-                    strain = length / rest_length - scalar(1.0)
-                    resisting = own(strain, wp.dot(dv, dx) * inverse_length, damping)
-                if wp.static(slack):
-                    resisting = wp.max(wp.min(resisting, pull), -pull)
-                pull += resisting
-            return pull * inverse_length
-        tension = rounded(-stiffness, rest_length)  # without k |Δx|, which adds k to the density
-        if wp.static(linear):
-            tension += damping * (wp.dot(dv, dx) * inverse_length)
-        if wp.static(own is not None):
-            strain = wp.dot(dx, dx) * inverse_length / rest_length - scalar(1.0)
-            tension += own(strain, wp.dot(dv, dx) * inverse_length, damping)
-        if wp.static(damped and not linear and own is None):
-            tension += resistance(wp.dot(dv, dx) * inverse_length, damping)
-        return stiffness + tension * inverse_length
+            pull = rounded(stiffness, rest_length) * stress(strain, law)
+        if wp.static(damped):
+            resisting = resistance(strain, wp.dot(dv, dx) * inverse_length, damping, law)
+            if wp.static(slack):
+                resisting = wp.max(wp.min(resisting, pull), -pull)
+            pull += resisting
+        if wp.static(spring is None):
+            return stiffness + pull * inverse_length
+        return pull * inverse_length
 
     return force_density

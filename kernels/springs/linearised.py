@@ -1,12 +1,12 @@
 """The linearised force law: products with K and B, and the diagonal blocks of both."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
-from .spring_laws import spring_stress, steepest_slope
+from .dampers import LINEAR
+from .spring_laws import Laws, connection_table, spring_stress, steepest_slope
 
 
 @functools.cache
@@ -66,24 +66,19 @@ def add_linearised(dim: int, scalar: type, everyone: bool = False):
 
 
 @functools.cache
-def add_blocks(dim: int, scalar: type, law: Any = None):
+def add_blocks(dim: int, scalar: type, laws: Laws):
     """Compose the kernel, over worlds and springs, that adds each spring to the blocks A and B of its particles.
 
     A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i. For a
     nonlinear law k d dᵀ is multiplied by its steepest slope, and the transverse factor is max(0, l0 s/l).
     """
-    steepest = None if law is None else steepest_slope(law)
-    stress = None if law is None else spring_stress(wp.float64, law)
+    form, Connected = laws.spring or LINEAR, connection_table(scalar, laws)
+    steepest, stress = steepest_slope(form), spring_stress(wp.float64, form)
     V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
 
     @kernel
     def add_connection_blocks(
-        # Model, row w mod (number of rows) for world w:
-        rest_length: wp.array2d(dtype=scalar),  # l0 [m], shape [rows, connection_count]
-        stiffness: wp.array2d(dtype=scalar),  # k [N/m], shape [rows, connection_count]
-        damping: wp.array2d(dtype=scalar),  # b, steepest slope of the law [N s/m], shape [rows, connection_count]
-        # The same in all worlds:
-        connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
+        connections: Connected,  # with b the steepest slope of the law [N s/m]
         # State in:
         x: wp.array(dtype=V),  # positions [m], of all worlds
         stride: int,  # particles from one world to the next
@@ -92,20 +87,20 @@ def add_blocks(dim: int, scalar: type, law: Any = None):
         damping_block: wp.array2d(dtype=Block),  # B_i, 0 before [N s/m], shape [worlds, particle_count]
     ):
         w, c = wp.tid()
-        i = connections[c][0]
-        j = connections[c][1]
+        i = connections.ends[c][0]
+        j = connections.ends[c][1]
         dx = x[w * stride + i] - x[w * stride + j]
         length = wp.length(dx)
         if length == scalar(0.0):
             return
         axis = dx / length
-        l0 = wp.float64(rest_length[w % rest_length.shape[0], c])
+        l0 = wp.float64(connections.rest_length[w % connections.rest_length.shape[0], c])
         across = wp.max(wp.float64(0.0), wp.float64(1.0) - l0 / wp.float64(length))
         slope = wp.float64(1.0)
-        if wp.static(law is not None):
+        if wp.static(laws.spring is not None):
             strain = wp.float64(length) / l0 - wp.float64(1.0)
-            slope = steepest(strain)
-            across = wp.max(wp.float64(0.0), stress(strain) * l0 / wp.float64(length))
+            slope = steepest(strain, connections.law)
+            across = wp.max(wp.float64(0.0), stress(strain, connections.law) * l0 / wp.float64(length))
         along = Block()
         spring = Block()
         for p in range(wp.static(dim)):
@@ -113,8 +108,8 @@ def add_blocks(dim: int, scalar: type, law: Any = None):
                 along[p, q] = wp.float64(axis[p]) * wp.float64(axis[q])
                 spring[p, q] = (slope - across) * along[p, q]
             spring[p, p] += across
-        spring = wp.float64(stiffness[w % stiffness.shape[0], c]) * spring
-        along = wp.float64(damping[w % damping.shape[0], c]) * along
+        spring = wp.float64(connections.stiffness[w % connections.stiffness.shape[0], c]) * spring
+        along = wp.float64(connections.damping[w % connections.damping.shape[0], c]) * along
         wp.atomic_add(stiffness_block, w, i, spring)
         wp.atomic_add(stiffness_block, w, j, spring)
         wp.atomic_add(damping_block, w, i, along)

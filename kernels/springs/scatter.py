@@ -7,6 +7,7 @@ import warp as wp
 from ..compensation import state_types
 from ..records import records
 from .constants import constants
+from .dampers import law_numbers
 from .force_algorithm import ForceAlgorithm, difference, ends_of
 from .fracture import Breaking
 from .law import spring_damper
@@ -25,7 +26,7 @@ def scatter(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
+    separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage)
     damped, tears = laws.damper is not None, breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
@@ -35,6 +36,8 @@ def scatter(
         f: wp.array(dtype=V)  # sums of forces [N], shape [particle_count]
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
         constants: Constants  # of springs
+        if not laws.linear:
+            law: law_numbers(scalar)
         if tears:
             breaking: Breaks
 
@@ -53,7 +56,8 @@ def scatter(
                 if breaks(forces.breaking, c, own[0], wp.dot(dx, dx)):
                     forces.connections[c] = wp.vec2i(i, i)
                     dx = V()
-        force = -force_density(dx, dv, own[0], own[1], own[2]) * dx
+        q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
+        force = -q * dx
         add(forces.f, i, force)
         add(forces.f, j, -force)
 

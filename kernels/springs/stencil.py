@@ -8,6 +8,7 @@ import warp as wp
 from ..basis import fully_hashed, vector
 from ..compensation import state_types
 from ..records import records
+from .dampers import law_numbers
 from .force_algorithm import ForceAlgorithm, difference
 from .fracture import Breaking
 from .law import spring_damper
@@ -55,7 +56,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
     dim, scalar, laws, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
-    force_density, damped, breaks = spring_damper(dim, scalar, laws), laws.damper is not None, breaking.breaks
+    density, damped, breaks = spring_damper(dim, scalar, laws), laws.damper is not None, breaking.breaks
     Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
     # (index of the bit, row, position in the row), in the order in which `stencil` sums forces.
     each = [(n.number, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
@@ -122,7 +123,8 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
                 if (remaining & bit) != wp.uint32(0):
                     if wp.static(damped):
                         dv = v_i - load(v, j)
-                    total -= force_density(dx, dv, own[0], own[1], own[2]) * dx
+                    q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
+                    total -= q * dx
             k += 1
         if remaining == mask:
             return force
@@ -151,7 +153,7 @@ def stencil(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-    separation, force_density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
+    separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     damped, tears = laws.damper is not None, breaking is not None
     Breaks, is_suspect, _ = breaking or (None, None, None)
     rows, neighbours = stencil_rows(steps)
@@ -170,6 +172,8 @@ def stencil(
         rest_length: Constants  # [m]
         stiffness: Constants  # [N/m]
         damping: Constants  # b in the units of the law
+        if not laws.linear:
+            law: law_numbers(scalar)
         if tears:
             breaking: Breaks
 
@@ -182,6 +186,8 @@ def stencil(
         rest_length: wp.array2d(dtype=scalar)  # [m]
         stiffness: wp.array2d(dtype=scalar)  # [N/m]
         damping: wp.array2d(dtype=scalar)  # b in the units of the law
+        if not laws.linear:
+            law: law_numbers(scalar)
         if tears:
             breaking: Breaks
 
@@ -215,23 +221,21 @@ def stencil(
                     dx = separation(compensation, x, x_i, i, j)
                     if wp.static(damped):
                         dv = v_i - load(v, j)
+                    if wp.static(uniform):
+                        rest = forces.rest_length[d]
+                        k = forces.stiffness[d]
+                        b = forces.damping[d]
+                    else:
+                        rest = forces.rest_length[kind, d]
+                        k = forces.stiffness[kind, d]
+                        b = forces.damping[kind, d]
                     if wp.static(tears):
-                        if wp.static(uniform):
-                            rest = forces.rest_length[d]
-                        else:
-                            rest = forces.rest_length[kind, d]
                         if is_suspect(forces.breaking, rest, wp.dot(dx, dx)):
                             suspects = suspects | wp.uint32(wp.static(field(r, n, "bit")))
-                    if wp.static(uniform):
-                        q = force_density(dx, dv, forces.rest_length[d], forces.stiffness[d], forces.damping[d])
+                    if wp.static(laws.linear):
+                        q = density(dx, dv, rest, k, b)
                     else:
-                        q = force_density(
-                            dx,
-                            dv,
-                            forces.rest_length[kind, d],
-                            forces.stiffness[kind, d],
-                            forces.damping[kind, d],
-                        )
+                        q = density(dx, dv, rest, k, b, forces.law)
                     # Data read for a missing neighbour are discarded.
                     if (mask & wp.uint32(wp.static(field(r, n, "bit")))) == wp.uint32(0):
                         q = scalar(0.0)
@@ -275,7 +279,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
         return None
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-    force_density, damped = spring_damper(dim, scalar, laws), laws.damper is not None
+    density, damped = spring_damper(dim, scalar, laws), laws.damper is not None
     rows, neighbours = stencil_rows(steps)
     axis = 1 if any(z for _, z in rows) else 0  # layers are stacked along z; in a sheet along y
     inner = [row for row in rows if row[axis] == 0]
@@ -343,7 +347,13 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
                                 if wp.static(tears):
                                     if is_suspect(forces.breaking, l0, wp.dot(dx, dx)):
                                         suspects[d] = suspects[d] | wp.uint32(wp.static(field(r, p, a, d, "bit")))
-                                q = force_density(dx, own_v[d] - v_j, l0, forces.stiffness[n], forces.damping[n])
+                                dv = own_v[d] - v_j
+                                k = forces.stiffness[n]
+                                b = forces.damping[n]
+                                if wp.static(laws.linear):
+                                    q = density(dx, dv, l0, k, b)
+                                else:
+                                    q = density(dx, dv, l0, k, b, forces.law)
                                 # Data read for a missing neighbour are discarded.
                                 if (masks[d] & wp.uint32(wp.static(field(r, p, a, d, "bit")))) == wp.uint32(0):
                                     q = scalar(0.0)

@@ -61,8 +61,8 @@ class LimitedSpring(Spring):
 
     @property
     def law(self) -> SpringLaw:
-        """Name of the law and its parameters."""
-        return "limited", self.strain, self.factor
+        """Name of the law, its strain, and by how much the slope increases there."""
+        return "limited", self.strain, self.factor - 1.0
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,7 @@ class Differentiable(Present):
             raise ValueError(f"the scene has {' and '.join(missing)}; gradients through these are not possible")
         if "strain" in names and not any(isinstance(one, Actuator) for one in around["loads"]):
             raise ValueError("by has 'strain', that of actuators; there must be an Actuator among the loads")
-        if "damping" in names and self.model.damper is None:
+        if "damping" in names and self.model.laws.damper is None:
             raise ValueError("by has 'damping', and no connection has a damper; some damping must be above 0")
         for name in ("gravity", "mass"):
             if name in names and callable(around["gravity"]):

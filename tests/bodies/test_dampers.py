@@ -23,7 +23,7 @@ from msdwarp import (
 from msdwarp.bodies.dampers import LINEAR, Damper
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
-# Each law and speed has kernels of its own.
+# Each law has kernels of its own.
 LAWS = [LINEAR, QuadraticDamper(0.5), CoulombDamper(0.4)]
 ORDERS = [
     (SymplecticEuler(), 1),

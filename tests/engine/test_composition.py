@@ -264,13 +264,17 @@ def test_each_effect_brings_its_own_pieces_alone(force_algorithm, changes, colli
     assert without - found <= elsewhere
 
 
-def test_laws_and_kinds_of_one_form_are_told_apart():
-    # What differs by a number, or by which kinds there are, must not be taken for the same kernel.
+def test_laws_share_a_kernel_if_they_differ_by_numbers_alone():
+    laws = QuadraticDamper(1.0), QuadraticDamper(2.0), CoulombDamper(1.0), CoulombDamper(2.0)
+    quadratic, same, coulomb, this = (substep(DAMPED.replace(damper=law)) for law in laws)
+    assert quadratic is same
+    assert coulomb is this
+    assert quadratic.module.get_module_identifier(1) != coulomb.module.get_module_identifier(1)
+
+
+def test_kinds_of_obstacles_are_told_apart():
+    # What differs by which kinds there are must not be taken for the same kernel.
     kernels = [
-        substep(DAMPED.replace(damper=law))
-        for law in (QuadraticDamper(1.0), QuadraticDamper(2.0), CoulombDamper(1.0), CoulombDamper(2.0))
-    ]
-    kernels += [
         substep(DAMPED, colliders=pair)
         for pair in (
             [Plane(), Sphere(AT)],

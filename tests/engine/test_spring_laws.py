@@ -9,6 +9,7 @@ import problems
 import pytest
 import warp as wp
 from tangles import PRECISIONS, evaluate, moving, tangle
+from warp._src.context import Module
 
 from msdwarp import (
     CoulombDamper,
@@ -21,6 +22,7 @@ from msdwarp import (
     OwnDamper,
     OwnSpring,
     PolynomialSpring,
+    QuadraticDamper,
     Scene,
     Simulation,
     System,
@@ -116,13 +118,31 @@ def test_forces_follow_the_law(device, body, precision, name):
     assert np.abs(found - expected).max() < 20 * PRECISIONS[precision] * size
 
 
-@pytest.mark.parametrize("last", [0.0, 2.0, 500.0])
-def test_laws_that_differ_in_the_last_coefficient_alone_have_their_own_forces(plain_device, last):
-    # Warp took one kernel for all of them, the one that was compiled first, by whichever process.
-    system = BODIES["box"].replace(spring=PolynomialSpring((1.0, -0.5, last)))
-    found = evaluate(system, plain_device, "float64")
-    expected = expected_forces(system, "polynomial", lambda e: e - 0.5 * e**2 + last * e**3)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())  # rounding
+SWEPT = {
+    "exponential": lambda n: {"spring": ExponentialSpring(5.0 + 0.1 * n), "damper": CoulombDamper(0.1 + 0.01 * n)},
+    "limited": lambda n: {"spring": LimitedSpring(0.01 + 1e-4 * n, 5.0 + n), "damper": QuadraticDamper(1.0 + n)},
+    "polynomial": lambda n: {"spring": PolynomialSpring((1.0, 2.0 + n, 3.0, 4.0, 5.0)[: 2 + n % 4])},
+}
+
+
+@pytest.mark.parametrize("name", SWEPT)
+def test_fifty_values_of_a_coefficient_load_no_kernel_after_the_first(monkeypatch, name):
+    loaded, load = set(), Module.load
+
+    def load_and_note(module, *given, **named):
+        loaded.add(module)
+        return load(module, *given, **named)
+
+    monkeypatch.setattr(Module, "load", load_and_note)
+    pair = chain(2, 0.11, stiffness=30.0, damping=0.1).with_velocity([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    energies, counts = set(), set()
+    for n in range(50):
+        simulation = Simulation(pair.replace(rest_length=0.1, **SWEPT[name](n)), device="cpu")
+        simulation.step()
+        energies.add(simulation.measure().energy)
+        counts.add(len(loaded))
+    assert len(counts) == 1
+    assert len(energies) == 50
 
 
 def times(factor: float) -> OwnSpring:
@@ -143,7 +163,7 @@ def times(factor: float) -> OwnSpring:
     ],
 )
 def test_laws_that_differ_in_the_tenth_digit_have_their_own_forces(plain_device, laws):
-    # Warp rounds constants to float32 before it compares kernels.
+    # In float64 no number of a law is rounded to float32; and of constants Warp compares kernels by these digits.
     field = "damper" if isinstance(laws[0], CoulombDamper) else "spring"
     one, other = (evaluate(BODIES["box"].replace(**{field: law}), plain_device, "float64") for law in laws)
     assert 1e-12 < np.abs(other - one).max() / np.abs(one).max() < 1e-7

@@ -14,7 +14,6 @@ from ...kernels.adjoint import (
     Wanted,
     in_lattice,
     in_table,
-    is_linear,
     springs_adjoint,
     stencil_adjoint,
     stencil_table,
@@ -58,7 +57,7 @@ class InTable(OverParticles):
     """The springs of each particle in a table, for every system, in one world or many."""
 
     def __init__(self, model: Model, actuated: ActuatedSprings | None) -> None:
-        super().__init__(model, in_table(model.scalar, model.laws.damper is not None, model.in_worlds))
+        super().__init__(model, in_table(model.scalar, model.laws, model.in_worlds))
         self._actuated = actuated
         self.entries = model.worlds * model.connection_count
         """Number of entries of the derivatives by a constant."""
@@ -67,7 +66,7 @@ class InTable(OverParticles):
             column[actuated.connection] = actuated.column
         self.column = model.ordered(column)
         """The column of each connection's strain, -1 without an actuator, in the model's order."""
-        table = self._table = self._neighbours.Table()
+        table = self._table = model.with_law(self._neighbours.Table())
         table.first, table.other, table.connection = neighbour_table(model)
         table.connections = model.connections
         for name in CONSTANTS:
@@ -97,7 +96,7 @@ class InLattice(OverParticles):
     """The springs of a uniform lattice without ties and actuators: neighbours are at constant offsets."""
 
     def __init__(self, model: Model, lattice: Lattice) -> None:
-        super().__init__(model, in_lattice(model.scalar))
+        super().__init__(model, in_lattice(model.scalar, model.laws))
         self._lattice = lattice
         self.entries = len(lattice.steps) * model.particle_count
         self.table = self._table(model, lattice)
@@ -106,7 +105,7 @@ class InLattice(OverParticles):
         """Return the struct that the kernel reads."""
         bits = [one.bit.bit_length() - 1 for row in stencil_rows(lattice.steps)[1] for one in row]
         order, (offset, constants) = np.argsort(bits), lattice.neighbours()
-        table = self._neighbours.Table()
+        table = model.with_law(self._neighbours.Table())
         upload_fields(table, model.device, mask=lattice.mask, offset=offset[order])
         table.constants = records_of_three(model, constants[0, order])
         return table
@@ -131,7 +130,8 @@ class InStencil(InLattice):
     def kernel(self, wanted: Wanted) -> Any:
         """Compose the kernel of the adjoint."""
         model = self._model
-        return stencil_adjoint(model.dim, model.scalar, model.laws, wanted, self._lattice.steps)
+        damped = model.laws.damper is not None
+        return stencil_adjoint(model.dim, model.scalar, damped, wanted, self._lattice.steps)
 
     def launch(self, kernel: Any, inputs: list[Any], over: Callable[..., None]) -> None:
         """Launch the kernel with a thread for each particle."""
@@ -150,6 +150,6 @@ def springs_of_particles(model: Model, actuated: ActuatedSprings | None) -> InTa
             lattice = model.lattice or find_lattice(model.system)
             if lattice.uniform and not len(lattice.ties):
                 # Only a model with a lattice has arrays with the margins that a stencil reads.
-                unrolled = model.lattice is not None and is_linear(model.laws) and is_large(model)
+                unrolled = model.lattice is not None and model.laws.linear and is_large(model)
                 return InStencil(model, lattice) if unrolled else InLattice(model, lattice)
     return InTable(model, actuated)

@@ -8,9 +8,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
-from ...kernels.springs import Laws
+from ...kernels.springs import Laws, form_of
 from ...runtime import in_turn
-from ..model.model import CONSTANTS
 from ..model.state import State
 from ..stepping.assemble import Assembly
 from .readout import Sweep
@@ -113,7 +112,7 @@ class Sums:
         between = None if plain else model.system.between_neighbours
         self._tears = int(assembly.fracture is not None)
         # A pass over particles alone uses one kernel for all spring laws.
-        self._laws = Laws(model.system.damper.law, model.laws.spring) if everything else Laws()
+        self._laws = Laws(form_of(model.system.damper.law), model.laws.spring) if everything else Laws()
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
@@ -125,8 +124,8 @@ class Sums:
         model = self._model
         if self._work is not None and self._shares is not None:
             self._work.launch(x, u, self._shares, self._more)
-        inputs = [model.table(name) for name in ("inverse_mass", "gravity", *CONSTANTS)]
-        inputs += [model.connections, self._counts, self._tears, x, x_lost, u, v, self._shares]
+        inputs = [model.table("inverse_mass"), model.table("gravity"), model.connection_table(self._laws)]
+        inputs += [self._counts, self._tears, x, x_lost, u, v, self._shares]
         kernel = partial(sum_up, model.dim, model.scalar, self._everything, self._laws)
         self._sweep.launch(kernel, inputs, found)
 

@@ -12,7 +12,7 @@ from ... import checks
 from ...bodies import System, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
 from ...kernels.records import record_length
-from ...kernels.springs import CONSTANTS as CONSTANTS, Laws
+from ...kernels.springs import CONSTANTS as CONSTANTS, Laws, connection_table, form_of, law_numbers, numbers_of
 from ...runtime import find_device, in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, scalar_array, view_of
@@ -91,8 +91,7 @@ class Model:
 
         self.compensated = precision == "float32-compensated"
         # Code for features that a scene lacks is not compiled.
-        self.damper = system.damper.law if system.damping.any() else None
-        self.laws = Laws(self.damper, system.spring.law)
+        self.laws = Laws(form_of(system.damper.law) if system.damping.any() else None, form_of(system.spring.law))
         self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
         """Mask of particles with prescribed motions, shape [particle_count]."""
         # No force moves driven particles, so their mass is infinite, as for pinned ones.
@@ -118,7 +117,7 @@ class Model:
         # An explicit step must be stable at the steepest slope of a damping law.
         slope = system.damper.steepest
         self.steepest_damping = self.damping
-        if self.damper and slope != 1:
+        if self.laws.damper and slope != 1:
             steepest = uniform_like(slope * system.damping, system.damping)
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
         for name, values in self.rows.items():
@@ -237,6 +236,20 @@ class Model:
             rows = self.system.damper.steepest * rows if name == "steepest_damping" else rows
             table = self.upload_rows(self.ordered(rows.T).T)
         self.tables[name] = table
+        return table
+
+    def with_law(self, data: Any, scalar: Any = None) -> Any:
+        """Return a struct of springs with the numbers of their law; if the law is linear it has none."""
+        if "law" in data._cls.vars:
+            kind = law_numbers(scalar or self.scalar)
+            data.law = kind(*numbers_of(self.system.spring.law, self.system.damper.law))
+        return data
+
+    def connection_table(self, laws: Laws, damping: str = "damping") -> Any:
+        """Return the connections and their constants, which may differ by world, for kernels that measure."""
+        table = self.with_law(connection_table(self.scalar, laws)(), wp.float64)
+        table.ends, table.damping = self.connections, self.table(damping)
+        table.rest_length, table.stiffness = self.table("rest_length"), self.table("stiffness")
         return table
 
     def by_world(self, vectors: NDArray) -> NDArray:

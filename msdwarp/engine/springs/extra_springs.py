@@ -27,7 +27,7 @@ class ExtraSprings(Effect):
         particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)
         order, first = rows(particle, model.particle_count)
         self.members = np.diff(first) > 0
-        data = self.data = self.piece.Data()
+        data = self.data = model.with_law(self.piece.Data())
         upload_fields(data, model.device, first=first, other=other[order])
         self.by_world = tuple(name for name in CONSTANTS if name in model.rows)
         for name in CONSTANTS:

@@ -54,7 +54,7 @@ class Scatter:
         storage, fields = stored_constants(model)
         kinds = (model.dim, model.scalar, model.laws, model.compensated, storage)
         self.force_algorithm = scatter(*kinds, fracture and fracture.breaking)
-        self.data = self.force_algorithm.Forces()
+        self.data = model.with_law(self.force_algorithm.Forces())
         self.data.f, self.data.connections = model.vectors(), model.connections
         for name, value in fields.items():
             setattr(self.data.constants, name, value)
@@ -85,7 +85,7 @@ class Gather:
             self.force_algorithm = gather_of_lanes(*kinds, lanes)
         else:
             self.force_algorithm = gather(*kinds, fracture and fracture.breaking)
-        self.data = self.force_algorithm.Forces()
+        self.data = model.with_law(self.force_algorithm.Forces())
         self.data.first, self.data.other, connection = neighbour_table(model)
         if packed:
             kind, other = fields.pop("kind"), self.data.other
@@ -198,7 +198,7 @@ class Stencil:
             return
         kinds = (model.dim, model.scalar, laws, model.compensated, lattice.steps, lattice.uniform)
         self.force_algorithm = stencil(*kinds, fracture and fracture.breaking)
-        data = self.data = self.force_algorithm.Forces()
+        data = self.data = model.with_law(self.force_algorithm.Forces())
         upload_fields(data, device, mask=lattice.mask)
         if fracture is not None:
             numbers = lattice.numbers(model.system)
@@ -225,7 +225,7 @@ class Stencil:
         mask = np.zeros_like(lattice.mask)
         for k, bit in enumerate(bits):
             mask |= np.where(lattice.mask & np.uint32(bit), np.uint32(1 << k), np.uint32(0))
-        self.data = self.force_algorithm.Forces()
+        self.data = model.with_law(self.force_algorithm.Forces())
         upload_fields(self.data, model.device, mask=mask)
         if lattice.rimmed:
             upload_fields(self.data, model.device, kind=lattice.kind)

@@ -7,10 +7,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.reductions import largest_rate
-from ...kernels.springs import linearised as kernels
+from ...kernels.springs import Laws, linearised as kernels
 from ..model.model import Model
-
-CONSTANTS = ("rest_length", "stiffness", "steepest_damping")
 
 
 def add_linearised(
@@ -58,11 +56,12 @@ def write_diagonal_blocks(model: Model, x: wp.array, springs: wp.array, dampers:
     """Write the diagonal blocks of K and B at x, float64 matrices of shape [particle_count] in each world."""
     springs.zero_()
     dampers.zero_()
+    laws = Laws(None, model.laws.spring)
     if model.connection_count:
         wp.launch(
-            kernels.add_blocks(model.dim, model.scalar, model.laws.spring),
+            kernels.add_blocks(model.dim, model.scalar, laws),
             dim=(springs.size // model.particle_count, model.connection_count),
-            inputs=[*map(model.table, CONSTANTS), model.connections, x, model.stride],
+            inputs=[model.connection_table(laws, "steepest_damping"), x, model.stride],
             outputs=[one.reshape((-1, model.particle_count)) for one in (springs, dampers)],
             device=model.device,
         )

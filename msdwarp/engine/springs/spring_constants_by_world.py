@@ -128,7 +128,7 @@ def _stand_in(model: Model, classes: Classes) -> Model:
         raise ValueError("connections differ in more ways than float32 can count; precision must be 'float64'")
     if numbers.max(initial=1.0) == 1.0:
         numbers = 1.0
-    damping = 1.0 if model.damper else 0.0
+    damping = 1.0 if model.laws.damper else 0.0
     system = model.system.replace(stiffness=numbers, damping=damping, rest_length=1.0)
     return Model(
         system,
