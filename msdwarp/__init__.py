@@ -46,6 +46,8 @@ if _typing.TYPE_CHECKING:
         Angles as Angles,
         Cells as Cells,
         CoulombDamper as CoulombDamper,
+        Damper as Damper,
+        DamperKinds as DamperKinds,
         ExponentialSpring as ExponentialSpring,
         Frame as Frame,
         LimitedSpring as LimitedSpring,
@@ -54,6 +56,8 @@ if _typing.TYPE_CHECKING:
         OwnSpring as OwnSpring,
         PolynomialSpring as PolynomialSpring,
         QuadraticDamper as QuadraticDamper,
+        Spring as Spring,
+        SpringKinds as SpringKinds,
         Surface as Surface,
         System as System,
         TensionOnlySpring as TensionOnlySpring,
@@ -150,9 +154,9 @@ __version__ = "0.2.0"
 # The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
     "bodies": (
-        "CORK COTTON FOAM JELLY MUSCLE RUBBER SILICONE STEEL_WIRE Angles Cells CoulombDamper ExponentialSpring "
-        "Frame LimitedSpring Material OwnDamper OwnSpring PolynomialSpring QuadraticDamper Surface System "
-        "TensionOnlySpring space_filling_order stress von_mises"
+        "CORK COTTON FOAM JELLY MUSCLE RUBBER SILICONE STEEL_WIRE Angles Cells CoulombDamper Damper DamperKinds "
+        "ExponentialSpring Frame LimitedSpring Material OwnDamper OwnSpring PolynomialSpring QuadraticDamper "
+        "Spring SpringKinds Surface System TensionOnlySpring space_filling_order stress von_mises"
     ),
     "checks": (
         "EnergyDriftWarning FitWarning GradientWarning InvertedWarning SettleWarning StartWarning StepWarning "

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from ..springs.dampers import LINEAR, damper_force, law_numbers
+from ..springs.dampers import LINEAR, damper_force, law_data, law_numbers
 from ..springs.gather import SLICE
 from ..springs.lanes import sum_over_lanes
 from ..springs.law import TINY, inverse_root
@@ -37,9 +37,9 @@ def projected_force(dim: int, scalar: type, laws: Laws):
     It is the law of `springs.law`, in operations that Warp can differentiate. `own` are rest length,
     stiffness and damping, `actuated` is the strain of an actuator, or 0.
     """
-    V, Three, Numbers, (damper, spring) = vector(dim, scalar), vector(3, scalar), law_numbers(scalar), laws
-    stress, resistance = spring_stress(scalar, spring or LINEAR), damper_force(scalar, damper or LINEAR)
-    slack, tiny = laws.slacken, TINY[scalar]
+    V, Three, Numbers, (damper, spring, _) = vector(dim, scalar), vector(3, scalar), law_numbers(scalar), laws
+    stress, resistance = spring_stress(scalar, spring or LINEAR), damper_force(scalar, laws)
+    tiny = TINY[scalar]
 
     @wp.func
     def projected(dx: V, dv: V, psi: V, own: Three, actuated: scalar, law: Numbers) -> scalar:
@@ -49,10 +49,7 @@ def projected_force(dim: int, scalar: type, laws: Laws):
         if wp.static(spring is not None):
             pull = own[1] * own[0] * stress(strain, law)
         if wp.static(damper is not None):
-            resisting = resistance(strain, wp.dot(dv, dx) / length, own[2], law)
-            if wp.static(slack):  # not `clamp`, whose derivative by `resisting` is 1 where all three are 0
-                resisting = wp.max(wp.min(resisting, pull), -pull)
-            pull += resisting
+            pull += resistance(strain, wp.dot(dv, dx) / length, own[2], pull, law)
         pull -= own[1] * own[0] * actuated
         return -(pull / length) * wp.dot(psi, dx)
 
@@ -137,7 +134,9 @@ def in_table(scalar: type, laws: Laws, in_worlds: bool) -> Neighbours:
         damping: wp.array(dtype=scalar)  # in the units of the law
         differs: wp.vec3i  # 0 for each of these three that is shared, else 1
         if not laws.linear:
-            law: law_numbers(scalar)
+            law: law_data(scalar, laws)
+        if laws.several:
+            number: wp.array(dtype=wp.uint8)  # of its law, shape [connection_count]
 
     @wp.func
     def world_of(table: Table, i: int) -> int:
@@ -307,9 +306,11 @@ def springs_adjoint(
                     if wp.static(laws.linear):
                         by_dx, by_dv, by_own, by_s = derive(dx, dv, psi, spring, s)
                     else:
-                        by_dx, by_dv, _psi, by_own, by_s, _law = wp.grad(projected)(
-                            dx, dv, psi, spring, s, table.law
-                        )
+                        if wp.static(laws.several):
+                            law = table.law[int(table.number[table.connection[slot]])]
+                        else:
+                            law = table.law
+                        by_dx, by_dv, _psi, by_own, by_s, _law = wp.grad(projected)(dx, dv, psi, spring, s, law)
                     sum_x += by_dx
                     sum_v += by_dv
                     if wp.static(own):

@@ -45,7 +45,8 @@ def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_c
     if differs.storage == "one":
         fields["constants"] = wp.array(dtype=Three)  # in the order of CONSTANTS
     elif differs.storage == "table":
-        fields["constants"] = wp.array2d(dtype=Three)  # shape [rows, kind_count]
+        kind = Forces.vars["constants"].type.vars["table"].type.dtype
+        fields["constants"] = wp.array2d(dtype=kind)  # shape [rows, kind_count]
     elif differs.storage:
         for name in ("rest_length", "stiffness", "damping"):
             how = getattr(differs, name)

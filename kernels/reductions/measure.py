@@ -111,8 +111,8 @@ def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
     Unless `everything`, it only visits particles, and computes LOOKED columns.
     """
     V, separation = vector(dim, scalar), difference(dim, scalar)
-    resistance, energy = damper_force(wp.float64, laws.damper or LINEAR), spring_energy(laws.spring or LINEAR)
-    Connected, slack = connection_table(scalar, laws), laws.slacken
+    resistance, energy = damper_force(wp.float64, laws), spring_energy(laws.spring or LINEAR)
+    Connected, law_of = connection_table(scalar, laws)
     column_count, load = COLUMNS if everything else LOOKED, records(dim, scalar).load
     add_up_columns, Columns = add_up(column_count, block), wp.types.vector(column_count, wp.float64)
 
@@ -214,16 +214,13 @@ def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
                 if wp.static(laws.spring is None):
                     elastic += wp.float64(0.5) * spring * stretch * stretch
                 else:
-                    elastic += spring * rest * rest * energy(stretch / rest, connections.law)
+                    elastic += spring * rest * rest * energy(stretch / rest, law_of(connections, c))
                 if length > wp.float64(0.0):
                     rate = closing / length
-                    if wp.static(laws.linear):
-                        resisting = damper * rate
-                    else:
-                        resisting = resistance(stretch / rest, rate, damper, connections.law)
-                    if wp.static(slack):
-                        pull = spring * wp.max(stretch, wp.float64(0.0))
-                        resisting = wp.max(wp.min(resisting, pull), -pull)
+                    resisting = damper * rate
+                    if wp.static(not laws.linear):
+                        pull = spring * wp.max(stretch, wp.float64(0.0))  # limits the damper if springs only pull
+                        resisting = resistance(stretch / rest, rate, damper, pull, law_of(connections, c))
                     dissipated += resisting * rate
                 if tears != 0 and spring == wp.float64(0.0) and damper == wp.float64(0.0):
                     stretch = wp.float64(0.0)

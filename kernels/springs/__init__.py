@@ -43,7 +43,7 @@ from .scatter import scatter as scatter
 from .spring_laws import (
     Laws as Laws,
     connection_table as connection_table,
-    form_of as form_of,
+    forms_of as forms_of,
     numbers_of as numbers_of,
     spring_energy as spring_energy,
 )

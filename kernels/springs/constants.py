@@ -23,16 +23,16 @@ TAKE = """
 
 
 @functools.cache
-def constants(scalar: type, storage: str):
+def constants(scalar: type, storage: str, several: bool = False):
     """Compose (Constants, take): the struct, and take(constants, c), the constants of spring or slot c.
 
     Storage: "one" (all springs are equal), "kinds" (a byte per spring, and a table of a few kinds), "packed" (a
     table of kinds; c is a kind), "lengths" (a rest length per spring, all else equal), "own" (three numbers per
     spring) or "listed" (three numbers per spring; c is a slot with a spring's index). `take` returns a vector in
-    the order of CONSTANTS.
+    the order of CONSTANTS; with `several` laws the number of the spring's law is a fourth constant.
     """
-    Three = vector(3, scalar)
-    load = records(3, scalar).load
+    Three = vector(4 if several else 3, scalar)
+    load = records(4 if several else 3, scalar).load
 
     if storage == "one":
 
@@ -97,13 +97,21 @@ def constants(scalar: type, storage: str):
             rest_length: wp.array(dtype=scalar)  # l0 [m]
             stiffness: wp.array(dtype=scalar)  # k [N/m]
             damping: wp.array(dtype=scalar)  # b in the units of the law
+            if several:
+                law: wp.array(dtype=wp.uint8)
 
         @wp.func
         def take_named(constants: Listed, slot: int) -> Three:
             c = wp.max(constants.connection[slot], 0)  # padding slots exert no force
             return Three(constants.rest_length[c], constants.stiffness[c], constants.damping[c])
 
-        return Listed, take_named
+        @wp.func
+        def take_named_and_law(constants: Listed, slot: int) -> Three:
+            c = wp.max(constants.connection[slot], 0)
+            l0 = constants.rest_length[c]
+            return Three(l0, constants.stiffness[c], constants.damping[c], scalar(constants.law[c]))
+
+        return Listed, take_named_and_law if several else take_named
 
     @wp.struct
     class Own:
@@ -111,6 +119,8 @@ def constants(scalar: type, storage: str):
         rest_length: wp.array(dtype=scalar)  # l0 [m]
         stiffness: wp.array(dtype=scalar)  # k [N/m]
         damping: wp.array(dtype=scalar)  # b in the units of the law
+        if several:
+            law: wp.array(dtype=wp.uint8)
 
     @wp.func
     def take_own(constants: Own, c: int) -> Three:
@@ -118,4 +128,9 @@ def constants(scalar: type, storage: str):
             number(constants.rest_length, c), number(constants.stiffness, c), number(constants.damping, c)
         )
 
-    return Own, take_own
+    @wp.func
+    def take_own_and_law(constants: Own, c: int) -> Three:
+        l0 = constants.rest_length[c]
+        return Three(l0, constants.stiffness[c], constants.damping[c], scalar(constants.law[c]))
+
+    return Own, take_own_and_law if several else take_own

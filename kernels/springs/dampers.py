@@ -5,14 +5,16 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import vector
+from ..basis import fully_hashed, vector
 
 LINEAR = ("linear",)
 """The form of the linear law."""
-SPEED = 5
-"""Place of a damping law's number among the `LAW_NUMBERS`: the speed at which it becomes linear [m/s]."""
-LAW_NUMBERS = 6
-"""Length of the vector of a law's numbers: at most five of the spring, and the damper's speed."""
+FORMS = ("linear", "tension", "limited", "exponential", "polynomial", "quadratic", "coulomb", "own")
+"""The forms of laws of springs and of dampers; the last is a function of one's own."""
+SPEED, SPRING_FORM, DAMPER_FORM = 5, 6, 7
+"""Places in the vector of a law's numbers: the speed at which a damper becomes linear [m/s], and which of FORMS
+spring and damper have. At most five numbers of the spring are before these."""
+LAW_NUMBERS = 8
 
 
 def law_numbers(scalar: type) -> Any:
@@ -20,24 +22,37 @@ def law_numbers(scalar: type) -> Any:
     return vector(LAW_NUMBERS, scalar)
 
 
+def law_data(scalar: type, laws: Any) -> Any:
+    """Return the type of the numbers of the law in a kernel's data; of several laws it has an array."""
+    return wp.array(dtype=law_numbers(scalar)) if laws.several else law_numbers(scalar)
+
+
 @functools.cache
-def damper_force(scalar: type, form: Any):
+def damper_force(scalar: type, laws: Any):
     """Compose the damping force [N] along a spring, positive in tension, from the rate of lengthening l' [m/s].
 
     Linear: b l'. Quadratic: b min(|l'|, s) l'. Coulomb: b l'/s, at most b. The speed s is a number of the law. A
-    law that is a `wp.func` depends on strain, rate and b.
+    law that is a `wp.func` depends on strain, rate and b. Beside a spring that only pulls, a damper's force is at
+    most the spring's, `pull`.
     """
-    Numbers = law_numbers(scalar)
-    name, own = (form[0], None) if isinstance(form, tuple) else ("own", form)
+    Numbers, form = law_numbers(scalar), laws.damper or LINEAR
+    names, own = (form, None) if isinstance(form, tuple) else (("own",), form)
+    count, alone = len(names), len(names) == 1
 
-    @wp.func
-    def force(strain: scalar, rate: scalar, damping: scalar, law: Numbers) -> scalar:
-        if wp.static(own is not None):
-            return own(strain, rate, damping)
-        if wp.static(name == "quadratic"):
-            return damping * wp.min(wp.abs(rate), law[SPEED]) * rate
-        if wp.static(name == "coulomb"):
-            return damping * wp.clamp(rate / law[SPEED], scalar(-1.0), scalar(1.0))
-        return damping * rate
+    @fully_hashed
+    def force(strain: scalar, rate: scalar, damping: scalar, pull: scalar, law: Numbers) -> scalar:
+        result = damping * rate
+        for n in range(wp.static(count)):
+            if wp.static(alone) or law[DAMPER_FORM] == scalar(wp.static(FORMS.index(names[n]))):
+                if wp.static(names[n] == "own"):
+                    result = own(strain, rate, damping)
+                if wp.static(names[n] == "quadratic"):
+                    result = damping * wp.min(wp.abs(rate), law[SPEED]) * rate
+                if wp.static(names[n] == "coulomb"):
+                    result = damping * wp.clamp(rate / law[SPEED], scalar(-1.0), scalar(1.0))
+        if wp.static(laws.slackens):  # not `clamp`, whose derivative by `result` is 1 where all three are 0
+            if wp.static(not laws.several) or law[SPRING_FORM] == scalar(wp.static(FORMS.index("tension"))):
+                result = wp.max(wp.min(result, pull), -pull)
+        return result
 
     return force

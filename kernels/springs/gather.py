@@ -13,7 +13,7 @@ from ..basis import fully_hashed
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
-from .dampers import law_numbers
+from .dampers import law_data
 from .force_algorithm import ForceAlgorithm, difference
 from .fracture import Breaking
 from .law import spring_damper
@@ -51,7 +51,7 @@ def gather(
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
-    Constants, take = constants(scalar, storage)
+    Constants, take = constants(scalar, storage, laws.several)
     packed, damped, tears = storage == "packed", laws.damper is not None, breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
 
@@ -66,7 +66,7 @@ def gather(
         other: wp.array(dtype=int)  # neighbour in each slot, shape [slot_count], plus one chunk
         constants: Constants  # of slots
         if not laws.linear:
-            law: law_numbers(scalar)
+            law: law_data(scalar, laws)
         if tears:
             breaking: Breaks
 

@@ -12,7 +12,7 @@ from ..basis import fully_hashed, vector
 from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
-from .dampers import law_numbers
+from .dampers import law_data, law_numbers
 from .force_algorithm import ForceAlgorithm, difference
 from .gather import SLICE
 from .law import spring_damper
@@ -138,7 +138,7 @@ def gather_of_lanes(
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
-    Constants, take = constants(scalar, storage)
+    Constants, take = constants(scalar, storage, laws.several)
     packed, damped = storage == "packed", laws.damper is not None
 
     @wp.struct
@@ -147,7 +147,7 @@ def gather_of_lanes(
         other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count]
         constants: Constants  # of slots
         if not laws.linear:
-            law: law_numbers(scalar)
+            law: law_data(scalar, laws)
 
     @wp.func
     def force_at(forces: GatheredByLanes, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:

@@ -63,12 +63,13 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
     F = (−k (|Δx| − l0) − b Δv·Δx̂) Δx̂ with Δx = x_i − x_j, Δv = v_i − v_j and Δx̂ = Δx/|Δx|; the second particle
     gets −F. Another damping law replaces b Δv·Δx̂; without a damper this part is not compiled. Another spring law
     replaces k (|Δx| − l0) by k l0 s(|Δx|/l0 − 1). For springs that bear only tension, a damper's force is at most
-    the spring's. Unless `laws` are linear, the last argument has the numbers of the law.
+    the spring's. Unless `laws` are linear, the last argument has the numbers of the law, or of all laws; then the
+    argument before is the number of this spring's law.
     """
-    V, Numbers, (damper, spring) = vector(dim, scalar), law_numbers(scalar), laws
+    V, Numbers, (damper, spring, _) = vector(dim, scalar), law_numbers(scalar), laws
     rsqrt, rounded = inverse_root(scalar), product(scalar)
-    damped, slack, tiny = damper is not None, laws.slacken, TINY[scalar]
-    stress, resistance = spring_stress(scalar, spring or LINEAR), damper_force(scalar, damper or LINEAR)
+    damped, tiny = damper is not None, TINY[scalar]
+    stress, resistance = spring_stress(scalar, spring or LINEAR), damper_force(scalar, laws)
 
     if laws.linear:
 
@@ -92,12 +93,15 @@ def spring_damper(dim: int, scalar: type, laws: Laws):
         if wp.static(spring is not None):
             pull = rounded(stiffness, rest_length) * stress(strain, law)
         if wp.static(damped):
-            resisting = resistance(strain, wp.dot(dv, dx) * inverse_length, damping, law)
-            if wp.static(slack):
-                resisting = wp.max(wp.min(resisting, pull), -pull)
-            pull += resisting
+            pull += resistance(strain, wp.dot(dv, dx) * inverse_length, damping, pull, law)
         if wp.static(spring is None):
             return stiffness + pull * inverse_length
         return pull * inverse_length
 
-    return force_density
+    Table = wp.array(dtype=Numbers)
+
+    @wp.func
+    def one_of(dx: V, dv: V, l0: scalar, k: scalar, b: scalar, number: scalar, law: Table) -> scalar:
+        return force_density(dx, dv, l0, k, b, law[int(number)])
+
+    return one_of if laws.several else force_density

@@ -72,7 +72,7 @@ def add_blocks(dim: int, scalar: type, laws: Laws):
     A_i = Σ k (d dᵀ + max(0, 1 − l0/l)(1 − d dᵀ)) and B_i = Σ b d dᵀ, for the axis d of each spring of i. For a
     nonlinear law k d dᵀ is multiplied by its steepest slope, and the transverse factor is max(0, l0 s/l).
     """
-    form, Connected = laws.spring or LINEAR, connection_table(scalar, laws)
+    form, (Connected, law_of) = laws.spring or LINEAR, connection_table(scalar, laws)
     steepest, stress = steepest_slope(form), spring_stress(wp.float64, form)
     V, Block = vector(dim, scalar), wp.types.matrix((dim, dim), wp.float64)
 
@@ -99,8 +99,9 @@ def add_blocks(dim: int, scalar: type, laws: Laws):
         slope = wp.float64(1.0)
         if wp.static(laws.spring is not None):
             strain = wp.float64(length) / l0 - wp.float64(1.0)
-            slope = steepest(strain, connections.law)
-            across = wp.max(wp.float64(0.0), stress(strain, connections.law) * l0 / wp.float64(length))
+            law = law_of(connections, c)
+            slope = steepest(strain, law)
+            across = wp.max(wp.float64(0.0), stress(strain, law) * l0 / wp.float64(length))
         along = Block()
         spring = Block()
         for p in range(wp.static(dim)):

@@ -7,7 +7,7 @@ import warp as wp
 from ..compensation import state_types
 from ..records import records
 from .constants import constants
-from .dampers import law_numbers
+from .dampers import law_data
 from .force_algorithm import ForceAlgorithm, difference, ends_of
 from .fracture import Breaking
 from .law import spring_damper
@@ -27,7 +27,7 @@ def scatter(
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, store, add = records(dim, scalar)
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
-    Constants, take = constants(scalar, storage)
+    Constants, take = constants(scalar, storage, laws.several)
     damped, tears = laws.damper is not None, breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
 
@@ -37,7 +37,7 @@ def scatter(
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
         constants: Constants  # of springs
         if not laws.linear:
-            law: law_numbers(scalar)
+            law: law_data(scalar, laws)
         if tears:
             breaking: Breaks
 

@@ -30,6 +30,13 @@ from .fields import (
     scaled_parts as scaled_parts,
 )
 from .frame import Frame as Frame, Series as Series
+from .law_kinds import (
+    DamperKinds as DamperKinds,
+    LawKinds as LawKinds,
+    SpringKinds as SpringKinds,
+    each_law as each_law,
+    joined_laws as joined_laws,
+)
 from .materials import (
     CORK as CORK,
     COTTON as COTTON,

@@ -10,6 +10,7 @@ from .. import checks
 from .angles import Angles
 from .cells import Cells
 from .dampers import Damper
+from .law_kinds import LawKinds, each_law
 from .selection import check_no_mask
 from .springs import LINEAR_SPRING, Spring
 from .surface import Surface
@@ -77,9 +78,15 @@ def checked(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) ->
     if new & {"break_strain", "break_force"}:
         check_bears_start(fields)
 
+    count = len(fields["connections"])
     checks.instance("damper", fields["damper"], Damper, "CoulombDamper()")
     checks.instance("spring", fields["spring"], Spring, "TensionOnlySpring()")
-    if fields["spring"] != LINEAR_SPRING and np.isfinite(stored(fields["break_force"])).any():
+    for name in ("damper", "spring"):
+        if isinstance(law := fields[name], LawKinds) and law.kind.shape != fields["stiffness"].shape:
+            raise ValueError(f"{name} has {len(law.kind)} kinds; it must have one for each of {count} connections")
+    springs, kind = each_law(fields["spring"], count)
+    linear = np.array([law == LINEAR_SPRING for law in springs])
+    if not linear.all() and np.isfinite(fields["break_force"][~linear[kind]]).any():
         law = f"spring is {fields['spring']!r}"
         raise ValueError(
             f"break_force is given, and {law}; only linear springs have it, others may have a break_strain"

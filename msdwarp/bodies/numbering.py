@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
+from .law_kinds import LawKinds, joined_laws
 from .uniform import is_uniform, joined
 
 _SECOND = "second neighbours"
@@ -80,8 +81,10 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
     near = between_neighbours(fields["directions"], len(ends))
     second = np.zeros(len(ends), dtype=bool) if near is None else ~near
     of_connections = np.lexsort((ends[:, 1], ends[:, 0], second))
-    result: dict[str, Any] = {"connections": connections[of_connections], "damper": fields["damper"]}
-    result["spring"] = fields["spring"]
+    result: dict[str, Any] = {"connections": connections[of_connections]}
+    for name in ("damper", "spring"):
+        law = fields[name]
+        result[name] = law.ordered(of_connections) if isinstance(law, LawKinds) else law
     if near is not None:  # springs to second neighbours differ in length, and are far softer
         result["directions"] = ({_SECOND: slice(int(near.sum()), len(ends))},)
     for names, where in ((PARTICLE_FIELDS, chosen), (CONNECTION_FIELDS, of_connections)):
@@ -102,18 +105,16 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
 def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of two systems as one; the particles and connections of `other` come second.
 
-    Raises ValueError if the systems differ in the number of coordinates, or in the law of springs or damping.
+    Raises ValueError if the systems differ in the number of coordinates, or in a law that is not built-in.
     """
     n, c = len(one["position"]), len(one["connections"])
     dims = [each["position"].shape[1] for each in (one, other)]
     if dims[0] != dims[1]:
         raise ValueError(f"cannot add a system of {dims[1]} coordinates to one of {dims[0]}")
-    if one["damper"] != other["damper"] and one["damping"].any() and other["damping"].any():
-        raise ValueError(f"cannot add a system damped by {other['damper']} to one damped by {one['damper']}")
-    if one["spring"] != other["spring"] and len(one["connections"]) and len(other["connections"]):
-        both = f"a system of {other['spring']!r} to one of {one['spring']!r}"
-        raise ValueError(f"cannot add {both}; all bodies of a scene have the same law of springs")
     result = {name: joined(one[name], other[name]) for name in (*PARTICLE_FIELDS, *CONNECTION_FIELDS)}
+    for name, of in (("damper", "damping"), ("spring", "stiffness")):  # what there is none of has no law
+        used = tuple(each[of].any() if of == "damping" else len(each[of]) for each in (one, other))
+        result[name] = joined_laws(one[name], c, other[name], len(other["connections"]), used)
     if all(each["original_length"] is each["rest_length"] for each in (one, other)):
         result["original_length"] = result["rest_length"]
     groups = dict(one["groups"])
@@ -126,8 +127,6 @@ def concatenated(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, 
         result[name] = one[name] if other[name] is None else other[name].behind(one[name], n)
     return result | {
         "connections": np.concatenate([one["connections"], other["connections"] + np.int32(n)]),
-        "damper": (one if one["damping"].any() else other)["damper"],
-        "spring": (one if len(one["connections"]) else other)["spring"],
         "directions": one["directions"] + shifted,
         "groups": groups,
     }

@@ -50,9 +50,9 @@ class System:
     damping
         Damper constants b [N s/m], shape [connection_count].
     damper
-        The law of all dampers, force against rate of lengthening; see `msdwarp.bodies.dampers`.
+        The law of all dampers, force against rate of lengthening, or `DamperKinds`; see `msdwarp.bodies.dampers`.
     spring
-        The law of all springs, force against strain; see `msdwarp.bodies.springs`.
+        The law of all springs, force against strain, or `SpringKinds`; see `msdwarp.bodies.springs`.
     yield_strain
         Strain beyond which a spring deforms permanently, shape [connection_count]; inf: never. See
         `msdwarp.kernels.springs.plasticity`.

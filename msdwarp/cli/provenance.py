@@ -22,6 +22,7 @@ from ..bodies import (
     LINEAR_SPRING,
     PARTICLE_FIELDS,
     TEARING_FIELDS,
+    LawKinds,
     OwnDamper,
     OwnSpring,
     System,
@@ -175,6 +176,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         yield str(spring.function.adj.source).encode()
     elif spring != LINEAR_SPRING:
         yield repr(spring).encode()
+    yield from (law.kind.tobytes() for law in (damper, spring) if isinstance(law, LawKinds))
     if callable(scene.gravity):
         yield _of_times(lambda: gravity_at(scene.gravity, times, dim))
     for collider in scene.colliders:

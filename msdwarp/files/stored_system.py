@@ -13,9 +13,12 @@ from ..bodies import (
     Angles,
     Cells,
     Damper,
+    DamperKinds,
+    LawKinds,
     OwnDamper,
     OwnSpring,
     Spring,
+    SpringKinds,
     Surface,
     System,
     UnknownDamper,
@@ -24,7 +27,7 @@ from ..bodies import (
 )
 from .names import OWN, ROOT, load, store, store_text
 
-_OF_USERS = OwnDamper, UnknownDamper, OwnSpring, UnknownSpring
+_OF_USERS = OwnDamper, UnknownDamper, OwnSpring, UnknownSpring, DamperKinds, SpringKinds
 DAMPERS = {law.__name__: law for law in (Damper, *Damper.__subclasses__()) if law not in _OF_USERS}
 SPRINGS = {law.__name__: law for law in (Spring, *Spring.__subclasses__()) if law not in _OF_USERS}
 """The laws that a file can store, by name: all except a user's functions."""
@@ -46,6 +49,8 @@ def arrays_of(system: System) -> dict[str, NDArray]:
         if (part := getattr(system, name)) is not None:
             found |= {f"{name}/{field.name}": getattr(part, field.name) for field in fields(part)}
     found |= {f"groups/{k}": particles for k, particles in enumerate(system.groups.values())}  # names may have a /
+    laws = {name: getattr(system, name) for name in ("damper", "spring")}
+    found |= {f"laws/{name}": law.kind for name, law in laws.items() if isinstance(law, LawKinds)}
     arrays = {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
     return {name: values[0] if is_uniform(values) else values for name, values in arrays.items()}
 
@@ -65,10 +70,10 @@ def read_system(file: Any) -> System:
     """Return the system in a file."""
     group = file[OWN]
     described, part = json.loads(load(group["description"])), group["system"]
-    law, constants = described["damper"]
-    spring, numbers = described.get("spring", ("Spring", {}))  # missing in earlier versions
-    spring = UnknownSpring() if spring not in SPRINGS else SPRINGS[spring](**numbers)
-    damper = UnknownDamper() if law not in DAMPERS else DAMPERS[law](**constants)
+    laws = {"spring": ("Spring", {})} | described  # missing in earlier versions
+    kinds = dict(_read(part["laws"])) if "laws" in part else {}
+    damper = _law(laws["damper"], DAMPERS, UnknownDamper, DamperKinds, kinds.get("damper"))
+    spring = _law(laws["spring"], SPRINGS, UnknownSpring, SpringKinds, kinds.get("spring"))
     arrays = dict(_read(part))
     # The stored system may be from a later frame, with overstretched springs, which `System` would refuse.
     broken_at = arrays.pop("broken_at", np.inf)
@@ -88,7 +93,17 @@ def read_system(file: Any) -> System:
 
 
 def _described(law: Any) -> tuple[str, dict[str, Any]]:
+    if isinstance(law, LawKinds):
+        return type(law).__name__, {"laws": [_described(one) for one in law.laws]}
     return type(law).__name__, {} if isinstance(law, (OwnSpring, OwnDamper)) else asdict(law)
+
+
+def _law(described: Any, known: Any, unknown: Any, kinds: Any, kind: Any) -> Any:
+    """Return the law that `_described` describes, or several, of which `kind` are those of connections."""
+    name, constants = described
+    if name == kinds.__name__:
+        return kinds([_law(one, known, unknown, kinds, None) for one in constants["laws"]], kind)
+    return known[name](**constants) if name in known else unknown()
 
 
 def _read(group: Any) -> Iterator[tuple[str, Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import CONNECTION_FIELDS, System, joined, particles_meant
+from ..bodies import CONNECTION_FIELDS, LawKinds, System, joined, joined_laws, particles_meant
 
 NOW = "now"
 """Value of `rest_length` that means the current distance."""
@@ -52,7 +52,8 @@ def join(
     stiffness
         Spring constants k [N/m], one or shape [pair_count].
     damping
-        Damper constants b by the bodies' law of damping, [N s/m] if linear; one or shape [pair_count].
+        Damper constants b by the bodies' law of damping, [N s/m] if linear; one or shape [pair_count]. If the
+        bodies have several laws of springs or dampers, those of the added connections are linear.
     rest_length
         Lengths at which the springs exert no force [m], one or shape [pair_count]; "now" uses the current
         distances.
@@ -104,6 +105,9 @@ def join(
     if system.original_length is system.rest_length:
         fields["original_length"] = fields["rest_length"]
     fields["connections"] = np.concatenate([system.connections, ties.connections])
+    for name in ("spring", "damper"):
+        if isinstance(law := getattr(system, name), LawKinds):
+            fields[name] = joined_laws(law, system.connection_count, getattr(ties, name), ties.connection_count)
     return System.trusted(**(vars(system) | fields))
 
 

@@ -11,6 +11,7 @@ from msdwarp import (
     RK4,
     RKC2,
     CoulombDamper,
+    DamperKinds,
     Leapfrog,
     LinearlyImplicitEuler,
     QuadraticDamper,
@@ -265,14 +266,11 @@ def test_chebyshev_refuses_what_has_no_damper_at_some_speed(device):
             Simulation(body.replace(damper=law), integrator=RKC2(), device=device)
 
 
-def test_systems_of_different_laws_do_not_add():
+def test_systems_of_different_laws_keep_them():
     linear, dry = (sliding(law, b=0.5, speed=0.0) for law in (LINEAR, CoulombDamper(0.1)))
-    with pytest.raises(
-        ValueError, match=r"cannot add a system damped by Damper\(\) to one damped by CoulombDamper\(.*0.1\)"
-    ):
-        dry + linear
-    with pytest.raises(ValueError, match="cannot add a system damped by CoulombDamper"):
-        dry + dry.replace(damper=CoulombDamper(0.2))
+    assert (dry + linear).damper == DamperKinds((CoulombDamper(0.1), LINEAR), [0, 1])
+    other = dry.replace(damper=CoulombDamper(0.2))
+    assert (dry + other + dry).damper == DamperKinds((CoulombDamper(0.1), CoulombDamper(0.2)), [0, 1, 0])
     assert (dry + dry).damper == CoulombDamper(0.1)
     undamped = sliding(LINEAR, b=0.0, speed=0.0)
     for both in (dry + undamped, undamped + dry):

@@ -6,9 +6,7 @@ from problems import EPS64
 from scipy.spatial import cKDTree
 
 from msdwarp import (
-    CoulombDamper,
     Frame,
-    QuadraticDamper,
     System,
     Trajectory,
     TrajectoryWriter,
@@ -110,12 +108,6 @@ REFUSED = [
     (lambda: join(LEFT, RIGHT, within=1.0, stiffness=-1.0), "stiffness is -1; it must be at least 0"),
     (lambda: join(LEFT, RIGHT, within=1.0, damping=np.nan, **K), "damping is nan"),
     (lambda: join(LEFT, chain(2, dim=2), pairs=[(0, 0)], **K), "cannot add a system of 2 coordinates"),
-    (
-        lambda: join(
-            LEFT.replace(damper=QuadraticDamper()), RIGHT.replace(damper=CoulombDamper()), within=1.0, **K
-        ),
-        "cannot add a system damped by",
-    ),
 ]
 
 

@@ -55,6 +55,16 @@ EFFECTS = {
     "a law of one's own": (lambda body: body.replace(spring=OwnSpring(cubic)), {}),
     "a damper of one's own": (lambda body: body.replace(damper=OwnDamper(taut, 4.0)), {}),
     "quadratic dampers": (lambda body: body.replace(damper=QuadraticDamper(0.5)), {}),
+    "several laws": (
+        lambda body: body.replace(
+            spring=msd.SpringKinds(
+                (ExponentialSpring(8.0), LINEAR_SPRING, LimitedSpring(0.02, 4.0)),
+                np.arange(body.connection_count) % 3,
+            ),
+            damper=msd.DamperKinds((LINEAR, QuadraticDamper(0.5)), np.arange(body.connection_count) % 2),
+        ),
+        {},
+    ),
     "Coulomb dampers": (lambda body: body.replace(damper=CoulombDamper(5.0)), {}),
     # Loads act side by side: a derivative is right to a millionth of all only if each of them is.
     "loads on particles": (

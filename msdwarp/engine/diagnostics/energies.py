@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
-from ...kernels.springs import Laws, form_of
+from ...kernels.springs import Laws
 from ...runtime import in_turn
 from ..model.state import State
 from ..stepping.assemble import Assembly
@@ -112,7 +112,7 @@ class Sums:
         between = None if plain else model.system.between_neighbours
         self._tears = int(assembly.fracture is not None)
         # A pass over particles alone uses one kernel for all spring laws.
-        self._laws = Laws(form_of(model.system.damper.law), model.laws.spring) if everything else Laws()
+        self._laws = model.law_forms if everything else Laws()
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bodies import TEARING_FIELDS, System, is_uniform, stored, uniform
+from ...bodies import TEARING_FIELDS, LawKinds, System, is_uniform, stored, uniform
 from ...kernels.springs import COLUMN, CONSTANTS, MOST_KINDS, MOST_NEIGHBOURS, stencil_rows
 
 
@@ -129,6 +129,8 @@ def find_lattice(system: System) -> Lattice:
     Raises NotALattice if no connection is in a direction, if a direction's connections do not follow its step, or
     if its constants vary within a body; with second neighbours, if they vary in too many ways.
     """
+    if isinstance(system.spring, LawKinds) or isinstance(system.damper, LawKinds):
+        raise NotALattice("connections follow several laws")
     if system.yields:
         raise NotALattice("connections yield, and then each has a rest length of its own")
     names = list(dict.fromkeys(name for body in system.directions for name in body))
@@ -308,14 +310,17 @@ def _number_pairs(a: NDArray, b: NDArray, count: int) -> tuple[NDArray[np.int64]
     return np.stack(np.divmod(found, count), axis=1), number[code]
 
 
-def find_kinds(system: System) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
+def find_kinds(
+    system: System, law: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
     """Return the distinct sets of constants, shape [kind_count, 3], and the kind of each spring.
+
+    Given the number of each connection's law it is a fourth constant.
 
     Return None if there are more kinds than a byte can number.
     """
     table, kind = np.zeros((1, 0)), np.zeros(system.connection_count, dtype=np.uint16)
-    for name in CONSTANTS:
-        values = getattr(system, name)
+    for values in (*(getattr(system, name) for name in CONSTANTS), *([] if law is None else [law])):
         if len(values) == 0 or is_uniform(values):
             table = np.insert(table, table.shape[1], values[0] if len(values) else 0.0, axis=1)
             continue

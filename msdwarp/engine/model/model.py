@@ -9,10 +9,10 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from ... import checks
-from ...bodies import System, is_uniform, stored, uniform_like
+from ...bodies import LawKinds, System, each_law, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
 from ...kernels.records import record_length
-from ...kernels.springs import CONSTANTS as CONSTANTS, Laws, connection_table, form_of, law_numbers, numbers_of
+from ...kernels.springs import CONSTANTS as CONSTANTS, Laws, connection_table, forms_of, law_numbers, numbers_of
 from ...runtime import find_device, in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, scalar_array, view_of
@@ -91,7 +91,17 @@ class Model:
 
         self.compensated = precision == "float32-compensated"
         # Code for features that a scene lacks is not compiled.
-        self.laws = Laws(form_of(system.damper.law) if system.damping.any() else None, form_of(system.spring.law))
+        laws, count = (system.spring, system.damper), self.connection_count
+        (springs, spring), (dampers, damper) = (each_law(law, count) for law in laws)
+        several = any(isinstance(law, LawKinds) for law in laws)
+        damper_forms, spring_forms = (forms_of([law.law for law in of]) for of in (dampers, springs))
+        self.law_forms = Laws(damper_forms, spring_forms, several)
+        """The forms of laws, with that of dampers, even if there is no damping."""
+        self.laws = self.law_forms if system.damping.any() else self.law_forms._replace(damper=None)
+        self._law_rows = [numbers_of(one.law, other.law) for other in dampers for one in springs]
+        self._law_data = dict[Any, Any]()
+        self.law_number: Any = np.float64(len(springs)) * damper + spring if several else None
+        """If there are several laws, the number of each connection's law, shape [connection_count]."""
         self.driven = np.zeros(self.particle_count, dtype=bool) if driven is None else driven
         """Mask of particles with prescribed motions, shape [particle_count]."""
         # No force moves driven particles, so their mass is infinite, as for pinned ones.
@@ -108,6 +118,9 @@ class Model:
         self.order = scatter_order(system) if self.device.is_cuda and self.force_algorithm == "scatter" else None
         """Index in the system of each connection on the device; None if both orders are equal."""
         self.connections = wp.array(self.ordered(system.connections), dtype=wp.vec2i, device=self.device)
+        self.law_each = None
+        if self.law_number is not None:
+            self.law_each = wp.array(self.ordered(self.law_number), dtype=wp.uint8, device=self.device)
         rest_length = system.rest_length
         if self.system.yields:  # a number for each connection
             rest_length = np.array(rest_length)
@@ -117,8 +130,9 @@ class Model:
         # An explicit step must be stable at the steepest slope of a damping law.
         slope = system.damper.steepest
         self.steepest_damping = self.damping
-        if self.laws.damper and slope != 1:
-            steepest = uniform_like(slope * system.damping, system.damping)
+        if self.laws.damper and np.any(slope != 1):
+            steepest = slope * system.damping
+            steepest = steepest if np.ndim(slope) else uniform_like(steepest, system.damping)
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
         for name, values in self.rows.items():
             self.check_range(values[np.isfinite(values)], name)
@@ -239,15 +253,21 @@ class Model:
         return table
 
     def with_law(self, data: Any, scalar: Any = None) -> Any:
-        """Return a struct of springs with the numbers of their law; if the law is linear it has none."""
+        """Return a struct of springs with the numbers of their law; if all are linear it has none."""
         if "law" in data._cls.vars:
-            kind = law_numbers(scalar or self.scalar)
-            data.law = kind(*numbers_of(self.system.spring.law, self.system.damper.law))
+            kind, rows = law_numbers(scalar or self.scalar), self._law_rows
+            if kind not in self._law_data:
+                several = self.law_number is not None
+                self._law_data[kind] = wp.array(rows, kind, device=self.device) if several else kind(*rows[0])
+            data.law = self._law_data[kind]
+        if "number" in data._cls.vars:
+            data.number = self.law_each
         return data
 
     def connection_table(self, laws: Laws, damping: str = "damping") -> Any:
         """Return the connections and their constants, which may differ by world, for kernels that measure."""
-        table = self.with_law(connection_table(self.scalar, laws)(), wp.float64)
+        kind, _ = connection_table(self.scalar, laws)
+        table = self.with_law(kind(), wp.float64)
         table.ends, table.damping = self.connections, self.table(damping)
         table.rest_length, table.stiffness = self.table("rest_length"), self.table("stiffness")
         return table

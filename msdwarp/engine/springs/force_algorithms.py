@@ -112,13 +112,16 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
     See `msdwarp.kernels.springs.constants`.
     """
     three, device = wp.types.vector(3, model.scalar), model.device
-    kinds = None if model.system.yields else find_kinds(model.system)
+    kinds = None if model.system.yields else find_kinds(model.system, model.law_number)
     if kinds is None:
         system = model.system
-        if not model.system.yields and is_uniform(system.stiffness) and is_uniform(system.damping):
+        uniform = not model.system.yields and not model.laws.several
+        if uniform and is_uniform(system.stiffness) and is_uniform(system.damping):
             alike = {name: float(getattr(system, name)[0]) for name in ("stiffness", "damping")}
             return "lengths", {"rest_length": model.rest_length, **alike}
         own = {name: getattr(model, name) for name in CONSTANTS}
+        if model.laws.several:
+            own["law"] = model.law_each
         return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}
     table, kind = kinds
     if len(table) == 1:
@@ -128,8 +131,8 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
 
 
 def records_of_three(model: Model, values: NDArray) -> wp.array:
-    """Return values of shape [count, 3] on the device, in records of four numbers (see `kernels.records`)."""
-    held = in_records(len(values), 3, model.scalar, model.device)
+    """Return values of shape [count, 3 or 4] on the device, in records of four numbers (see `kernels.records`)."""
+    held = in_records(len(values), values.shape[1], model.scalar, model.device)
     held.assign(values.astype(model.dtype))
     return held
 

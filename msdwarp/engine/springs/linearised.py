@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.reductions import largest_rate
-from ...kernels.springs import Laws, linearised as kernels
+from ...kernels.springs import linearised as kernels
 from ..model.model import Model
 
 
@@ -56,7 +56,7 @@ def write_diagonal_blocks(model: Model, x: wp.array, springs: wp.array, dampers:
     """Write the diagonal blocks of K and B at x, float64 matrices of shape [particle_count] in each world."""
     springs.zero_()
     dampers.zero_()
-    laws = Laws(None, model.laws.spring)
+    laws = model.laws._replace(damper=None)
     if model.connection_count:
         wp.launch(
             kernels.add_blocks(model.dim, model.scalar, laws),

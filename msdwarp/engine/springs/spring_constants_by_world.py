@@ -95,7 +95,8 @@ class Classes:
 
     def __init__(self, model: Model) -> None:
         self._model, count = model, model.connection_count
-        given = [model.row_of(name) for name in CONSTANTS]
+        given, law = [model.row_of(name) for name in CONSTANTS], model.law_number
+        given += [] if law is None else [law[None]]
         apart = [values for values in given if values.strides[1] != 0]
         self.of = np.zeros(count, dtype=np.int64)
         """The class of each spring, shape [connection_count]."""
@@ -110,8 +111,12 @@ class Classes:
         return self._model.row_of(name)[:, self._member]
 
     def together(self) -> NDArray[np.float64]:
-        """Return all constants by row and class, shape [rows, class_count, 3], in the order of CONSTANTS."""
-        each = [self.values(name) for name in CONSTANTS]
+        """Return all constants by row and class, shape [rows, class_count, 3], in the order of CONSTANTS.
+
+        Where springs follow several laws, the number of the law is a fourth.
+        """
+        each, law = [self.values(name) for name in CONSTANTS], self._model.law_number
+        each += [] if law is None else [law[None, self._member]]
         rows = lcm(*map(len, each))
         return np.stack([values[np.arange(rows) % len(values)] for values in each], axis=-1)
 
@@ -142,7 +147,7 @@ def _stand_in(model: Model, classes: Classes) -> Model:
 def _tables(model: Model, classes: Classes, kinds: NDArray[np.int64]) -> wp.array:
     """Upload a table with the constants of each kind, one row of the table per row of parameters, in records."""
     values = classes.together()[:, kinds]
-    records: Any = records_of_three(model, values.reshape(-1, 3))
+    records: Any = records_of_three(model, values.reshape(-1, values.shape[-1]))
     (size,) = records.strides
     return view_of(records, values.shape[:2], (size * len(kinds), size))
 
