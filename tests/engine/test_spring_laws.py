@@ -125,7 +125,9 @@ SWEPT = {
 }
 
 
-@pytest.mark.parametrize("name", SWEPT)
+@pytest.mark.parametrize(
+    "name", ["limited", *(pytest.param(one, marks=pytest.mark.slow) for one in ("exponential", "polynomial"))]
+)
 def test_fifty_values_of_a_coefficient_load_no_kernel_after_the_first(monkeypatch, name):
     loaded, load = set(), Module.load
 
