@@ -27,6 +27,8 @@ class Composition(NamedTuple):
     """The algorithm that sums the forces of connections."""
     compensated: bool = False
     """Whether rounding errors of sums are compensated."""
+    pinned: bool = False
+    """Whether any particle is pinned."""
     collider_term: ColliderTerm = NO_COLLIDERS
     """Contact with obstacles."""
     pieces: tuple[ForceTerm, ...] = ()

@@ -196,18 +196,20 @@ def particle_acceleration(composition: Composition):
     """Compose a_i = f_i / m_i + g; for a pinned particle (inverse mass 0) it is 0, for a driven one prescribed.
 
     A pinned particle does not move, so it never approaches a fixed collider. Without moving colliders this is the
-    only test for pinned particles.
+    only test for pinned particles. It is compiled only if there are any: it takes 3 % of a substep of 100³
+    particles.
     """
     V, SceneData, *_ = tools(composition)
-    scalar, driven = composition.scalar, driving(composition).acceleration
+    scalar, pinned, driven = composition.scalar, composition.pinned, driving(composition).acceleration
 
     @wp.func
     def acceleration(scene: SceneData, force: V, i: int) -> V:
         w = scene.inverse_mass[i]
-        if w == scalar(0.0):
-            if wp.static(driven is not None):
-                return driven(scene, force, i)
-            return V()
+        if wp.static(pinned):
+            if w == scalar(0.0):
+                if wp.static(driven is not None):
+                    return driven(scene, force, i)
+                return V()
         return w * force + scene.gravity
 
     return acceleration
@@ -222,8 +224,8 @@ def finish(composition: Composition):
     obstacles in which they start.
     """
     V, _, Compensation, _, store, add = tools(composition)
-    Colliders, collide, moving, contact_forces = composition.collider_term
-    scalar, compensated = composition.scalar, composition.compensated
+    Colliders, collide, moving, contact_forces, spares = composition.collider_term
+    scalar, compensated, pinned = composition.scalar, composition.compensated, composition.pinned
     Wide = vector(composition.dim, wp.float64)
 
     @wp.func
@@ -232,10 +234,11 @@ def finish(composition: Composition):
     ):
         x_new = add(x_old, dx, compensation.x, compensation.x_out, i)
         if wp.static(collide is not None):
-            if colliders.inverse_mass.shape[0] > 0:
-                if colliders.inverse_mass[i] == scalar(0.0):
-                    return x_new, v_new
-            if colliders.spared.shape[0] > 0:
+            if wp.static(pinned):
+                if colliders.inverse_mass.shape[0] > 0:
+                    if colliders.inverse_mass[i] == scalar(0.0):
+                        return x_new, v_new
+            if wp.static(spares):
                 if colliders.spared[i] != 0:
                     return x_new, v_new
             if wp.static(moving):

@@ -75,7 +75,7 @@ class Colliders(FrameTables):
         self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
         how = len(colliders) > 1, self.moves, contact_forces, self.overlapping_at_start
         composed = collider_contact(model.dim, model.scalar, rule, kinds, *how)
-        self.piece = ColliderTerm(*composed, self.moves, contact_forces)
+        self.piece = ColliderTerm(*composed, self.moves, contact_forces, spares)
         self.contact_forces = contact_forces
         data = self.data = self.piece.Colliders()
         if spares:

@@ -113,6 +113,7 @@ class Dynamics:
             scalar=model.scalar,
             force_algorithm=algorithm,
             compensated=model.compensated,
+            pinned=model.pinned,
             collider_term=next((one for one in terms if isinstance(one, ColliderTerm)), NO_COLLIDERS),
             pieces=force_terms,
             second_pass=self._needs_second_pass(algorithm, force_terms, effect_mask),
