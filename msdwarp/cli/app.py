@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from .. import scenes
 from . import file_commands
-from .options import FitOptions, Options, TuneOptions, ViewOptions
+from .options import FitOptions, Flag, Options, SimulationOptions, TuneOptions, ViewOptions
 from .process import start_warp
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .scene_flags import flags_app, new_app
@@ -58,6 +58,7 @@ _MEASURED = (
     "A CSV file of tracked points with columns time, id, x, y, z; or of probe readings, as in a run's probes.csv; "
     "or a trajectory."
 )
+_AS_RUN = SimulationOptions()
 Measured = Annotated[str, _A_WORD, Parameter(help=_MEASURED)]
 
 
@@ -121,6 +122,35 @@ def view(scene: Shown, /, *flags: Words) -> None:
         play(flags)
     else:
         _with_scene("view", scene, flags, ViewOptions)
+
+
+@app.command(name="compile")
+def compile_kernels(
+    *scenes: Name, arch: str | None = None, all: Flag = False, options: SimulationOptions = _AS_RUN
+) -> None:
+    """Compile the kernels of scenes, so that later runs need not; nothing is simulated.
+
+    Kernels for a GPU can be compiled where there is none, as in a container's image. Give the flags that the runs
+    will have; flags of a scene cannot be given.
+
+    Parameters
+    ----------
+    scenes
+        Names from `msdwarp list`, or paths of scene scripts.
+    arch
+        GPUs to compile for: their compute capabilities without the point, such as 80,90,100. Default: the device.
+    all
+        Compile for all scenes of `msdwarp list`.
+    """
+    names = dict.fromkeys((*scenes, *(scene_names() if all else ())))
+    if not names:
+        raise ValueError(
+            "scene is missing; `msdwarp compile SCENE ...` takes scenes, `msdwarp compile --all` all of them"
+        )
+    start_warp(False)
+    with at_once():
+        from .compile import compile_scenes
+    compile_scenes(list(names), arch, options)
 
 
 def run_script(build: Build, flags: Sequence[str]) -> None:

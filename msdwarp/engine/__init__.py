@@ -50,6 +50,7 @@ from .springs.linearised import add_linearised as add_linearised, write_diagonal
 from .stepping.assemble import Assembly as Assembly, assemble as assemble, assemble_worlds as assemble_worlds
 from .stepping.cpu_partition import THREADS as THREADS
 from .stepping.dynamics import Dynamics as Dynamics
+from .stepping.pace import Pace as Pace
 from .stepping.stages import Solve as Solve, Stage as Stage
 from .stepping.start_checks import (
     caught as caught,

@@ -4,6 +4,7 @@ import os
 from typing import Any
 
 from .messages import start_warp
+from .rehearsal import ImaginedGpu
 
 
 def find_device(name: str | None) -> Any:
@@ -14,6 +15,8 @@ def find_device(name: str | None) -> Any:
     start_warp()
     import warp as wp
 
+    if isinstance(name, ImaginedGpu):
+        return name
     if name is None:
         return wp.get_preferred_device()
     try:

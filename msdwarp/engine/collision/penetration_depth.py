@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...bodies import System, stored
 from ...kernels.basis import vector
 from ...kernels.colliders import KINDS, distances, solids
-from ...world import Collider
+from ...world import Collider, Plane
 from .extended_solids import geometries
 
 TOUCHING = 0.01
@@ -46,7 +46,11 @@ def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -
             depths[k] = -np.inf
             continue
         turn, shift = collider.pose(0.0, dim)
-        places: Any = wp.array((position - shift) @ turn, dtype=vector(dim, wp.float64), device="cpu")
+        places: Any = (position - shift) @ turn
+        if isinstance(collider, Plane):  # without a kernel, which most scenes would compile for nothing else
+            depths[k] = collider.offset - places @ collider.unit_normal(dim)
+            continue
+        places = wp.array(places, dtype=vector(dim, wp.float64), device="cpu")
         wp.launch(distances(dim), len(position), [data, k, places], [found], device="cpu")
         depths[k] = -found.numpy()
     return depths
