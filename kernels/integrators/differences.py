@@ -34,7 +34,7 @@ def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_c
     stride: bytes between the vectors of successive worlds. frozen: status of each world; only worlds with status 0
     are advanced; shape [world_count]. unit: unit of contact forces [N], shape [world_count].
     """
-    V, Three = vector(dim, scalar), vector(3, scalar)
+    V = vector(dim, scalar)
     fields: dict[str, Any] = {"stride": wp.int64, "frozen": wp.array(dtype=wp.int32)}
     if differs.gravity:
         fields["gravity"] = wp.array(dtype=V)  # [m/s²]
@@ -43,7 +43,7 @@ def world_data(dim: int, scalar: type, Forces: Any, differs: Differences, body_c
     if differs.friction:
         fields["friction"] = wp.array2d(dtype=scalar)  # shape [rows, obstacle_count]
     if differs.storage == "one":
-        fields["constants"] = wp.array(dtype=Three)  # in the order of CONSTANTS
+        fields["constants"] = wp.array(dtype=Forces.vars["constants"].type.vars["all"].type)
     elif differs.storage == "table":
         kind = Forces.vars["constants"].type.vars["table"].type.dtype
         fields["constants"] = wp.array2d(dtype=kind)  # shape [rows, kind_count]

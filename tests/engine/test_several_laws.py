@@ -122,6 +122,19 @@ def test_a_net_beside_a_ball_moves_as_alone(device):
     assert rate_bounds(NET + BALL).stiffness == pytest.approx(expected, rel=1e-12)  # atomic sums
 
 
+@pytest.mark.parametrize("laws", [(TensionOnlySpring(),), (LimitedSpring(0.1, 3.0), TensionOnlySpring())])
+def test_kinds_of_which_one_is_used_are_that_law(laws):
+    rope = chain(6, 0.1, stiffness=50.0, damping=0.1, mass=0.1).pin(0)
+    kinds = rope.replace(spring=SpringKinds(laws, [len(laws) - 1] * 5))
+    alone, several = (Simulation(one, device="cpu") for one in (rope.replace(spring=TensionOnlySpring()), kinds))
+    worlds = Ensemble(kinds, 2, stiffness=[40.0, 50.0], device="cpu")
+    for one in (alone, several, worlds):
+        one.step(20)
+    # Other kernels, of float32: roundings of half a metre in some hundred substeps.
+    np.testing.assert_allclose(several.frame().position, alone.frame().position, rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(worlds.frame().position[1], several.frame().position)
+
+
 def test_a_mast_with_guy_ropes_bears_a_side_load(plain_device):
     # The top stands on a strut at the origin; two ropes go down to the ground at 45°. Pushed to the right, the
     # right rope is slack, and the left one bears the push: T cos 45° = H, N = m g + T sin 45°.

@@ -111,7 +111,7 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
 
     See `msdwarp.kernels.springs.constants`.
     """
-    three, device = wp.types.vector(3, model.scalar), model.device
+    device = model.device
     kinds = None if model.system.yields else find_kinds(model.system, model.law_number)
     if kinds is None:
         system = model.system
@@ -125,7 +125,7 @@ def stored_constants(model: Model) -> tuple[str, dict[str, Any]]:
         return "own", {name: wp.clone(array) if array.strides == (0,) else array for name, array in own.items()}
     table, kind = kinds
     if len(table) == 1:
-        return "one", {"all": three(*map(float, table[0]))}
+        return "one", {"all": wp.types.vector(table.shape[1], model.scalar)(*map(float, table[0]))}
     held = records_of_three(model, table)
     return "kinds", {"table": held, "kind": wp.array(model.ordered(kind), dtype=wp.uint8, device=device)}
 

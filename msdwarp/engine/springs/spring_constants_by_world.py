@@ -60,7 +60,8 @@ def _algorithm_of_worlds(model: Model, fracture: Fracture | None, rest_length: w
         return _by_direction(model, forces, classes)
     constants = forces.data.constants
     if hasattr(constants, "all"):
-        one = wp.array(classes.together()[:, 0], dtype=wp.types.vector(3, model.scalar), device=model.device)
+        rows = classes.together()[:, 0]
+        one = wp.array(rows, dtype=wp.types.vector(rows.shape[1], model.scalar), device=model.device)
         return EnsembleForces(forces.force_algorithm, forces.data, "one", {}, {"constants": one})
     if hasattr(constants, "table"):
         kinds = classes.named(constants.table.numpy()[:, 1])
