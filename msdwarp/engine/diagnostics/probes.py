@@ -191,7 +191,7 @@ class _StressSum:
         assert cells is not None
         share = model.ordered(connection_shares(system, inside))
         chosen = np.flatnonzero(share)
-        springs = _springs(model) | {
+        springs: dict[str, Any] = _springs(model) | {
             "weight": wp.array(share[chosen], dtype=wp.float64, device=device),
             "member": wp.array(chosen, dtype=int, device=device),
         }
