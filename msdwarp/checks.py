@@ -49,7 +49,7 @@ class StartWarning(UserWarning):
 
 
 class StepWarning(UserWarning):
-    """Substeps that were given are too long for a function of time."""
+    """Substeps are too long for a function of time: given ones, or all if it is noise."""
 
 
 class StrainWarning(UserWarning):

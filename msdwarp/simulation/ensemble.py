@@ -176,14 +176,18 @@ class Ensemble(Differentiable):
             how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}
             self.stepping = Stepping(Dynamics(assembly), state, self._method, choices, **how)
 
-    def _choices(self, assembly: Assembly, state: State) -> list[StepChoice]:
-        """Return the substeps that worlds with different parameters need."""
+    def _choices(self, assembly: Assembly, state: State, old: Sequence[StepChoice] = ()) -> list[StepChoice]:
+        """Return the substeps that different worlds need; a world that none can follow keeps its `old` ones."""
         choices = list[StepChoice]()
         for k, rates in enumerate(self._rates(assembly, state)):
             try:
                 choices.append(self._choose(rates, assembly, state, k))
             except UnstableStep as error:
-                raise UnstableStep(f"in world {k} {error}") from error
+                if not old:
+                    raise UnstableStep(f"in world {k} {error}") from error
+                choices.append(old[k])
+        for k in np.flatnonzero(~self._running()).tolist() if old else ():
+            choices[k] = replace(old[k], substeps=1, rates=old[k].rates._replace(own=0.0))
         return choices
 
     def _parameter_of(self, name: str, world: int) -> NDArray[np.float64]:
@@ -203,7 +207,8 @@ class Ensemble(Differentiable):
         with completing() as interrupted:
             for _ in range(checks.count("frames", frames, 1)):
                 if self._functions_changed():
-                    self.stepping = self.stepping.with_choice(*self._choices(self.assembly, self.state))
+                    choices = self._choices(self.assembly, self.state, self.stepping.choices)
+                    self.stepping = self.stepping.with_choice(*choices)
                 self.stepping.advance(self.time)
                 self.frame_index += 1
                 if interrupted:

@@ -51,8 +51,8 @@ FEW = 2
 
 def _asked(method: Integrator, fps: float, time: float, *scene: Any) -> str:
     """Return as text how many substeps parts of a scene ask for, and its functions of time."""
-    own = time_rates(scene[0], scene[1], time, fps)
-    parts = rates_by_part(*scene) | {name: Rates(0.0, 0.0, math.inf, own=rate) for name, rate in own.items()}
+    own = [one for one in time_rates(scene[0], scene[1], time, fps).items() if one[1] < math.inf]
+    parts = rates_by_part(*scene) | {name: Rates(0.0, 0.0, math.inf, own=rate) for name, rate in own}
     return asked_by(parts, method, fps)
 
 
@@ -74,8 +74,6 @@ class Present(ReleasedInTurn):
     frame_index: int
     _warned: set[type[Warning]]
     """Warnings that the run has given."""
-    _timed = False
-    """Whether there are functions of time."""
     _due: Sequence[Change] = ()
     """Scheduled changes that have not been made yet."""
 
@@ -117,25 +115,25 @@ class Present(ReleasedInTurn):
         return [one._replace(own=max(one.own, own)) for one in found]
 
     def _time_rates(self, assembly: Assembly, state: State) -> dict[str, float]:
-        """Return `time_rates` now; warn once if a function is much faster than substeps that are given."""
+        """Return finite `time_rates` now; warn once of others, or if a function is too fast for given substeps."""
         found = time_rates(assembly, state, self.time, self.fps)
-        self._timed = bool(found)
         name, most = max(found.items(), key=lambda one: one[1], default=("", 0.0))
-        too_few = self._forced is not None and most > FEW * self._forced * self.fps
-        if too_few and checks.StepWarning not in self._warned:
+        given = "automatic substeps" if self._forced is None else f"substeps={self._forced}"
+        if most > FEW * (self._forced or checks.LARGEST) * self.fps and checks.StepWarning not in self._warned:
             self._warned.add(checks.StepWarning)
+            enough = math.ceil(most / self.fps) if most < math.inf else "no number"
             warnings.warn(
-                f"{name} changes too fast for substeps={self._forced} between {self.time:.4g} s and "
-                f"{self.time + LOOK / self.fps:.4g} s; {math.ceil(most / self.fps)} would resolve it",
+                f"{name} changes too fast for {given} between {self.time:.4g} s and "
+                f"{self.time + LOOK / self.fps:.4g} s; {enough} would resolve it",
                 checks.StepWarning,
                 stacklevel=7,
             )
-        return found
+        return {name: rate for name, rate in found.items() if math.isfinite(rate)}
 
     def _looks_at(self, frame: int) -> bool:
         """Return whether functions of one's own, or of time, are looked at before frame number `frame`."""
         own = self._forced is None and bool(functions_of(self.assembly))
-        return own or (frame % LOOK == 0 and self._timed)
+        return own or (frame % LOOK == 0 and any(one.timed for one in self.assembly.all))
 
     def _functions_changed(self) -> bool:
         """Return whether functions of one's own, or of time, need other substeps than those chosen."""
@@ -144,12 +142,19 @@ class Present(ReleasedInTurn):
             return False
         for one in functions:
             one.hold(self.time)
-        now, of_time = max(own_rates(self.assembly, self.state)), 0.0
+        own, of_time = own_rates(self.assembly, self.state), 0.0
+        now = float(np.max(own, initial=0.0, where=self._running()))
         if self.frame_index % LOOK == 0:
             of_time = max(self._time_rates(self.assembly, self.state).values(), default=0.0)
         ease = self.frame_index % (EASE_AFTER if functions else LOOK) == 0
         more = now > 1.1 * chosen or of_time > self.substeps * self.fps
         return self._forced is None and (more or (ease and max(now, of_time) < 0.5 * chosen))
+
+    def _running(self) -> NDArray[np.bool_]:
+        """Return whether any of the worlds with the same parameters runs, shape [different]."""
+        frozen, different = self.stepping.frozen, self.model.different
+        status = np.zeros(different) if frozen is None else frozen.found().status
+        return (status == 0).reshape(-1, different).any(axis=0)
 
     def _choose(self, rates: Rates, *scene: Any) -> StepChoice:
         """Return the substeps for these rates; raise UnstableStep if the requested substeps are too few.

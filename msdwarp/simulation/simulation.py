@@ -263,9 +263,9 @@ class Simulation(Changing, Differentiable):
         Warns
         -----
         StepWarning, EnergyDriftWarning, InvertedWarning, StrainWarning
-            Once per run each: if given substeps are much too long for a function of time; with automatic ones if
-            the energy has risen by rounding errors, if cells of a body stay turned inside out, or if a body whose
-            Poisson's ratio is below that of springs is strained so much that it may stay distorted.
+            Once per run each: if given substeps, or for noise any, are too long for a function of time; with
+            automatic ones if the energy has risen by rounding errors, if cells of a body stay inside out, or
+            if a body with a Poisson's ratio below that of springs is strained so much that it may stay distorted.
         """
         count = checks.count("frames", frames, 1)
         with completing() as interrupted:

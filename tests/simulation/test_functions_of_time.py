@@ -262,3 +262,60 @@ def test_worlds_follow_a_force_to_where_it_is_steep(method):
     # Of symplectic Euler 1/(1 − hω/2) at hω = 0.08 (`StepChoice.energy_swing`).
     np.testing.assert_allclose(energy, 0.5 * mass, rtol=0.04 / (1 - 0.04))
     assert worlds.substeps > 2 * begun
+
+
+def test_a_function_that_a_change_brings_is_followed_after_a_restore():
+    def begun():
+        later = [msd.at(0.1, gravity=pulse(0.6))]
+        system = msd.System(position=[(0, 0, 0)], mass=1.0)
+        return msd.Simulation(system, **FREE, schedule=later)
+
+    whole, first, rest = begun(), begun(), begun()
+    whole.step(45)
+    first.step(18)
+    rest.restore(*first.checkpoint())
+    rest.step(27)
+    assert max(count for _, count in whole.substep_history) > 100
+    assert rest.substep_history == whole.substep_history
+    np.testing.assert_array_equal(rest.frame().velocity, whole.frame().velocity)
+
+
+def test_noise_asks_for_no_substeps_and_is_named_once():
+    random = np.random.default_rng(1)
+    noise = msd.Force(lambda t: (0.01 * random.normal(), 0, 0), on=[0])
+    # What is resolved beside it is followed: 20 substeps to a period of a frame.
+    loads = [noise, msd.Wind(shaken, on=[1], area=1.0, drag=2.0, density=1.0)]
+    system = msd.System(position=np.eye(3), mass=1.0)
+    said = r"loads\[0\].force changes too fast for automatic substeps between 0 s and 0.1667 s; no number would"
+    with pytest.warns(msd.StepWarning, match=said) as found:
+        run = msd.Simulation(system, loads=loads, energy_limit=math.inf, **FREE)
+    assert len(found) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run.step(LOOK + 1)
+    assert run.substep_history == [(0.0, 20)]
+
+
+def test_noise_is_named_with_given_substeps_too():
+    random = np.random.default_rng(1)
+    noise = msd.Force(lambda t: (0.01 * random.normal(), 0, 0))
+    with pytest.warns(msd.StepWarning, match="too fast for substeps=30 between .* no number would resolve it"):
+        msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=[noise], substeps=30, **FREE)
+
+
+@pytest.mark.parametrize(
+    "force", [lambda t: np.cos(t) ** 2 + np.sin(t) ** 2 - 1, lambda t: 1e-12 * np.sin(6000 * math.pi * t)]
+)
+@pytest.mark.filterwarnings("error")
+def test_forces_below_the_rounding_of_weights_ask_for_nothing(force):
+    system = msd.System(position=[(0, 0, 0), (0, 0, 1)], mass=[1.0, math.inf])
+    load = msd.Force(lambda t: (force(t), 0 * t, 0 * t))
+    assert msd.Simulation(system, loads=[load], device="cpu").substeps == 1
+    assert msd.Simulation(system, loads=[msd.Force(shaken)], device="cpu").substeps == 20  # 1 mN is not below it
+
+
+@pytest.mark.parametrize("hertz", [5e3, 1e4])
+def test_a_fast_sinusoid_is_not_taken_for_noise(hertz):
+    load = msd.Force(lambda t: (np.sin(2 * math.pi * hertz * t), 0 * t, 0 * t))
+    run = msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=[load], **FREE)
+    assert run.substeps == pytest.approx(20 * hertz / 60, rel=0.1)  # chords between 25 values a period are flatter

@@ -53,6 +53,14 @@ def stiff(x: Any, v: Any, t: Any, i: int):
 
 
 @wp.func
+def runaway(x: Any, v: Any, t: Any, i: int):
+    """A push away from x = 1 m beyond it, which grows beyond all numbers."""
+    force, beyond = type(x)(), wp.max(x[0] - type(t)(1.0), type(t)(0.0))
+    force[0] = type(t)(1e3) * beyond * wp.exp(type(t)(60.0) * beyond)
+    return force
+
+
+@wp.func
 def floor(x: Any, v: Any, t: Any, i: int):
     """The push of a floor at z = 0, a million newtons for each metre of depth."""
     force = type(x)()
@@ -228,3 +236,28 @@ def test_drag_in_fewer_dimensions(dim):
     one.step(60)
     # In the mean of a kick leapfrog errs by (h c/m)²/4, that is 1/16 at most.
     np.testing.assert_allclose(one.frame().position[0], 1 / 500, rtol=1 / 16)
+
+
+def test_a_stopped_world_asks_for_no_substeps():
+    system = System(position=[(0, 0, 0)], velocity=[(1, 0, 0)], mass=1.0)
+    start = {"position": [[(0.9, 0, 0)], [(-5, 0, 0)]], "mass": [1.0, 2.0]}
+    worlds = Ensemble(system, 2, loads=[Force(runaway)], **start, gravity=0.0, precision="float64", device="cpu")
+    worlds.step(20)
+    assert list(worlds.status) == ["not finite", "running"]
+    assert worlds.substeps > 100
+    worlds.step(50)  # beyond the sixtieth frame, where substeps may become fewer
+    assert worlds.substeps == 1
+    np.testing.assert_allclose(worlds.frame().position[1, 0, 0], -5 + 70 / 60, rtol=1e-11)  # 4e4 roundings
+
+
+def test_a_world_that_no_substeps_can_follow_stops_no_other():
+    # The light particle would need 1e6 substeps a frame in the floor; the other is far above it.
+    system = System(position=[(0, 0, 0)], velocity=[(0, 0, -1)], mass=1.0)
+    start = {"position": [[(0, 0, 0.1)], [(0, 0, 5)]], "mass": [1e-9, 1.0]}
+    worlds = Ensemble(system, 2, loads=[Force(floor)], **start, gravity=0.0, precision="float64", device="cpu")
+    worlds.step(30)
+    np.testing.assert_allclose(worlds.frame().position[1, 0, 2], 5 - 30 / 60, rtol=1e-12)  # rounding of sums
+    assert worlds.status[1] == "running"
+    sunk = {"position": [[(0, 0, -0.1)], [(0, 0, 5)]], "mass": [1e-9, 1.0]}
+    with pytest.raises(UnstableStep, match="in world 0"):  # at the start it is an error
+        Ensemble(system, 2, loads=[Force(floor)], **sunk, gravity=0.0, precision="float64", device="cpu")

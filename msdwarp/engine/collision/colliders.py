@@ -106,6 +106,7 @@ class Colliders(FrameTables):
             if collider.motion is not None
         ]
         self.prescribed = [(f"colliders[{self._numbers[k]}]", one, at) for k, one, at in self._moving]
+        self.timed = bool(self.prescribed)
 
     def brings_in(self, model: Model) -> NDArray[np.float64]:
         """Return an estimate of the energy that depenetration adds [J], for each row of a model's parameters."""

@@ -104,7 +104,7 @@ def functions_of(assembly: Assembly) -> list[ForceField]:
 
 @in_turn
 def own_rates(assembly: Assembly, state: State) -> list[float]:
-    """Return `Rates.own` of each world with different parameters."""
+    """Return `Rates.own` of each world with different parameters; what is not a number does not count."""
     functions, model = functions_of(assembly), assembly.model
     if not functions:
         return [0.0] * model.different
@@ -112,7 +112,7 @@ def own_rates(assembly: Assembly, state: State) -> list[float]:
     for one in functions:
         one.add_slopes(state.x, state.v, blocks[0], blocks[1], places=PLACES)
     found = largest_rates(model, *blocks)
-    return np.maximum(np.sqrt(found[:, 0]) / OSCILLATION, found[:, 1] / RELAXATION).tolist()
+    return np.fmax(np.fmax(np.sqrt(found[:, 0]) / OSCILLATION, found[:, 1] / RELAXATION), 0.0).tolist()
 
 
 def _least_ratio(model: Model, world: int) -> float:

@@ -39,7 +39,7 @@ class AttachmentSprings(FrameTables):
             for name, one in self._named
             if isinstance(one, Attachment) and one.carried_by is not None and one.carried_by.motion is not None
         ]
-        self._moving = bool(self._carriers)
+        self._moving = self.timed = bool(self._carriers)
         self.prescribed = [
             (f"{name}.carried_by", one.motion, one.centre(model.dim)) for name, one in self._carriers
         ]

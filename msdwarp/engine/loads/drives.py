@@ -38,7 +38,7 @@ class Drives(FrameTables):
     """
 
     def __init__(self, model: Model, drives: Sequence[tuple[str, Driven]]) -> None:
-        self._model, self._drives = model, drives
+        self._model, self._drives, self.timed = model, drives, True
         self.prescribed = [(name, one.motion, one.centre) for name, one in drives]
         self._wide = vector(model.dim, wp.float64)
         self._turn = wp.types.matrix((model.dim, model.dim), wp.float64)

@@ -150,7 +150,7 @@ class ForceField(Effect):
         used = check_types(name, force.force, kinds, model.vector)
         own = force.force, number, "v" in used
         self.piece = function_force(model.dim, model.scalar, model.compensated, *own)
-        self._name, self._timed = name, "t" in used
+        self._name, self.timed = name, "t" in used
         self._values = function_values(model.dim, model.scalar, force.force)
         self._projected = function_projection(model.dim, model.scalar, force.force)
         self.data, self.members = self.piece.Data(), force.particles(model.system)
@@ -164,9 +164,7 @@ class ForceField(Effect):
         self._time = time
 
     def look_ahead(self, times: NDArray[np.float64], x: Any, v: Any) -> dict[str, NDArray[np.float64]]:
-        """Return the force on some of the particles at their present places, if the function names the time."""
-        if not self._timed:
-            return {}
+        """Return the force on some of the particles at their present places."""
         model, member = self._model, self._member[:: -(-len(self._on) // MOST_LOOKED_AT)]
         found = wp.zeros((len(times), len(member)), dtype=model.vector, device=model.device)
         inputs = [member, x, v, wp.array(times, dtype=model.scalar, device=model.device)]

@@ -60,6 +60,7 @@ class WindEffect(StageTables):
         self._take_coefficients()
         self._given = not places
         self.set_up(model, len(winds), model.vector, varies=any(one.varies for _, one in winds))
+        self.timed = self.varies or not self._given
 
     def _take_coefficients(self) -> None:
         """Upload ½ ρ C of each wind [kg/m³]."""

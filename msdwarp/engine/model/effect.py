@@ -132,6 +132,9 @@ class Effect:
     conserves: bool = False
     """Whether the forces only store or dissipate energy, so that energy rises only if the step is too long."""
 
+    timed: bool = False
+    """Whether there are functions of time, of which `look_ahead` returns values."""
+
     numbers_substeps: bool = False
     """Whether launches differ between all substeps of a frame, not only for the first two and the last."""
 

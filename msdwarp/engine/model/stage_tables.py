@@ -92,7 +92,7 @@ class StageTables(FrameTables):
 
     def set_up(self, model: Model, width: int, dtype: Any, *, varies: bool) -> None:
         """Set up rows with `width` elements of a Warp type."""
-        self._model, self._width, self._dtype, self.varies = model, width, dtype, varies
+        self._model, self._width, self._dtype, self.varies, self.timed = model, width, dtype, varies, varies
         self.now = self.at(np.zeros(1))  # a function that raises should do so before anything runs
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -101,8 +101,6 @@ class StageTables(FrameTables):
 
     def look_ahead(self, times: NDArray[np.float64], x: Any, v: Any) -> dict[str, NDArray[np.float64]]:
         """Return the table's rows at these times, all under one name if there is not one element for each load."""
-        if not self.varies:
-            return {}
         names, rows = [name for name, _ in self.named], self.at(times)
         rows = rows.reshape(*rows.shape[:2], -1)
         if len(names) != rows.shape[1]:
