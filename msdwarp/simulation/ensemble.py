@@ -12,15 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import (
-    Assembly,
-    Dynamics,
-    State,
-    WorldStatus,
-    assemble_worlds,
-    starting_state,
-    threads_of_world,
-)
+from ..engine import Assembly, Dynamics, State, WorldStatus, assemble_worlds, starting_state, threads_of_world
 from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
 from ..runtime import calling, completing, exclusive, in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
