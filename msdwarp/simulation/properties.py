@@ -137,9 +137,9 @@ class Present(ReleasedInTurn):
 
     def _functions_changed(self) -> bool:
         """Return whether functions of one's own, or of time, need other substeps than those chosen."""
-        functions, chosen = functions_of(self.assembly), max(one.rates.own for one in self.stepping.choices)
         if not self._looks_at(self.frame_index):
             return False
+        functions, chosen = functions_of(self.assembly), max(one.rates.own for one in self.stepping.choices)
         for one in functions:
             one.hold(self.time)
         own, of_time = own_rates(self.assembly, self.state), 0.0
