@@ -65,7 +65,7 @@ def test_a_file_says_all_that_made_it(msdwarp, own):
         "cpu",
         "scatter",
         9.82,
-        2,
+        3,
     )
     assert about["substeps"] > 0
     assert about["options"]["duration"] == 0.1
