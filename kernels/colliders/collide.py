@@ -33,6 +33,8 @@ class ColliderTerm(NamedTuple):
     """Whether any obstacle moves."""
     contact_forces: bool = False
     """Whether the forces of obstacles on particles are summed."""
+    overlapping_at_start: bool = False
+    """Whether any particle starts inside an obstacle, to be moved out."""
     spares: bool = False
     """Whether obstacles ignore some particles, because the surface of their body meets obstacles instead.
 

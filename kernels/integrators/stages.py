@@ -224,7 +224,7 @@ def finish(composition: Composition):
     obstacles in which they start.
     """
     V, _, Compensation, _, store, add = tools(composition)
-    Colliders, collide, moving, contact_forces, spares = composition.collider_term
+    Colliders, collide, moving, contact_forces, overlapping_at_start, spares = composition.collider_term
     scalar, compensated, pinned = composition.scalar, composition.compensated, composition.pinned
     Wide = vector(composition.dim, wp.float64)
 
@@ -234,10 +234,9 @@ def finish(composition: Composition):
     ):
         x_new = add(x_old, dx, compensation.x, compensation.x_out, i)
         if wp.static(collide is not None):
-            if wp.static(pinned):
-                if colliders.inverse_mass.shape[0] > 0:
-                    if colliders.inverse_mass[i] == scalar(0.0):
-                        return x_new, v_new
+            if wp.static(pinned and (moving or overlapping_at_start)):
+                if colliders.inverse_mass[i] == scalar(0.0):
+                    return x_new, v_new
             if wp.static(spares):
                 if colliders.spared[i] != 0:
                     return x_new, v_new

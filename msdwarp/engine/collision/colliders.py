@@ -73,9 +73,9 @@ class Colliders(FrameTables):
         self._deepest = inside if self.leads_out else 0.0
         self.overlapping_at_start, self._release_time = self._deepest > 0.0, DEPENETRATION_TIME
         self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
-        how = len(colliders) > 1, self.moves, contact_forces, self.overlapping_at_start
-        composed = collider_contact(model.dim, model.scalar, rule, kinds, *how)
-        self.piece = ColliderTerm(*composed, self.moves, contact_forces, spares)
+        how = self.moves, contact_forces, self.overlapping_at_start
+        composed = collider_contact(model.dim, model.scalar, rule, kinds, len(colliders) > 1, *how)
+        self.piece = ColliderTerm(*composed, *how, spares)
         self.contact_forces = contact_forces
         data = self.data = self.piece.Colliders()
         if spares:
