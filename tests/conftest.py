@@ -39,7 +39,7 @@ GPU_ROUTES = FORCE_ALGORITHMS if wp.is_cuda_available() else ()
 """By which a GPU is tested; where there is none, thousands of tests need not even be collected."""
 # What these assert is told as what tests assert is.
 pytest.register_assert_rewrite(
-    "collisions", "courses", "pages", "runs", "stencils", "surfaces", "tangles", "trajectories"
+    "collisions", "courses", "pages", "problems", "runs", "stencils", "surfaces", "tangles", "trajectories"
 )
 
 

@@ -220,19 +220,25 @@ def test_functions_may_end_before_the_look_does():
         run.step()
 
 
+def assert_it_resumes(begun, first_part: int, frames: int) -> msd.Simulation:
+    """Assert that a run whose substeps rise goes on from a checkpoint to the last bit; return the whole run."""
+    whole, first, rest = begun(), begun(), begun()
+    whole.step(frames)
+    first.step(first_part)
+    rest.restore(*first.checkpoint())
+    rest.step(frames - first_part)
+    assert max(count for _, count in whole.substep_history) > 100
+    assert rest.substep_history == whole.substep_history
+    np.testing.assert_array_equal(rest.frame().velocity, whole.frame().velocity)
+    return whole
+
+
 def test_substeps_of_a_pulse_repeat_and_resume():
     def begun():
         loads = [msd.Force(lambda t: (pulse(0.21)(t), 0, 0))]
         return msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=loads, **FREE)
 
-    whole, first, rest = begun(), begun(), begun()
-    whole.step(25)
-    first.step(14)
-    rest.restore(*first.checkpoint())
-    rest.step(11)
-    assert max(count for _, count in whole.substep_history) > 100
-    assert rest.substep_history == whole.substep_history
-    np.testing.assert_array_equal(rest.frame().velocity, whole.frame().velocity)
+    whole = assert_it_resumes(begun, 14, 25)
     assert whole.substeps < 10  # and they end with it
 
 
@@ -270,14 +276,7 @@ def test_a_function_that_a_change_brings_is_followed_after_a_restore():
         system = msd.System(position=[(0, 0, 0)], mass=1.0)
         return msd.Simulation(system, **FREE, schedule=later)
 
-    whole, first, rest = begun(), begun(), begun()
-    whole.step(45)
-    first.step(18)
-    rest.restore(*first.checkpoint())
-    rest.step(27)
-    assert max(count for _, count in whole.substep_history) > 100
-    assert rest.substep_history == whole.substep_history
-    np.testing.assert_array_equal(rest.frame().velocity, whole.frame().velocity)
+    assert_it_resumes(begun, 18, 45)
 
 
 def test_noise_asks_for_no_substeps_and_is_named_once():
