@@ -73,12 +73,9 @@ def completion(composition: Composition, method: Any, deferred: bool = False):
     """
     V, SceneData, _, _, store, _ = tools(composition)
     Step, advance, forced = method(composition)
-    load, masked_particles, lanes = (
-        loads(composition),
-        bool(composition.selective),
-        composition.force_algorithm.lanes,
-    )
-    loaded, lane = forced and load is not None and not deferred, lane_of(lanes)
+    load, masked_particles = loads(composition), bool(composition.selective)
+    lanes, loaded = composition.force_algorithm.lanes, forced and load is not None and not deferred
+    lane = lane_of(lanes)
 
     @wp.func
     def complete(scene: SceneData, step: Step, force: V, i: int):
