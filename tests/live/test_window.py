@@ -14,6 +14,7 @@ from test_view import held
 from msdwarp import Plane, Scene, Simulation, box
 from msdwarp.live import Running, View, Window, within_reach
 from msdwarp.live.sources import BELOW, surroundings
+from msdwarp.live.view import READ_EVERY
 from msdwarp.live.window import arrow
 from msdwarp.pictures import no_display
 
@@ -105,6 +106,13 @@ def turns(count):
         yield
 
 
+def texts_are_updated():
+    """Wait until the texts in the window are those of the view, which updates them a few times per second."""
+    next_at = time.monotonic() + READ_EVERY
+    yield from until(lambda: time.monotonic() > next_at)
+    yield from turns(3)  # in the first of them texts change, in the next the window is drawn
+
+
 def played(script, **options):
     """Run a view in a window as the script says: a function of the view and the window that yields each turn."""
     window = Window(SIZE)
@@ -167,7 +175,7 @@ def test_a_person_sees_and_handles_a_body(person):
         person("key", "space")
         yield from until(lambda: view.paused)
         yield from until(lambda: not view.notice)
-        yield from turns(10)
+        yield from texts_are_updated()
         before = window.image()
         yield from turns(30)
         np.testing.assert_array_equal(window.image(), before)
