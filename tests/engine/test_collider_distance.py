@@ -69,32 +69,6 @@ def test_distances_are_those_of_the_nearest_point_of_the_surface(dim, p):
         assert np.linalg.norm(points - place, axis=1).min() > abs(distance) - 20 * EPS64
 
 
-@every_solid
-def test_normals_are_gradients_of_distances(dim, p):
-    x = np.random.default_rng(dim + 10).uniform(-1.2, 1.2, (400, dim))
-    step = 1e-6
-    n, d = distances(SOLIDS[dim], x, p)
-    slopes = np.zeros((2, *x.shape))
-    for k in range(dim):
-        for side, sign in enumerate((1, -1)):
-            there = distances(SOLIDS[dim], x + sign * step * np.eye(dim)[k], p)[1]
-            slopes[side, :, k] = sign * (there - d) / step
-    # Where two points of the surface are equally near there is no gradient: few of so many places.
-    smooth = np.abs(slopes[0] - slopes[1]).max(axis=1) < 1e-3
-    assert smooth.mean() > 0.97
-    # Central differences: step²/r² for a curvature of 1/r, and a rounding of 1 m over the step.
-    np.testing.assert_allclose(slopes.mean(axis=0)[smooth], n[smooth], rtol=0, atol=1e-9 + 4 * EPS64 / step)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dim", [2, 3])
-def test_alone_a_solid_is_as_among_others(dim):
-    x = np.random.default_rng(dim).uniform(-1.2, 1.2, (50, dim))
-    for p, collider in enumerate(SOLIDS[dim][:5]):
-        for one, of_many in zip(distances([collider], x, 0), distances(SOLIDS[dim], x, p), strict=True):
-            np.testing.assert_allclose(one, of_many, rtol=0, atol=4 * EPS64)  # other instructions may be chosen
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_where_all_ways_out_are_alike_one_is_taken(dim):
     # Centres, axes and corners: a unit normal and the right distance, whatever the direction.

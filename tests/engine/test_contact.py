@@ -1,32 +1,22 @@
-"""Contact with planes: bounce and friction by closed forms, whatever the step, and rest that is rest."""
+"""Contact with planes: bounce and friction by closed forms, whatever the step and the rule, and rest."""
 
 import math
 
 import numpy as np
 import problems
 import pytest
+from collisions import G, particle, simulate
 
-from msdwarp import RK4, Leapfrog, Plane, Simulation, SymplecticEuler, System, box
+from msdwarp import RK4, RKC2, Leapfrog, Plane, Simulation, SymplecticEuler, System, box
 
-G = 9.82
+STEPS = [1 / 240, 1 / 3840]
+every_rule = pytest.mark.parametrize("collider_rule", ["coulomb", "report"])
+every_step = pytest.mark.parametrize("h", STEPS, ids=["1/240", "1/3840"])
 FLOOR = {3: (0.0, 0.0, 1.0), 2: (0.0, 1.0), 1: (1.0,)}
 OBLIQUE = (2 / 3, -1 / 3, 2 / 3)
 every_integrator = pytest.mark.parametrize(
     "integrator", [SymplecticEuler(), Leapfrog(), RK4()], ids=["euler", "leapfrog", "rk4"]
 )
-
-
-def particle(position, velocity) -> System:
-    return System(position=[position], velocity=velocity)
-
-
-def simulate(system: System, planes, device: str, *, h: float, substeps: int = 1, **options) -> Simulation:
-    """Return a float64 simulation among planes with substeps of h."""
-    colliders = [planes] if isinstance(planes, Plane) else planes
-    options = {"gravity": 0.0, "precision": "float64"} | options
-    return Simulation(
-        system, colliders=colliders, fps=1 / (h * substeps), substeps=substeps, device=device, **options
-    )
 
 
 def after_hit(v, normal, *, restitution: float, friction: float, factor: float = 0.0) -> np.ndarray:
@@ -54,9 +44,8 @@ def test_oblique_bounce_has_the_closed_form(plain_device, integrator, restitutio
     plane = Plane(OBLIQUE, offset=0.4, restitution=restitution, friction=friction)
     n = np.array(OBLIQUE)
     start, velocity = 0.6 * n + [0.3, 0.1, 0.2], np.array([-3.0, 0.5, -1.0])
-    simulation = simulate(
-        particle(start, velocity), plane, plain_device, h=1 / 1000, substeps=50, integrator=integrator
-    )
+    how = {"h": 1 / 1000, "substeps": 50, "gravity": 0.0, "integrator": integrator}
+    simulation = simulate(particle(start, [velocity]), plane, plain_device, **how)
     simulation.step(10)
     now = simulation.frame()
     expected = after_hit(velocity, n, restitution=restitution, friction=friction)
@@ -73,35 +62,11 @@ def test_planes_in_every_dimension(plain_device, dim):
     normal = FLOOR[dim]
     velocity = {1: (-2.0,), 2: (1.5, -2.0), 3: (1.5, -0.5, -2.0)}[dim]
     plane = Plane(normal, restitution=0.5, friction=0.2)
-    simulation = simulate(particle(0.05 * np.array(normal), velocity), plane, plain_device, h=0.01, substeps=5)
+    start = particle(0.05 * np.array(normal), [velocity])
+    simulation = simulate(start, plane, plain_device, h=0.01, substeps=5, gravity=0.0)
     simulation.step()
     expected = after_hit(velocity, normal, restitution=0.5, friction=0.2)
     np.testing.assert_allclose(simulation.frame().velocity[0], expected, rtol=0, atol=1e-15)  # roundings
-
-
-def test_normal_may_have_any_length():
-    np.testing.assert_allclose(Plane((0, 3, 4)).normal, (0, 0.6, 0.8), rtol=1e-15)  # one rounding
-
-
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_one_hit_with_infinite_friction_is_the_reports_rule(plain_device, precision):
-    # Without a force in the substep both rules are v_n' = −e v_n, v_t' = f v_t.
-    velocity, atol = (3.0, -1.0, -2.0), {"float32": 1e-6, "float64": 1e-15}[precision]  # roundings of 3 m/s
-    for collider_rule in ("coulomb", "report"):
-        plane = Plane(restitution=0.6, friction=math.inf, tangential_factor=0.8)
-        simulation = simulate(
-            particle((0, 0, 0.01), velocity),
-            plane,
-            plain_device,
-            h=0.01,
-            collider_rule=collider_rule,
-            precision=precision,
-        )
-        simulation.step()
-        now = simulation.frame()
-        np.testing.assert_allclose(now.velocity[0], (2.4, -0.8, 1.2), rtol=0, atol=atol)
-        # By "report" on the surface; by "coulomb" on its way from where the substep began: 1 cm and h 1.2 m/s.
-        assert now.position[0, 2] == pytest.approx(0.0 if collider_rule == "report" else 0.022, rel=1e-6, abs=0)
 
 
 def test_rules_differ_in_the_normal_speed_they_return(plain_device):
@@ -110,14 +75,8 @@ def test_rules_differ_in_the_normal_speed_they_return(plain_device):
     h, plane = 0.01, Plane(restitution=0.5, friction=0.25, tangential_factor=0.75)
     found = {}
     for collider_rule in ("report", "coulomb"):
-        simulation = simulate(
-            particle((0, 0, 0.01), (4.0, 0.0, -2.0)),
-            plane,
-            plain_device,
-            h=h,
-            gravity=G,
-            collider_rule=collider_rule,
-        )
+        start = particle((0, 0, 0.01), [(4.0, 0.0, -2.0)])
+        simulation = simulate(start, plane, plain_device, h=h, collider_rule=collider_rule)
         simulation.step()
         found[collider_rule] = simulation.frame().velocity[0]
     np.testing.assert_allclose(found["report"], (3.0, 0, 0.5 * (2 + G * h)), rtol=0, atol=1e-15)
@@ -125,77 +84,19 @@ def test_rules_differ_in_the_normal_speed_they_return(plain_device):
     np.testing.assert_allclose(found["coulomb"], (4 - 0.25 * (3 + G * h), 0, 1.0), rtol=0, atol=1e-15)
 
 
-def test_report_rule_multiplies_at_every_touch(plain_device):
-    # A particle held down by gravity touches every substep: f^n after n of them, whatever the load.
-    plane = Plane(restitution=0.0, tangential_factor=0.9)
-    simulation = simulate(
-        particle((0, 0, 0), (5.0, 0, 0)),
-        plane,
-        plain_device,
-        h=0.01,
-        substeps=20,
-        gravity=G,
-        collider_rule="report",
-    )
-    simulation.step()
-    np.testing.assert_allclose(simulation.frame().velocity[0], (5 * 0.9**20, 0, 0), rtol=1e-14)  # 20 roundings
-
-
 @pytest.mark.parametrize(("speed", "bounces"), [(0.009, False), (0.011, True)])
 def test_slow_approach_does_not_bounce(plain_device, speed, bounces):
-    simulation = simulate(
-        particle((0, 0, 0), (0, 0, -speed)), Plane(restitution=0.5, rest_speed=0.01), plain_device, h=0.01
-    )
+    start, floor = particle((0, 0, 0), [(0, 0, -speed)]), Plane(restitution=0.5, rest_speed=0.01)
+    simulation = simulate(start, floor, plain_device, h=0.01, gravity=0.0)
     simulation.step()
     assert simulation.frame().velocity[0, 2] == (0.5 * speed if bounces else 0.0)  # half of a number is exact
 
 
-@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
-def test_particle_on_its_way_out_is_left_alone(plain_device):
-    start, velocity = (0.0, 0.0, -1.0), (3.0, 0.0, 0.5)
-    simulation = simulate(particle(start, velocity), Plane(friction=1.0), plain_device, h=0.125, substeps=8)
-    simulation.step()  # 1 s; every number here is exact in binary
-    np.testing.assert_array_equal(simulation.frame().position[0], (3.0, 0.0, -0.5))
-    np.testing.assert_array_equal(simulation.frame().velocity[0], velocity)
-
-
-@pytest.mark.parametrize("h", [1 / 500, 1 / 1000, 1 / 4000])
-def test_bouncing_ball_reaches_e_squared_of_its_height(plain_device, h):
-    plane = Plane(restitution=0.8)
-    simulation = simulate(particle((0, 0, 1.0), (0, 0, 0)), plane, plain_device, h=h, gravity=G)
-    apexes, before = [], simulation.frame()
-    while len(apexes) < 4:
-        simulation.step()
-        now = simulation.frame()
-        if now.velocity[0, 2] > 0 > before.velocity[0, 2]:  # it has bounced
-            apexes.append(0.0)
-        if apexes:
-            apexes[-1] = max(apexes[-1], float(now.position[0, 2]))
-        before = now
-    # For each hit: the speed before it is that of up to a substep earlier, of 4.4 … 2.8 m/s, which counts
-    # twice for the height, and symplectic Euler flies v h/2 lower; in all a share of 3 g h / 2.3 m/s.
-    for hits, apex in enumerate(apexes[:3], start=1):
-        assert apex == pytest.approx(0.64**hits, rel=hits * 3 * G * h / 2.3)
-
-
-@pytest.mark.parametrize("h", [1 / 60, 1 / 240, 1 / 960])
-def test_particle_slides_as_far_as_coulomb_says(plain_device, h):
-    v, mu = 6.0, 0.3
-    simulation = simulate(particle((0, 0, 0), (v, 0, 0)), Plane(friction=mu), plain_device, h=h, gravity=G)
-    simulation.step(math.ceil(1.1 * v / (mu * G * h)))
-    now = simulation.frame()
-    assert not now.velocity.any()
-    # v²/2μg, to half a substep's way: a share of μ g h / v, 0.8 % at the longest step.
-    assert now.position[0, 0] == pytest.approx(v**2 / (2 * mu * G), rel=0.01)
-
-
-@pytest.mark.parametrize("h", [1 / 1200, 1 / 2400, 1 / 9600])
+@pytest.mark.parametrize("h", [1 / 1200, 1 / 9600])
 def test_die_slides_as_far_as_coulomb_says(device, h):
     v, mu = 3.0, 0.5
     die = box((3, 3, 3), stiffness=1e5, damping=20.0).translate((0, 0, 1)).with_velocity((v, 0, 0))
-    simulation = simulate(
-        die, Plane(friction=mu, restitution=0.5), device, h=h, substeps=round(0.05 / h), gravity=G
-    )
+    simulation = simulate(die, Plane(friction=mu, restitution=0.5), device, h=h, substeps=round(0.05 / h))
     simulation.step(16)  # 0.8 s; it stops after v/μg = 0.61 s
     now = simulation.snapshot()
     moved = now.centre_of_mass[0] - die.centre_of_mass[0]
@@ -205,73 +106,27 @@ def test_die_slides_as_far_as_coulomb_says(device, h):
     assert abs(now.velocity[:, 0].mean()) < 0.03
 
 
-def slope(angle: float, **coefficients) -> Plane:
-    """Return a plane through the origin that falls towards +x."""
-    return Plane((math.sin(angle), 0.0, math.cos(angle)), **coefficients)
-
-
 @every_integrator
-@pytest.mark.parametrize("h", [1 / 60, 1 / 600])
-def test_particle_on_a_slope_within_friction_stays(plain_device, integrator, h):
+def test_particle_on_a_slope_within_friction_stays(plain_device, integrator):
     # tan 0.4 = 0.42 < μ = 0.5: friction holds all of gravity along the slope.
-    simulation = simulate(
-        particle((0, 0, 0), (0, 0, 0)),
-        slope(0.4, friction=0.5),
-        plain_device,
-        h=h,
-        substeps=60,
-        gravity=G,
-        integrator=integrator,
-    )
+    slope = Plane((math.sin(0.4), 0.0, math.cos(0.4)), friction=0.5)
+    simulation = simulate(particle((0, 0, 0)), slope, plain_device, h=1 / 60, substeps=60, integrator=integrator)
     simulation.step(10)
     assert np.abs(simulation.frame().position).max() < 1e-12  # 600 substeps of roundings of g h²
     if not isinstance(integrator, Leapfrog):  # which has gravity's half kick in the velocity it tells
         assert np.abs(simulation.frame().velocity).max() < 1e-15  # roundings of g h
 
 
-def test_particle_on_a_slope_beyond_friction_slides(plain_device):
-    angle, mu, h = 0.4, 0.3, 1 / 600
-    simulation = simulate(
-        particle((0, 0, 0), (0, 0, 0)), slope(angle, friction=mu), plain_device, h=h, substeps=60, gravity=G
-    )
-    simulation.step(10)
-    now = simulation.frame()
-    down = np.array([math.cos(angle), 0, -math.sin(angle)])
-    a, t = G * (math.sin(angle) - mu * math.cos(angle)), 1.0
-    np.testing.assert_allclose(now.velocity[0], a * t * down, rtol=0, atol=1e-12)  # 600 roundings of 1 m/s
-    # Positions take the velocity of one end of a substep, before or after friction: within h times the
-    # largest speed there, with gravity's share.
-    np.testing.assert_allclose(now.position[0], a * t**2 / 2 * down, rtol=0, atol=h * (a + G * 0.4) * t)
-
-
 @pytest.mark.parametrize("start", [(0.1, 0.0, 0.3), (0.1, 0.0, 0.2)], ids=["in turn", "at once"])
 def test_corner_turns_a_particle_twice(plain_device, start):
-    planes = [
-        Plane((1, 0, 0), restitution=0.5, friction=0.0),
-        Plane((0, 0, 1), restitution=0.25, friction=0.0),
-    ]
-    simulation = simulate(particle(start, (-1.0, 3.0, -2.0)), planes, plain_device, h=0.01, substeps=50)
+    planes = [Plane((1, 0, 0), restitution=0.5, friction=0.0), Plane(restitution=0.25, friction=0.0)]
+    thrown = particle(start, [(-1.0, 3.0, -2.0)])
+    simulation = simulate(thrown, planes, plain_device, h=0.01, substeps=50, gravity=0.0)
     simulation.step()
     now = simulation.frame()
     np.testing.assert_allclose(now.velocity[0], (0.5, 3.0, 0.5), rtol=0, atol=1e-15)  # roundings
     assert now.position[0, 1] == pytest.approx(1.5, rel=1e-14)
     assert (now.position[0] > 0).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("integrator", [Leapfrog(), RK4()], ids=["leapfrog", "rk4"])
-def test_energy_of_a_bouncing_particle_never_rises(device, integrator):
-    # In flight both keep it, with velocities at the instant of the positions. A hit takes its share, and no height
-    # comes from nothing.
-    start = particle((0, 0, 1.0), (6.0, -1.0, -2.0))
-    plane = Plane(restitution=0.9, friction=0.1)
-    simulation = simulate(start, plane, device, h=1 / 200, gravity=G, integrator=integrator)
-    energies = [problems.energy(start, gravity=G)]
-    for _ in range(2000):
-        simulation.step()
-        energies.append(problems.energy(simulation.snapshot(), gravity=G))
-    assert np.diff(energies).max() < 20 * energies[0] * problems.EPS64  # roundings of the sum
-    assert energies[-1] < 0.1 * energies[0]
 
 
 def falling_block() -> System:
@@ -282,7 +137,7 @@ def falling_block() -> System:
 def test_energy_of_a_falling_block_never_rises(device):
     block = falling_block()
     plane = Plane(restitution=0.5, friction=0.5)
-    simulation = simulate(block, plane, device, h=1 / 2000, substeps=20, gravity=G)
+    simulation = simulate(block, plane, device, h=1 / 2000, substeps=20)
     energies = [problems.energy(block, gravity=G)]
     for _ in range(150):
         simulation.step()
@@ -293,7 +148,7 @@ def test_energy_of_a_falling_block_never_rises(device):
 
 
 def test_block_at_rest_does_not_tremble(device):
-    simulation = simulate(falling_block(), Plane(restitution=0.3), device, h=1 / 2000, substeps=200, gravity=G)
+    simulation = simulate(falling_block(), Plane(restitution=0.3), device, h=1 / 2000, substeps=200)
     simulation.step(150)  # 15 s; the slowest mode, a swing over the ground, decays by e^-4 a second
     then = simulation.frame()
     simulation.step(5)
@@ -305,28 +160,181 @@ def test_block_at_rest_does_not_tremble(device):
     assert now.position[:, 2].min() == 0.0  # on the floor, neither above nor in it
 
 
+def heights(count: int = 200) -> np.ndarray:
+    """Return heights from which particles hit the floor at as many instants within a substep."""
+    return np.linspace(1.0, 1.1, count)
+
+
+def droplets(speed: float = 0.0) -> System:
+    """Return particles that know nothing of each other."""
+    z = heights()
+    return System(position=np.column_stack([np.zeros_like(z), np.zeros_like(z), z]), velocity=(speed, 0.0, 0.0))
+
+
+# Bounce energy
+
+
+@every_step
+@every_rule
+def test_energy_of_an_elastic_bounce(collider_rule, h):
+    # RK4 falls exactly. "coulomb" returns the speed of the substep's start where that began, and so loses nothing;
+    # "report" mirrors the speed from below the floor, and gains the depth it is lifted by.
+    floor = Plane(restitution=1.0, friction=0.0)
+    simulation = simulate(droplets(), floor, "cpu", h=h, collider_rule=collider_rule, integrator=RK4())
+    z = heights()
+    simulation.step(math.ceil(1.02 * math.sqrt(2 * z[-1] / G) / h))
+    now = simulation.frame()
+    assert (now.velocity[:, 2] > 0).all()
+    energy = now.velocity[:, 2] ** 2 / 2 + G * now.position[:, 2]
+    last = np.floor(np.sqrt(2 * z / G) / h) * h  # the last instant above the floor
+    gain = 0.0 if collider_rule == "coulomb" else G * (G * (last + h) ** 2 / 2 - z)
+    # Up to 2000 substeps round 10 J/kg.
+    np.testing.assert_allclose(energy - G * z, gain, rtol=0, atol=2000 * 10 * 2.2e-16)
+
+
+@pytest.mark.parametrize("h", [1 / 240, pytest.param(1 / 3840, marks=pytest.mark.slow)], ids=["1/240", "1/3840"])
+@pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog()], ids=["euler", "leapfrog"])
+def test_elastic_bounces_lead_back_to_the_height_of_the_fall(integrator, h):
+    # Velocities half a substep behind positions are turned round there: the particle flies back the way it came.
+    # It comes as high as it was at a substep; the middle of the flight may lie half a substep from the next one.
+    floor = Plane(restitution=1.0, friction=0.0)
+    simulation = simulate(droplets(), floor, "cpu", h=h, integrator=integrator)
+    z, highest = heights(), np.zeros(200)
+    simulation.step(math.ceil(6.5 * math.sqrt(2 * z[-1] / G) / h))  # three bounces
+    for _ in range(math.ceil(2.1 * math.sqrt(2 * z[-1] / G) / h)):
+        simulation.step()
+        highest = np.maximum(highest, simulation.frame().position[:, 2])
+    # Roundings of 1 m in each of up to 16 000 substeps; symplectic Euler's start at rest is half a substep late.
+    np.testing.assert_allclose(highest, z, rtol=0, atol=G * h**2 / 8 + 16_000 * 1.1e-16)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("e", [0.5, 0.95, 1.0])
+@pytest.mark.parametrize(
+    ("integrator", "substeps"),
+    [(SymplecticEuler(), 4), (SymplecticEuler(), 8), (Leapfrog(damper_extrapolation=0.5), 8), (RK4(), 8)],
+    ids=["euler 4", "euler 8", "leapfrog extrapolated 8", "rk4 8"],
+)
+@pytest.mark.each_value
+def test_no_bounce_of_a_jelly_gains_energy(integrator, substeps, e):
+    # Undamped, on its floor for 20 s: 360 000 hits and more. Before hits left the positions alone this gained
+    # twentyfold within 10 s from e = 0.95 on, and ended in numbers that are not finite.
+    jelly = box((6, 6, 6), 0.1, mass=0.01, stiffness=50.0).translate((0, 0, 0.3))
+    floor, h = Plane(restitution=e, friction=0.0), 1 / (60 * substeps)
+    how = {"h": h, "substeps": substeps, "integrator": integrator, "energy_limit": math.inf}
+    simulation = simulate(jelly, floor, "cpu", **how)
+    start = most = simulation.stepping.balance().energy
+    for _ in range(200):
+        simulation.step(6)
+        most = max(most, simulation.stepping.balance().energy)  # that which the method conserves
+    # What is left, at the longest steps: the conserved energy's own error at the strains of a jelly pressed flat.
+    assert most < 1.02 * start
+
+
+# Rest
+
+
+@every_step
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
+@every_rule
+@pytest.mark.each_value
+def test_speed_at_rest(collider_rule, e, h):
+    # "report" bounces the speed g h that gravity gives in a substep: v' = e (g h − v) has the fixed point
+    # e g h / (1 + e), which it nears as e^n.
+    how = {"h": h, "substeps": 50, "collider_rule": collider_rule}
+    simulation = simulate(particle((0.3, 0.0, 0.0)), Plane(restitution=e), "cpu", **how)
+    simulation.step(8)
+    now = simulation.frame()
+    expected = 0.0 if collider_rule == "coulomb" else e * G * h / (1 + e)
+    assert now.velocity[0, 2] == pytest.approx(expected, rel=1e-12, abs=0)  # 0.9⁴⁰⁰ is 5e-19
+    np.testing.assert_array_equal(now.position, [[0.3, 0, 0]])
+
+
+# Sliding
+
+
+@every_step
+def test_sliding_by_the_reports_rule_goes_with_the_step(h):
+    # Every touch leaves the share f, after the way of the substep: h v (1 + f + f² + …) = h v / (1 − f).
+    v, f = 3.0, 0.9
+    floor = Plane(restitution=0.0, tangential_factor=f)
+    how = {"h": h, "substeps": 50, "collider_rule": "report"}
+    simulation = simulate(particle((0.0, 0, 0), [(v, 0, 0)]), floor, "cpu", **how)
+    simulation.step(8)
+    # 0.9⁴⁰⁰ is 5e-19: it has stopped but for roundings.
+    assert simulation.frame().position[0, 0] == pytest.approx(h * v / (1 - f), rel=1e-12)
+
+
+# Below the plane
+
+
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
+@every_rule
+def test_particle_below_and_moving_up_is_left_alone(collider_rule):
+    velocity, plane = (3.0, 0.0, 0.5), Plane(friction=1.0, tangential_factor=0.5)
+    how = {"h": 0.125, "substeps": 8, "gravity": 0.0, "collider_rule": collider_rule}
+    simulation = simulate(particle((0.0, 0.0, -1.0), [velocity]), plane, "cpu", **how)
+    simulation.step()  # 1 s; every number here is exact in binary
+    np.testing.assert_array_equal(simulation.frame().position[0], (3.0, 0.0, -0.5))
+    np.testing.assert_array_equal(simulation.frame().velocity[0], velocity)
+
+
+@pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")  # it starts inside
+@every_rule
+def test_particle_below_and_moving_down_is_led_onto_the_plane(collider_rule):
+    start, how = particle((0.0, 0, -2.0), [(0, 0, -1.0)]), {"gravity": 0.0, "collider_rule": collider_rule}
+    simulation = simulate(start, Plane(restitution=0.0), "cpu", h=0.125, **how)
+    # 2 m in half a second, at a steady pace, whatever the step; by "report" at once. No speed comes from that.
+    # Exact in binary.
+    for height in (0.0, 0.0) if collider_rule == "report" else (-1.5, -1.0, -0.5, 0.0, 0.0):
+        simulation.step()
+        assert simulation.frame().position[0, 2] == height
+        assert simulation.frame().velocity[0, 2] == 0.0
+
+
+# Order across a contact
+
+
+@every_rule
+@pytest.mark.parametrize(
+    "integrator",
+    [SymplecticEuler(), Leapfrog(), Leapfrog(damper_extrapolation=0.5), RK4(), RKC2(2)],
+    ids=["euler", "leapfrog", "leapfrog extrapolated", "rk4", "rkc2"],
+)
+@pytest.mark.each_value
+def test_every_method_is_first_order_across_a_contact(integrator, collider_rule):
+    # The instant of a hit is known to a substep, so one particle's error is anything up to order 1; over
+    # many instants within a substep it has a root mean square, in height and along the floor.
+    e, mu, v, t = 0.6, 0.1, 2.0, 0.6
+    plane = Plane(restitution=e, friction=mu, tangential_factor=0.7 if collider_rule == "report" else 0.0)
+    hit = np.sqrt(2 * heights() / G)
+    slid = 0.7 * v if collider_rule == "report" else v - mu * (1 + e) * G * hit
+    after = t - hit
+    exact = np.column_stack([v * hit + slid * after, e * G * hit * after - G * after**2 / 2])
+    counts, errors = (60, 120, 240, 480), []
+    for n in counts:
+        how = {"h": t / n, "substeps": n, "collider_rule": collider_rule, "integrator": integrator}
+        simulation = simulate(droplets(v), plane, "cpu", **how)
+        simulation.step()
+        errors.append(np.sqrt(((simulation.frame().position[:, [0, 2]] - exact) ** 2).mean()))
+    slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    # 200 instants sample a substep to a few per cent, over a factor of 8 in h.
+    assert slope == pytest.approx(1.0, abs=0.1)
+    assert errors[-1] < 2 * G * hit.max() * t / counts[-1]  # two substeps' ways
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"normal": (0.0, 0.0, 0.0)}, r"normal is \(0.0, 0.0, 0.0\)"),
         ({"normal": (0.0, math.nan, 1.0)}, r"normal is \(0.0, nan, 1.0\)"),
-        ({"normal": (0.0, math.inf, 1.0)}, r"normal is \(0.0, inf, 1.0\)"),
         ({"normal": [[0.0, 0.0, 1.0]]}, r"normal is \[\[0.0, 0.0, 1.0\]\]"),
         ({"normal": "up"}, "normal must be an array of numbers, not 'up'"),
-        ({"offset": math.nan}, "offset is nan"),
-        ({"offset": -math.inf}, "offset is -inf"),
         ({"offset": (1.0, 2.0)}, r"offset .*\(1.0, 2.0\)"),
         ({"restitution": -0.1}, "restitution is -0.1"),
         ({"restitution": 1.5}, "restitution is 1.5"),
-        ({"restitution": math.nan}, "restitution is nan"),
-        ({"restitution": "much"}, "restitution is 'much'"),
         ({"tangential_factor": 2.0}, "tangential_factor is 2.0"),
         ({"tangential_factor": -1.0}, "tangential_factor is -1.0"),
-        ({"friction": -0.5}, "friction is -0.5"),
-        ({"friction": math.nan}, "friction is nan"),
-        ({"friction": "much"}, "friction is 'much'"),
-        ({"rest_speed": -1.0}, "rest_speed is -1"),
-        ({"rest_speed": math.inf}, "rest_speed is inf"),
     ],
 )
 def test_bad_plane_is_named(arguments, message):
@@ -337,11 +345,10 @@ def test_bad_plane_is_named(arguments, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"colliders": [Plane((0, 1))]}, r"colliders\[0\].normal is \(0.0, 1.0\).*3 coordinates"),
         ({"colliders": [Plane(), "floor"]}, r"colliders\[1\] is 'floor'"),
         ({"collider_rule": "sticky"}, "collider_rule is 'sticky'.*'coulomb', 'report'"),
     ],
 )
 def test_bad_contact_is_named(options, message):
     with pytest.raises(ValueError, match=message):
-        Simulation(particle((0, 0, 0), 0.0), device="cpu", **options)
+        Simulation(particle((0, 0, 0)), device="cpu", **options)

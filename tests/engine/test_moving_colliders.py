@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from collisions import INTEGRATORS, G, each_once, every_step, particle, simulate
+from collisions import INTEGRATORS, G, every_step, particle, simulate
 from problems import EPS64, two_quick
 
-from msdwarp import Box, Leapfrog, Plane, Simulation, Sphere, SymplecticEuler, System, box, chain
+from msdwarp import Box, Leapfrog, Plane, Simulation, SymplecticEuler, System, box, chain
 
 
 def moving(motion, **fields) -> dict:
@@ -43,6 +43,7 @@ def test_what_moves_evenly_is_as_what_stands(plain_device, integrator):
 
 @pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog()], ids=str)
 @every_step
+@pytest.mark.each_value
 def test_what_gathers_speed_is_as_gravity(device, integrator, h):
     # Einstein: a floor that is accelerated by −g, seen by somebody on it. Its speed in the substep before the
     # first is −a h/2, which is what somebody on it takes for rest.
@@ -65,25 +66,6 @@ def test_what_gathers_speed_is_as_gravity(device, integrator, h):
     np.testing.assert_allclose(
         moved.frame().position - a * t**2 / 2, fixed.frame().position, rtol=0, atol=1000 * 6 * EPS64 / h
     )
-
-
-@pytest.mark.slow
-@each_once
-def test_a_piston_carries_what_lies_on_it(plain_device, h, integrator):
-    # It gathers speed faster than `rest_speed` in a substep, and still nothing bounces.
-    a = 15.0
-    piston = Box((0, 0, -0.5), (1, 1, 1), motion=lambda t: (0, 0, a * t**2 / 2), restitution=1.0)
-    start, common = particle((0.1, 0.2, 0)), {"h": h, "integrator": integrator, "gravity": 0.0}
-    simulation = simulate(start, piston, plain_device, substeps=1, **common)
-    simulation.step()
-    assert simulation.frame().velocity[0, 2] == pytest.approx(a * h / 2, rel=1e-12)  # from the first substep on
-    simulation = simulate(start, piston, plain_device, substeps=round(0.1 / h), **common)
-    for _ in range(10):
-        simulation.step()
-        now, t = simulation.frame(), simulation.time
-        np.testing.assert_allclose(now.position[0], (0.1, 0.2, a * t**2 / 2), rtol=0, atol=t / h * 8 * EPS64)
-        # Its speed is the piston's of half a substep ago; places of 8 m have roundings, which count over h.
-        np.testing.assert_allclose(now.velocity[0], (0, 0, a * (t - h / 2)), rtol=0, atol=40 * EPS64 / h)
 
 
 @pytest.mark.slow
@@ -150,22 +132,6 @@ def test_a_turning_disc_takes_a_particle_with_it(plain_device, h):
 
 
 @pytest.mark.slow
-def test_a_turning_ball_drags_what_it_hits(plain_device):
-    # It turns about its own centre: at the top its surface runs along x at ω R, the particle takes it over.
-    omega, R = 4.0, 0.5
-    ball = Sphere(
-        (0.3, -0.2, 0.1), R, restitution=0.0, friction=math.inf, motion=lambda t: (np.zeros(3), (0, omega * t, 0))
-    )
-    h = 1 / 4000
-    simulation = simulate(particle((0.3, -0.2, 0.6 + h / 2), [[0, 0, -1.0]]), ball, plain_device, h=h, gravity=0.0)
-    simulation.step()
-    # To ω h of its direction, and (ω h)²/24 of its length.
-    np.testing.assert_allclose(
-        simulation.frame().velocity[0], (omega * R, 0, 0), rtol=0, atol=omega * R * omega * h
-    )
-
-
-@pytest.mark.slow
 @every_step
 def test_a_paddle_in_the_plane_strikes(plain_device, h):
     # A rod that turns about its middle meets a particle at rest 1 m away, at ω · 1 m across the rod.
@@ -211,52 +177,6 @@ def test_a_motion_is_known_from_time_zero_on(plain_device, substeps):
     simulation.step()
     np.testing.assert_allclose(simulation.frame().velocity[0], (0.3, 0, 2.0), rtol=0, atol=8 * EPS64 / h)
     assert min(seen) == 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("integrator", two_quick(INTEGRATORS[::3]), ids=str)
-def test_one_launch_is_as_many(device, integrator):
-    def shaken(**options) -> Simulation:
-        floor = Plane(
-            friction=0.3, motion=lambda t: ((0.2 * t * t, 0, 0.05 * math.sin(9 * t)), (0, 0.1 * t * t, 0))
-        )
-        block = box((2, 2, 2), spacing=0.2, mass=0.1, stiffness=100.0, damping=0.5).translate((0, 0, 0.2))
-        simulation = simulate(block, floor, device, h=1 / 1000, substeps=25, integrator=integrator, **options)
-        simulation.step(20)
-        return simulation
-
-    one = shaken().frame()
-    many = shaken(blocks=None).frame()
-    # 500 substeps with roundings of 1 m and of 1 m/s, which hits and swings make a hundred times more.
-    np.testing.assert_allclose(many.position, one.position, rtol=0, atol=100 * 500 * EPS64)
-    np.testing.assert_allclose(many.velocity, one.velocity, rtol=0, atol=100 * 500 * 30 * EPS64)
-
-
-@pytest.mark.parametrize("stays", [True, False], ids=["one launch", "launches"])
-def test_a_frame_may_be_taken_in_parts(plain_device, stays):
-    # As what looks for the substep of a divergence does: colliders are where they are then.
-    options = {} if stays else {"blocks": None}
-    floor = Plane(motion=lambda t: (0, 0, 4.0 * t * t))
-    whole, parts = (
-        simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=8, **options) for _ in range(2)
-    )
-    whole.step()
-    parts.stepping.dynamics.begin_frame(0.0)
-    for count, first in ((3, 0), (1, 3), (4, 4)):
-        parts.stepping.stepper.take(count, first)
-    np.testing.assert_array_equal(parts.frame().position, whole.frame().position)
-    assert whole.frame().position[0, 2] == pytest.approx(4.0 * 0.08**2, rel=1e-12)
-
-
-def test_reset_takes_time_back(plain_device):
-    floor = Plane(motion=lambda t: (0, 0, 0.1 * math.sin(8 * t)), restitution=0.7)
-    simulation = simulate(particle((0, 0, 0.3)), floor, plain_device, h=1 / 500, substeps=10)
-    first = [simulation.frame() for _ in range(40) if simulation.step() is None]
-    simulation.reset()
-    again = [simulation.frame() for _ in range(40) if simulation.step() is None]
-    for a, b in zip(first, again, strict=True):
-        np.testing.assert_array_equal(a.position, b.position)
-        np.testing.assert_array_equal(a.velocity, b.velocity)
 
 
 def test_a_change_does_not_disturb_what_moves(plain_device):
@@ -348,27 +268,6 @@ def test_a_motion_may_take_another_form_on_the_way(plain_device):
     simulation = simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=10, gravity=5.0)
     simulation.step(3)
     assert simulation.frame().position[0, 2] == pytest.approx(0.03, rel=1e-12)
-
-
-@pytest.mark.slow
-def test_a_fixed_one_among_moving_ones_stands(plain_device):
-    floor = Plane(friction=0.0)
-    wall = Plane((1, 0, 0), offset=-1.0, motion=lambda t: (t, 0, 0), restitution=0.0)
-    simulation = simulate(particle((0, 0, 0.5)), [floor, wall], plain_device, h=1 / 100, substeps=100)
-    simulation.step(2)
-    # To roundings of 1 m a substep.
-    np.testing.assert_allclose(simulation.frame().position[0], (1.0, 0, 0), rtol=0, atol=200 * EPS64)
-
-
-def test_motion_that_goes_wrong_later_is_named_and_nothing_is_lost(plain_device):
-    floor = Plane(motion=lambda t: (0, 0, 0.1 * t if t < 0.25 else math.inf))
-    simulation = simulate(particle((0, 0, 0)), floor, plain_device, h=0.01, substeps=10)
-    simulation.step(2)
-    kept = simulation.frame()
-    with pytest.raises(ValueError, match=r"motion\(0.25\) is \(0, 0, inf\)"):
-        simulation.step()
-    np.testing.assert_array_equal(simulation.frame().position, kept.position)
-    assert simulation.time == kept.time
 
 
 @pytest.mark.parametrize(
