@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Generator, Iterable, Iterator
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 
 if sys.dont_write_bytecode:
     # As many containers want it. Each of some hundred processes that tests start would compile the package again,
@@ -177,6 +178,20 @@ def device(request: pytest.FixtureRequest) -> Iterator[str]:
     name, *force_algorithm = request.param.split()
     with preferring(*force_algorithm) if force_algorithm else contextlib.nullcontext():
         yield name
+
+
+@pytest.fixture
+def in_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Advance lattices that have layers in columns, as on a GPU, however small they are."""
+    from msdwarp.engine.model.model import Model
+    from msdwarp.engine.stepping import per_stage
+
+    def choose(model: Model, columns=per_stage.columns) -> int:
+        gpu = SimpleNamespace(is_cuda=True)
+        return columns(SimpleNamespace(lattice=model.lattice, particle_count=model.particle_count, device=gpu))
+
+    monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", 0)
+    monkeypatch.setattr(per_stage, "columns", choose)
 
 
 @pytest.fixture

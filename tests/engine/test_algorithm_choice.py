@@ -16,32 +16,19 @@ from msdwarp.engine.model.model import Model
 
 
 def test_unknown_route_is_named():
-    for make in (Simulation, Model):
-        with pytest.raises(
-            ValueError, match=r"force_algorithm is 'teleport'.*'auto', 'scatter', 'gather', 'stencil'"
-        ):
-            make(chain(3), device="cpu", force_algorithm="teleport")
+    with pytest.raises(ValueError, match=r"force_algorithm is 'teleport'.*'auto', 'scatter', 'gather', 'stencil'"):
+        Simulation(chain(3), device="cpu", force_algorithm="teleport")
 
 
-@pytest.mark.parametrize(
-    ("system", "reason"),
-    [
-        (System(position=[[0.0], [1]], connections=[[0, 1]]), "no connection is in a direction of a lattice"),
-        (chain(4, stiffness=[1.0, 2, 3]), "stiffness differs among the connections"),
-        (tangle(3, 40, (), damped=False), "no connection is in a direction of a lattice"),
-    ],
-)
-def test_a_stencil_of_no_lattice_is_refused_with_the_reason(system, reason):
-    with pytest.raises(ValueError, match=f"force_algorithm is 'stencil', which this system cannot take: {reason}"):
-        Simulation(system, device="cpu", force_algorithm="stencil")
+def test_a_stencil_of_no_lattice_is_refused_with_the_reason():
+    said = "force_algorithm is 'stencil', which this system cannot take: no connection is in a direction"
+    with pytest.raises(ValueError, match=said):
+        Simulation(tangle(3, 40, (), damped=False), device="cpu", force_algorithm="stencil")
 
 
 def test_a_route_asked_for_is_taken():
-    for force_algorithm in FORCE_ALGORITHMS:
-        assert (
-            Simulation(chain(4), device="cpu", force_algorithm=force_algorithm).model.force_algorithm
-            == force_algorithm
-        )
+    for name in FORCE_ALGORITHMS:
+        assert Simulation(chain(4), device="cpu", force_algorithm=name).model.force_algorithm == name
     assert Model(chain(4), device="cpu").lattice is None
     assert Model(chain(4), device="cpu", force_algorithm="stencil").lattice.steps == ((1, 0, 0),)
 
@@ -137,7 +124,7 @@ def changes(simulation: Simulation) -> dict[str, dict]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("change", ["stiffness", "damping", "frozen"])
+@pytest.mark.parametrize("change", ["stiffness", "frozen"])
 def test_a_body_that_is_a_lattice_no_longer_changes_its_route(as_on_gpu, change):
     simulation = cloth("auto")
     parameters = changes(simulation)[change]
@@ -156,7 +143,7 @@ def test_a_body_that_is_a_lattice_no_longer_changes_its_route(as_on_gpu, change)
     assert simulation.model.force_algorithm == "stencil"
 
 
-@pytest.mark.parametrize("change", ["stiffness", "damping", "frozen"])
+@pytest.mark.parametrize("change", ["damping", "frozen"])
 def test_a_stencil_that_was_asked_for_refuses_such_a_change(change):
     simulation, twin = cloth("stencil"), cloth("stencil")
     before, name = simulation.system, {"frozen": "rest_length"}.get(change, change)
@@ -167,11 +154,3 @@ def test_a_stencil_that_was_asked_for_refuses_such_a_change(change):
         each.step(5)
     np.testing.assert_array_equal(simulation.frame().position, twin.frame().position)
     assert simulation.time == twin.time
-
-
-@pytest.mark.slow
-def test_a_stencil_bears_changes_that_keep_the_lattice():
-    simulation = cloth("stencil")
-    simulation.change(stiffness=60.0, damping=0.0, mass=np.linspace(0.04, 0.06, 110))
-    simulation.step()
-    assert simulation.model.force_algorithm == "stencil"

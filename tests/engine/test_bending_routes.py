@@ -8,9 +8,7 @@ from stencils import lattice_of
 from tangles import FAR, PRECISIONS, assert_forces_are_right, every_route, moving
 
 from msdwarp import Ensemble, Material, Simulation, System, box, lattice, sheet
-from msdwarp.engine.model.lattice import NotALattice, find_lattice, step_of
-from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.dynamics import Dynamics
+from msdwarp.engine.model.lattice import NotALattice, find_lattice
 
 CONSTANTS = {"stiffness": 300.0, "damping": 0.5, "mass": 0.1, "bending": 5.0}
 NOTCHED = np.ones((7, 6), dtype=bool)
@@ -27,27 +25,9 @@ SHEETS = {
 every_sheet = pytest.mark.parametrize("name", SHEETS)
 
 
-@pytest.mark.parametrize(
-    ("name", "step"),
-    [("x", (1, 0, 0)), ("2x", (2, 0, 0)), ("2y", (0, 2, 0)), ("2x-2y", (2, -2, 0)), ("x-2y+z", (1, -2, 1))],
-)
-def test_names_of_steps(name, step):
-    assert step_of(name) == step
-
-
 @every_sheet
 def test_a_stencil_reads_the_connections_and_nothing_else(name):
     lattice_of(SHEETS[name])
-
-
-def test_a_sheet_of_constants_is_a_lattice_of_few_kinds():
-    found = find_lattice(SHEETS["sheet 8"])
-    assert found.rimmed
-    assert found.steps[4:] == ((2, 0, 0), (0, 2, 0), (2, 2, 0), (2, -2, 0))
-    rows = [-14, -7, 0, 7, 14]
-    assert found.shift.tolist() == rows
-    # Along each axis a particle is one of the three next to either rim, or farther inside.
-    assert find_lattice(sheet((40, 30), **CONSTANTS)).kind.max() + 1 == 49
 
 
 @pytest.mark.parametrize(
@@ -77,11 +57,6 @@ def test_a_stencil_of_kinds_moves_and_tears_worlds_as_scattering_does(break_stra
     np.testing.assert_allclose(found[1][0], found[1][1], rtol=0, atol=1e-10)
 
 
-def test_second_neighbours_are_read_one_particle_at_a_time():
-    made = Dynamics(assemble(SHEETS["sheet 8"], device="cpu", force_algorithm="stencil"))
-    assert made.composition.force_algorithm.column_forces is None
-
-
 @pytest.mark.slow
 @every_route
 @every_sheet
@@ -92,6 +67,7 @@ def test_forces_by_route(plain_device, name, force_algorithm):
 
 @every_route
 @pytest.mark.parametrize("precision", [p for p in PRECISIONS if p != "float64"])
+@pytest.mark.each_value
 def test_forces_by_route_in_single_precision(plain_device, precision, force_algorithm):
     system = moving(SHEETS["sheet 8"])
     far = system.translate(FAR) if precision == "float32-compensated" else system
@@ -106,15 +82,11 @@ def rolled(system: System) -> System:
     return system.replace(position=x)
 
 
-@every_route
-def test_a_sheet_unrolls_and_keeps_its_momentum(plain_device, force_algorithm):
+def test_a_sheet_unrolls_and_keeps_its_momentum(plain_device):
     system = rolled(SHEETS["sheet 8"]).with_velocity((0.1, -0.2, 0.3))
-    simulation = Simulation(
-        system, gravity=0.0, substeps=20, device=plain_device, precision="float64", force_algorithm=force_algorithm
-    )
-    reference = Simulation(
-        system, gravity=0.0, substeps=20, device="cpu", precision="float64", force_algorithm="scatter"
-    )
+    how = {"gravity": 0.0, "substeps": 20, "precision": "float64"}
+    simulation = Simulation(system, device=plain_device, force_algorithm="stencil", **how)
+    reference = Simulation(system, device="cpu", force_algorithm="scatter", **how)
     ends = np.arange(42) % 7 == 6, np.arange(42) % 7 == 0
 
     def width(x: np.ndarray) -> float:

@@ -1,33 +1,16 @@
 """Columns, in which a stencil takes two layers at once: the same forces and the same motion."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from courses import SCENES, assert_course_is_plain, assert_same, course, moment
 from tangles import FAR, assert_forces_are_right, lattices, moving
 
-from msdwarp import RK4, SymplecticEuler, System, box, sheet
+from msdwarp import System, box, sheet
 from msdwarp.engine.model.lattice import find_lattice
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import per_stage
-from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.dynamics import Dynamics
 
 # Algorithms are compared from wherever bodies start, in the floor too.
 pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
-
-
-@pytest.fixture
-def in_columns(monkeypatch) -> None:
-    """Advance lattices that have layers in columns, on the CPU too, however small they are."""
-
-    def choose(model: Model, columns=per_stage.columns) -> int:
-        gpu = SimpleNamespace(is_cuda=True)
-        return columns(SimpleNamespace(lattice=model.lattice, particle_count=model.particle_count, device=gpu))
-
-    monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", 0)
-    monkeypatch.setattr(per_stage, "columns", choose)
 
 
 LAYERED = (
@@ -101,21 +84,3 @@ def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_co
     assert lattice.uniform
     assert lattice.stride == 0
     assert_forces_are_right(skewed(), plain_device, "float64", "stencil")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["chain", "ball", "two unlike boxes", "two kinds of one shape"])
-def test_lattices_without_layers_have_no_columns(in_columns, name):
-    assert_forces_are_right(moving(lattices(2.0)[name]), "cpu", "float64", "stencil")
-    made = Dynamics(assemble(lattices(2.0)[name], device="cpu", force_algorithm="stencil"))
-    assert per_stage.column_count(made.model, made.composition.force_algorithm) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["symplectic euler", "rk4"])
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.each_value
-def test_columns_move_a_scene_alike(plain_device, in_columns, name, method):
-    found = course(moment(name), method, plain_device, force_algorithm="stencil", blocks=None)
-    assert_course_is_plain(name, method, found, 1e-12)
-    assert_same(course(moment(name), method, plain_device, force_algorithm="stencil", blocks=None), found)

@@ -25,15 +25,10 @@ from msdwarp import (
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
-from msdwarp.kernels.colliders.collide import collider_contact
 from msdwarp.kernels.integrators.composition import Composition
 from msdwarp.kernels.integrators.euler import symplectic_euler
 from msdwarp.kernels.integrators.persistent import persistent
-from msdwarp.kernels.integrators.stages import each_connection, each_particle, particle_acceleration
-from msdwarp.kernels.springs import Laws
-from msdwarp.kernels.springs.gather import gather
-from msdwarp.kernels.springs.scatter import scatter
-from msdwarp.kernels.springs.stencil import stencil
+from msdwarp.kernels.integrators.stages import each_connection, each_particle
 
 PLAIN = chain(3)
 FULL = chain(3, damping=1.0).pin(0)
@@ -54,16 +49,6 @@ def generated(kernel: wp.Kernel) -> str:
     return ModuleBuilder(module, options, hasher=module.hashers[block], target="cpu").codegen("cpu")
 
 
-def statements(kernel: wp.Kernel) -> str:
-    """Return what a kernel computes: the statements of its generated C++.
-
-    Declarations and comments are left out, and so is the frame that Warp puts around every kernel.
-    """
-    return "\n".join(
-        re.findall(r"^ +(?:var_\d+ = .*|if \(var_.*|[\w:]+\(.*\);)$", generated(kernel), re.MULTILINE)
-    )
-
-
 def substep(system: System, method=symplectic_euler, **options) -> wp.Kernel:
     """Return the kernel of a method's substeps on the CPU."""
     return persistent(motion(system, **options), method, 1)
@@ -79,30 +64,6 @@ def test_what_is_composed_here_is_what_a_simulation_runs(force_algorithm):
     assert normalised(ran) == normalised(generated(kernel))
 
 
-@pytest.fixture(scope="module", params=FORCE_ALGORITHMS)
-def sources(request) -> dict[str, str]:
-    """The statements of a substep of a scene with every effect and of one with none, on every algorithm."""
-    found = {}
-    for name, system, planes in (("full", FULL, [Plane()]), ("plain", PLAIN, [])):
-        options = {"colliders": planes, "force_algorithm": request.param}
-        found[name] = statements(substep(system, **options))
-    return found
-
-
-@pytest.mark.parametrize(
-    ("piece", "meaning"),
-    [
-        ("__collide_", "collider_rule"),
-        ("__respond_", "the contact rule"),
-        ("(var_v, ", "reading velocities of neighbours"),
-        ("wp::dot(var_dv, ", "the speed along the axis, for the damper"),
-    ],
-)
-def test_kernels_hold_only_what_a_scene_needs(sources, piece, meaning):
-    assert piece in sources["full"], f"{meaning} is missing where it is needed"
-    assert piece not in sources["plain"], f"{meaning} is compiled though nothing needs it"
-
-
 def test_threads_of_a_single_world_are_counted_in_one_dimension():
     # Warp counts by the most dimensions that any branch of a kernel asks for. With two, each thread divides to
     # find its place: that cost 3 % of a substep on a GPU, and statements do not show it.
@@ -112,10 +73,6 @@ def test_threads_of_a_single_world_are_counted_in_one_dimension():
     for kernel in kernels:
         assert "wp::launch_bounds_t<1>" in generated(kernel)
         assert "wp::launch_bounds_t<2>" not in generated(kernel)
-
-
-def test_only_a_pinned_particle_is_tested_for(sources):
-    assert sources["full"].count(" == ") == sources["plain"].count(" == ") + 1
 
 
 def is_of_loop(node: ast.AST, variable: str) -> bool:
@@ -138,13 +95,6 @@ def test_functions_with_values_of_loops_are_declared_as_fully_hashed():
     assert found["wp.func"] == 0
 
 
-def test_statements_are_all_found(sources):
-    # Both kernels hold what every scene needs, so that an absence above is one.
-    for code in sources.values():
-        for piece in ("(var_x, ", "wp::dot(var_dx, ", "__rsqrt_", "__force_at_", "__store_"):
-            assert piece in code
-
-
 def test_equal_scenes_share_kernels():
     scenes = (
         (FULL, [Plane(), Plane()]),
@@ -156,11 +106,6 @@ def test_equal_scenes_share_kernels():
         assert symplectic_euler(a) is symplectic_euler(b)
         assert persistent(a, symplectic_euler, 1) is persistent(b, symplectic_euler, 1)
     assert vector(3, wp.float32) is vector(3, wp.float32)
-
-
-def test_lattices_of_any_size_share_kernels():
-    long, short = (motion(chain(count, spacing=0.3), force_algorithm="stencil") for count in (3, 50))
-    assert persistent(long, symplectic_euler, 1) is persistent(short, symplectic_euler, 1)
 
 
 def test_different_effects_are_different_kernels():
@@ -178,19 +123,6 @@ def test_different_effects_are_different_kernels():
     assert len({persistent(m, symplectic_euler, 1) for m in (plain, *others)}) == 9
     # A contact rule without colliders is none.
     assert motion(PLAIN, collider_rule="report") == plain
-
-
-def test_pieces_are_composed_once():
-    arguments = (3, wp.float32, Laws(), False)
-    assert scatter(*arguments, "one") is scatter(*arguments, "one")
-    assert gather(*arguments, "kinds") is gather(*arguments, "kinds")
-    steps = ((1, 0, 0),)
-    assert stencil(*arguments, steps, True) is stencil(*arguments, steps, True)
-    assert stencil(*arguments, steps, True) is not stencil(*arguments, steps, False)
-    assert particle_acceleration(motion(FULL)) is particle_acceleration(motion(FULL))
-    assert collider_contact(3, wp.float32, "coulomb", ("Plane",)) is collider_contact(
-        3, wp.float32, "coulomb", ("Plane",)
-    )
 
 
 # How many statements a substep has, and a digest of them without the numbers of their variables.
@@ -259,6 +191,7 @@ KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
     ],
     ids=["yielding", "quadratic", "coulomb", *KINDS_ALONE, "two kinds", "moving", "moving sphere"],
 )
+@pytest.mark.each_value
 def test_each_effect_brings_its_own_pieces_alone(force_algorithm, changes, colliders, more):
     without = pieces(DAMPED, force_algorithm=force_algorithm)
     found = pieces(DAMPED.replace(**changes), colliders=colliders, force_algorithm=force_algorithm)

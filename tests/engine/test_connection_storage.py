@@ -9,6 +9,7 @@ from tangles import CONSTANTS, assert_forces_are_right, tangle
 from msdwarp import System, box, chain, sheet
 from msdwarp.engine.model.algorithm_choice import scatter_order
 from msdwarp.engine.springs import force_algorithms as forces
+from msdwarp.engine.springs.force_algorithms import find_kinds
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
 
@@ -34,20 +35,6 @@ def test_neighbours_in_the_list_do_not_meet_in_a_particle(system):
     assert not (first[1:] == first[:-1]).any()
     met = listed.connections[:, 0]
     assert np.mean(met[1:] == met[:-1]) > 0.5  # as it was listed, most do
-
-
-def test_any_list_is_put_in_an_order():
-    random = np.random.default_rng(4)
-    for _ in range(20):
-        ends = np.sort(random.integers(0, 30, (200, 2)), axis=0)
-        ends = ends[ends[:, 0] != ends[:, 1]]
-        order = scatter_order(System(position=random.normal(size=(30, 3)), connections=ends, rest_length=1.0))
-        assert (np.sort(order) == np.arange(len(ends))).all()
-        # By how many its first particle had before, then by that particle.
-        first = ends[order, 0]
-        rank = np.array([np.count_nonzero(first[:k] == first[k]) for k in range(len(first))])
-        key = rank * 30 + first
-        assert (np.diff(key) > 0).all()
 
 
 @pytest.mark.parametrize(
@@ -141,3 +128,58 @@ def test_a_stencil_of_kinds_has_constants_by_kind():
     found = read_beside_the_state("stencil", boxes)
     assert {name: found[name].size for name in CONSTANTS} == dict.fromkeys(CONSTANTS, 2 * 26)
     assert found["kind"].size == found["mask"].size == 81
+
+
+# Kinds.
+
+
+def springs(count: int, **constants) -> System:
+    """Return a chain of so many connections."""
+    ends = np.arange(count)
+    return System(
+        position=np.zeros((count + 1, 1)),
+        connections=np.stack([ends, ends + 1], axis=1),
+        **({"rest_length": 1.0} | constants),
+    )
+
+
+def assert_kinds_are_right(system: System, most: int) -> None:
+    """Compare what the table says of each connection with what it has, and count the kinds."""
+    table, kind = find_kinds(system)
+    assert len(table) <= most
+    assert kind.dtype == np.uint8
+    for column, name in enumerate(("rest_length", "stiffness", "damping")):
+        np.testing.assert_array_equal(table[kind, column], getattr(system, name))
+
+
+def test_kinds_are_all_that_differ():
+    random = np.random.default_rng(6)
+    lengths, stiffnesses, dampings = (random.choice(random.uniform(1, 2, n), 9000) for n in (16, 8, 2))
+    assert_kinds_are_right(springs(9000, stiffness=7.0, damping=0.5), 1)
+    assert_kinds_are_right(springs(9000, rest_length=lengths), 16)
+    assert_kinds_are_right(springs(9000, stiffness=stiffnesses, damping=dampings), 16)
+    assert_kinds_are_right(springs(9000, rest_length=lengths, damping=dampings), 32)
+    assert_kinds_are_right(springs(9000, rest_length=lengths, stiffness=stiffnesses, damping=dampings), 256)
+    assert_kinds_are_right(springs(9000, rest_length=lengths, stiffness=stiffnesses), 128)
+    assert_kinds_are_right(box((5, 5, 5)), 3)
+
+
+def test_a_byte_tells_256_kinds_apart():
+    assert_kinds_are_right(springs(256, stiffness=np.arange(256.0)), 256)
+    assert find_kinds(springs(257, stiffness=np.arange(257.0))) is None
+    lengths = 1.0 + np.arange(400) % 20
+    assert find_kinds(springs(400, rest_length=lengths, stiffness=np.arange(400) // 20 % 13)) is None  # 260
+
+
+def test_rare_kinds_are_found():
+    # Only every so many connections are looked at first.
+    for rare in (1, 2, 200):
+        stiffness = np.full(100_000, 5.0)
+        stiffness[1 : 2 * rare : 2] += 1 + np.arange(rare)
+        assert_kinds_are_right(springs(100_000, stiffness=stiffness), rare + 1)
+    stiffness[1:600:2] = 10 + np.arange(300)
+    assert find_kinds(springs(100_000, stiffness=stiffness)) is None
+
+
+def test_without_connections_there_is_one_kind():
+    assert_kinds_are_right(System(position=np.zeros((3, 3))), 1)

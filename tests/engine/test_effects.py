@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from problems import EPS64
 
-from msdwarp import RK4, Leapfrog, LinearlyImplicitEuler, Plane, Simulation, System, box, chain
+from msdwarp import RK4, Leapfrog, LinearlyImplicitEuler, Simulation, System, box, chain
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.model.effect import Effect
 from msdwarp.engine.model.model import Model
@@ -103,15 +103,7 @@ def test_its_force_acts(with_anchors, device, dim, method, blocks):
 
 
 @pytest.mark.slow
-def test_columns_of_a_lattice_feel_it(with_anchors, monkeypatch, plain_device):
-    from msdwarp.engine.stepping import per_stage
-
-    monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", 0)
-    monkeypatch.setattr(
-        per_stage,
-        "columns",
-        lambda model: -(-model.particle_count // (2 * model.lattice.stride)) * model.lattice.stride,
-    )
+def test_columns_of_a_lattice_feel_it(with_anchors, in_columns, plain_device):
     body = box((4, 4, 4), 0.1, mass=0.01, stiffness=20.0)
     options = {"gravity": 0.0, "precision": "float64", "fps": 1000.0, "substeps": 2, "device": plain_device}
     frames = []
@@ -170,18 +162,6 @@ def test_it_is_told_what_begins(with_anchors):
     simulation.step(2)
     told = simulation.assembly.all[-1].told
     assert told == [("begin", 3, pytest.approx(1 / 150)), ("frame", 0.0), ("frame", pytest.approx(0.02))]
-
-
-@pytest.mark.slow
-def test_effects_act_side_by_side(with_anchors, device):
-    # A chain that yields, lies on a floor, and is anchored: each does what it does alone.
-    body = chain(4, 0.5, mass=1.0, stiffness=900.0, damping=5.0).replace(yield_strain=0.01, relaxation_time=0.0)
-    body = body.translate((0.75, 0, 0.0))
-    simulation = Simulation(body, colliders=[Plane(offset=-0.1)], device=device, precision="float64")
-    assert [type(effect).__name__ for effect in simulation.assembly.all] == ["Colliders", "Plasticity", "Anchors"]
-    simulation.step(60)
-    assert simulation.rest_length.max() < 0.49  # pulled together, they gave way
-    assert simulation.frame().position[:, 2].min() >= -0.1 - 4 * EPS64
 
 
 def test_gradients_refuse_it_by_name(with_anchors):

@@ -5,7 +5,6 @@ import pytest
 from tangles import tangle
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SymplecticEuler, System, Wind, box, sheet
-from msdwarp.engine.model.model import Model
 from msdwarp.engine.springs import force_algorithms as forces
 
 FALLING = {"colliders": [Plane(offset=-3.0)], "gravity": 9.82}
@@ -66,11 +65,6 @@ def test_one_lane_adds_up_as_gathering_does(own, monkeypatch):
 
     monkeypatch.setattr(forces, "gather", one_lane)
     assert np.array_equal(moved(body, **options), by_table)
-
-
-@pytest.mark.parametrize("force_algorithm", ["stencil", "gather"])
-def test_a_cpu_has_one_lane(force_algorithm):
-    assert forces.lanes(Model(BODIES["solid"], device="cpu", force_algorithm=force_algorithm)) == 1
 
 
 @pytest.mark.gpu

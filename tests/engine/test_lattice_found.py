@@ -1,7 +1,5 @@
 """Lattices: what a stencil reads of a system is exactly its connections."""
 
-import itertools
-
 import numpy as np
 import problems
 import pytest
@@ -9,7 +7,6 @@ from stencils import lattice_of
 
 from msdwarp import System, box, chain, sheet
 from msdwarp.engine.model.lattice import NotALattice, find_lattice
-from msdwarp.kernels.springs.stencil import stencil_rows
 
 SHAPES = {
     "pair": ((2,), 2, chain(2)),
@@ -43,30 +40,6 @@ def test_a_shape_is_a_lattice_of_one_kind(shape, neighbours, system):
 
 
 @every_shape
-def test_steps_are_half_of_the_neighbours_and_masks_are_those_that_exist(shape, neighbours, system):
-    lattice, n = find_lattice(system), neighbours // 2
-    whole = {*lattice.steps} | {tuple(-s for s in step) for step in lattice.steps}
-    assert len(whole) == neighbours  # no step twice, none both ways
-    most = {8: 2, 26: 3}.get(neighbours, 1)
-    assert {sum(map(abs, step)) for step in whole} == set(range(1, most + 1))  # axes and all diagonals
-    size = np.array([*shape, 1, 1])[:3]
-    places = np.array(list(itertools.product(*(range(k) for k in size[::-1]))))[:, ::-1]  # x runs fastest
-    for d, step in enumerate(lattice.steps):
-        for bit, sign in ((d, 1), (d + n, -1)):
-            there = places + sign * np.array(step)
-            expected = ((there >= 0) & (there < size)).all(axis=1)
-            np.testing.assert_array_equal((lattice.mask >> np.uint32(bit)) & 1, expected)
-
-
-@every_shape
-def test_shifts_are_rows_and_layers(shape, neighbours, system):
-    lattice = find_lattice(system)
-    along_x, along_y, _ = (*shape, 1, 1)[:3]
-    rows, _ = stencil_rows(lattice.steps)
-    np.testing.assert_array_equal(lattice.shift, [y * along_x + z * along_x * along_y for y, z in rows])
-
-
-@every_shape
 def test_stride_leads_to_the_next_layer(shape, neighbours, system):
     along_x, along_y, _ = (*shape, 1, 1)[:3]
     assert find_lattice(system).stride == {1: 0, 2: along_x, 3: along_x * along_y}[len(shape)]
@@ -96,22 +69,6 @@ def test_masks_and_shifts_worked_out_by_hand():
     assert crossed.shift.tolist() == [-2, 0, 2]
 
 
-def test_constants_are_by_direction():
-    lattice = lattice_of(box((3, 4, 5), 0.1, stiffness=70.0, damping=0.3))
-    expected = [0.1 * np.sqrt(sum(map(abs, step))) for step in lattice.steps]
-    np.testing.assert_array_equal(lattice.constants["rest_length"], [expected])  # computed in the same way
-    assert (lattice.constants["stiffness"] == 70.0).all()
-    assert (lattice.constants["damping"] == 0.3).all()
-
-
-def test_oblong_cells_have_rest_lengths_by_direction():
-    lattice = lattice_of(box((3, 4, 5), (0.1, 0.25, 0.4)))
-    expected = [np.linalg.norm(np.multiply(step, (0.1, 0.25, 0.4))) for step in lattice.steps]
-    # Roots of sums of squares, in another order: a few roundings.
-    np.testing.assert_allclose(lattice.constants["rest_length"], [expected], rtol=1e-15)
-    assert lattice.uniform
-
-
 def test_constants_may_differ_from_direction_to_direction():
     system = sheet((4, 3), damping=1.0)
     stiffness = np.zeros(system.connection_count)
@@ -131,33 +88,6 @@ def test_places_masses_and_pins_do_not_matter():
 
 
 # Several bodies, and bodies cut from a lattice.
-
-
-def test_two_equal_bodies_share_one_shift():
-    one = box((3, 3, 4))
-    single, double = lattice_of(one), lattice_of(one + one.translate((9, 0, 0)))
-    assert double.uniform
-    np.testing.assert_array_equal(double.shift, single.shift)
-    np.testing.assert_array_equal(double.mask, np.tile(single.mask, 2))
-
-
-def test_equal_shapes_of_different_constants_are_two_kinds_with_one_shift():
-    soft, hard = box((3, 3, 3), stiffness=10.0), box((3, 3, 3), stiffness=90.0)
-    lattice = lattice_of(hard + soft + hard)
-    assert not lattice.uniform
-    assert lattice.shift.ndim == 1
-    kind = lattice.kind.reshape(3, 27)
-    assert (kind == kind[:, :1]).all()
-    assert kind[0, 0] == kind[2, 0] != kind[1, 0]
-    assert lattice.constants["stiffness"].shape == (2, 26)
-
-
-def test_different_shapes_have_shifts_by_particle():
-    lattice = lattice_of(box((3, 3, 3)) + box((4, 3, 2)))
-    assert not lattice.uniform
-    assert lattice.shift.shape == (len(stencil_rows(lattice.steps)[0]), 27 + 24)
-    assert not lattice.kind.any()  # their constants are the same
-    assert lattice.constants["stiffness"].shape == (1, 26)
 
 
 SEVERAL = {
@@ -222,17 +152,3 @@ def test_a_sheet_woven_downwards_is_a_lattice():
     connections[part] = connections[part, ::-1]
     lattice = lattice_of(grid.replace(connections=connections))
     assert lattice.shift.tolist() == [4, 0, -4]
-
-
-def test_freezing_what_is_at_rest_in_exact_numbers_keeps_the_lattice():
-    # Lengths of 1 are computed exactly; those of diagonals all in the same way.
-    lattice_of(sheet((4, 4), neighbours=4, dim=2).set_rest_shape())
-
-
-def test_bodies_of_the_same_constants_may_share_particles():
-    system = System(
-        position=[[0.0], [1], [2]],
-        connections=[[0, 1], [1, 2]],
-        directions=({"x": slice(0, 1)}, {"x": slice(1, 2)}),
-    )
-    assert lattice_of(system).mask.tolist() == [1, 3, 2]

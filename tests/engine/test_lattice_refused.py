@@ -101,10 +101,6 @@ def test_what_is_no_lattice_is_refused_with_the_reason(system, message):
         find_lattice(system)
 
 
-def test_a_refusal_is_a_value_error():
-    assert issubclass(NotALattice, ValueError)
-
-
 SOURCES = [
     chain(6),
     sheet((2, 2)),
@@ -151,7 +147,7 @@ def meddle(system: System, random: np.random.Generator) -> System:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_meddled_lattice_is_refused_or_still_right(seed):
     random = np.random.default_rng(seed)
     held = refused = 0

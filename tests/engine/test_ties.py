@@ -1,13 +1,11 @@
 """ExtraSprings: connections between lattices, beside their stencil, are connections like all others."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from problems import EPS64
-from tangles import FAR, assert_forces_are_right, evaluate, moving
+from tangles import assert_forces_are_right, evaluate, moving
 
-from msdwarp import RK4, CoulombDamper, Simulation, System, box, chain, join, sheet
+from msdwarp import CoulombDamper, Simulation, System, box, chain, join, sheet
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import per_stage
@@ -32,35 +30,12 @@ def options(device: str, **more) -> dict:
     return {"gravity": 0.0, "precision": "float64", "fps": 60.0, "substeps": 8, "device": device, **more}
 
 
-@pytest.fixture
-def in_columns(monkeypatch) -> None:
-    """Advance lattices that have layers in columns, on the CPU too, however small they are."""
-
-    def choose(model: Model, columns=per_stage.columns) -> int:
-        gpu = SimpleNamespace(is_cuda=True)
-        return columns(SimpleNamespace(lattice=model.lattice, particle_count=model.particle_count, device=gpu))
-
-    monkeypatch.setattr(per_stage, "LEAST_IN_COLUMNS", 0)
-    monkeypatch.setattr(per_stage, "columns", choose)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_a_stencil_has_the_forces_of_its_ties(plain_device, dim):
     tied = moving(pair(dim))
     assert len(Model(tied, device="cpu", force_algorithm="stencil").lattice.ties) > 0
     assert_forces_are_right(tied, plain_device, "float64", "stencil")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
-def test_the_same_in_single_precision_far_out(plain_device, precision):
-    assert_forces_are_right(moving(pair()).translate(FAR), plain_device, precision, "stencil")
-
-
-@pytest.mark.slow
-def test_undamped_ties_of_damped_bodies(plain_device):
-    assert_forces_are_right(moving(pair(damping=0.0)), plain_device, "float64", "stencil")
 
 
 @pytest.mark.slow
@@ -90,53 +65,6 @@ def test_where_only_ties_are_damped_the_stencil_is_not():
         assemble(tied.replace(damping=0.0), device="cpu", force_algorithm="stencil")
     ).composition.force_algorithm
     assert own is bare
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
-def test_routes_move_a_tied_pair_alike(plain_device, blocks):
-    tied, frames = moving(pair(), 5), {}
-    tied = tied.replace(position=pair().position)
-    for force_algorithm in ("scatter", "gather", "stencil"):
-        simulation = Simulation(
-            tied, force_algorithm=force_algorithm, blocks=blocks, integrator=RK4(), **options(plain_device)
-        )
-        simulation.step(12)
-        assert simulation.model.force_algorithm == force_algorithm
-        frames[force_algorithm] = simulation.frame().position
-    moved = np.abs(frames["gather"] - tied.position).max()
-    assert moved > 0.02
-    for force_algorithm in ("scatter", "stencil"):  # other orders of sums: 400 evaluations, each of some roundings
-        np.testing.assert_allclose(frames[force_algorithm], frames["gather"], rtol=0, atol=1e-11)
-
-
-def test_momentum_is_conserved(device):
-    # Both ends of a tie find the same force but for its sign; what is left is rounding of the sums.
-    tied = moving(pair(), 5).replace(position=pair().position)
-    simulation = Simulation(tied, **options(device))
-    before = simulation.measure()
-    simulation.step(30)
-    after = simulation.measure()
-    size = 0.01 * np.abs(tied.velocity).sum()
-    np.testing.assert_allclose(after.momentum, before.momentum, rtol=0, atol=240 * 8 * EPS64 * size)
-    # Forces act along the axes, at distances of 1 m: nothing turns either.
-    np.testing.assert_allclose(
-        after.angular_momentum, before.angular_momentum, rtol=0, atol=240 * 32 * EPS64 * size
-    )
-
-
-@pytest.mark.parametrize("force_algorithm", ["gather", "scatter"])
-def test_a_tie_is_one_more_connection(force_algorithm):
-    # To the last bit: on these algorithms it is nothing else. On a GPU scattered sums have no order.
-    tied, frames = pair(), []
-    names = ("connections", "rest_length", "stiffness", "damping")
-    plain = System(position=tied.position, mass=0.01, **{name: np.array(getattr(tied, name)) for name in names})
-    velocity = moving(tied, 5).velocity
-    for system in (tied, plain):
-        simulation = Simulation(system.with_velocity(velocity), force_algorithm=force_algorithm, **options("cpu"))
-        simulation.step(5)
-        frames.append(simulation.frame().position)
-    np.testing.assert_array_equal(*frames)
 
 
 def test_energies_count_a_tie_once(device):
@@ -175,18 +103,3 @@ def test_a_stable_step_bears_a_tie_much_stiffer_than_the_bodies(plain_device):
         Simulation(
             tied, force_algorithm="stencil", gravity=0.0, device=plain_device, substeps=simulation.substeps // 3
         )
-
-
-@pytest.mark.slow
-def test_a_tied_run_resumes_to_the_last_bit(plain_device):
-    def make():
-        return Simulation(
-            moving(pair(), 5).replace(position=pair().position), force_algorithm="stencil", **options(plain_device)
-        )
-
-    whole, first, rest = make(), make(), make()
-    whole.step(9)
-    first.step(4)
-    rest.restore(*first.checkpoint())
-    rest.step(5)
-    np.testing.assert_array_equal(whole.frame().position, rest.frame().position)
