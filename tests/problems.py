@@ -1,6 +1,7 @@
 """Problems with known solutions, and plain NumPy references that share no code with the package."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -236,3 +237,23 @@ def assert_leapfrog_keeps_energy(start: System, device: str) -> None:
         worst.append(np.abs(np.array(energies) / first - 1).max())
     assert worst[0] < 0.02
     assert worst[1] < worst[0] / 8  # of second order: 16 times; corners in a law take some of it away
+
+
+def balance(simulation: Simulation) -> tuple[float, float]:
+    """Return energy less work, and work [J]."""
+    found = simulation.measure()
+    return found.energy - found.external_work, found.external_work
+
+
+def drifts(frames: int, make: Callable[[int], Simulation]) -> list[float]:
+    """Return by how much energy less work leaves its start, as a share of the most work, at h and h/2."""
+    found = []
+    for substeps in (20, 40):
+        simulation = make(substeps)
+        (start, _), off, most = balance(simulation), 0.0, 0.0
+        for _ in range(frames):
+            simulation.step()
+            now, work = balance(simulation)
+            off, most = max(off, abs(now - start)), max(most, abs(work))
+        found.append(off / most)
+    return found

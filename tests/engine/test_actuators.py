@@ -12,7 +12,6 @@ from msdwarp import (
     RK4,
     RKC2,
     Actuator,
-    Force,
     Leapfrog,
     LinearlyImplicitEuler,
     Simulation,
@@ -61,61 +60,49 @@ def swung(t: float, damping: float = 0.0) -> float:
     return float((forced * np.exp(1j * OMEGA * t)).imag + (share @ np.exp(own * t)).real)
 
 
-METHODS = [(SymplecticEuler(), 1), (Leapfrog(), 2), (RK4(), 4), (RKC2(), 2), (LinearlyImplicitEuler(6), 1)]
+# In one, two or three coordinates: in how many depends on no method.
+METHODS = [
+    (SymplecticEuler(), 1, 3),
+    (Leapfrog(), 2, 2),
+    (RK4(), 4, 1),
+    (RKC2(), 2, 3),
+    (LinearlyImplicitEuler(6), 1, 3),
+]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "order"), METHODS, ids=lambda one: str(one).split("(")[0])
-def test_a_muscle_is_a_forced_oscillator(method, order, plain_device):
+@pytest.mark.parametrize(("method", "order", "dim"), METHODS, ids=lambda one: str(one).split("(")[0])
+def test_a_muscle_is_a_forced_oscillator(method, order, dim, plain_device):
     # RKC2 has no step without a damper. It and the implicit method sum work at order 1, which is no divergence,
     # though the body has no energy at the start.
     damping, errors = 0.5 if method == RKC2() else 0.0, []
     for substeps in (5, 10):
         how = options(plain_device, substeps=substeps, integrator=method)
-        simulation = Simulation(pair(damping=damping), loads=[Actuator(swing)], **how)
+        simulation = Simulation(pair(dim, damping), loads=[Actuator(swing)], **how)
         simulation.step(10)
         x = simulation.frame().position
+        assert np.abs(np.average(x, axis=0, weights=[1.0, 2.0])[1:]).max(initial=0.0) < 1e-14
         errors.append(abs(x[1, 0] - x[0, 0] - LENGTH - swung(1.0, damping)))
     # The next order's term is a share of about ω0 h = 0.07 of the error.
     assert math.log2(errors[0] / errors[1]) > order - 0.2, errors
     assert errors[1] < {1: 0.02, 2: 1e-3, 4: 1e-7}[order] * LENGTH
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
-@pytest.mark.parametrize("dim", [1, 2, 3])
-@pytest.mark.each_value
-def test_it_swings_in_any_number_of_coordinates(device, dim, blocks):
-    simulation = Simulation(pair(dim), loads=[Actuator(swing)], integrator=RK4(), blocks=blocks, **options(device))
-    simulation.step(10)
-    moved = simulation.frame().position - pair(dim).position
-    expected = np.zeros((2, dim))
-    expected[:, 0] = swung(1.0) * np.array([-2 / 3, 1 / 3])  # about the centre of mass
-    # RK4 errs by (ω0 h)⁴ ω0 t / 120 of the amplitude, 0.4 m: 2e-8.
-    np.testing.assert_allclose(moved, expected, rtol=0, atol=3e-8)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("along", [None, ("x", "x+y")], ids=["all", "some"])
-@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
-@pytest.mark.each_value
-def test_a_held_muscle_is_another_rest_length_by_every_route(plain_device, method, along, blocks):
+def test_a_held_muscle_is_another_rest_length(device, along):
     body = jelly()
     load = Actuator(-0.15, along=along)
     lengths = np.array(body.rest_length)
     lengths[load.connections(body)] *= 0.85
     assert 0 < (lengths < body.rest_length).sum() <= len(lengths)
-    how = options(plain_device, fps=60.0, substeps=20, integrator=method, blocks=blocks)
-    other = Simulation(body.replace(rest_length=lengths), force_algorithm="scatter", **how)
-    other.step(20)
-    assert np.abs(other.frame().position - body.position).max() > 0.01
-    for force_algorithm in ("scatter", "gather", "stencil"):
-        simulation = Simulation(body, loads=[load], force_algorithm=force_algorithm, **how)
-        assert simulation.model.force_algorithm == force_algorithm
+    how = options(device, fps=60.0, substeps=20)
+    pulled = Simulation(body, loads=[load], **how)
+    other = Simulation(body.replace(rest_length=lengths), **how)
+    for simulation in (pulled, other):
         simulation.step(20)
-        # Other sums, 400 substeps of roundings: as algorithms differ from each other.
-        np.testing.assert_allclose(simulation.frame().position, other.frame().position, rtol=0, atol=1e-12)
+    assert np.abs(other.frame().position - body.position).max() > 0.01
+    # Other sums, 400 substeps of roundings: as algorithms differ from each other.
+    np.testing.assert_allclose(pulled.frame().position, other.frame().position, rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -147,30 +134,27 @@ def test_actuators_add_up_and_keep_to_their_particles(device):
     np.testing.assert_array_equal(effect.members, np.arange(128) >= 64)
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_it_changes_no_momentum(device, precision):
+def test_it_changes_no_momentum(device):
     body = jelly()
     wave = [Actuator(lambda t, k=k: 0.2 * np.sin(9 * t + k), on=body.position[:, 0] < 0.1 * k) for k in (0, 1)]
-    simulation = Simulation(body, loads=wave, **options(device, fps=60.0, substeps=20, precision=precision))
+    simulation = Simulation(body, loads=wave, **options(device, fps=60.0, substeps=20))
     simulation.step(20)
     measures = simulation.measure()
-    eps = 1.2e-7 if precision == "float32" else EPS64
     speed = np.sqrt(2 * measures.kinetic_energy / 0.64)
     assert speed > 0.01
     # Forces on both ends are each other's negative to the last bit; sums of velocities are rounded 400 times, by
     # chance to either side in 64 particles.
-    np.testing.assert_allclose(measures.momentum, 0.0, atol=0.64 * 400 * eps * speed)
-    np.testing.assert_allclose(measures.angular_momentum, 0.0, atol=0.64 * 400 * eps * speed * 0.3)
+    np.testing.assert_allclose(measures.momentum, 0.0, atol=0.64 * 400 * EPS64 * speed)
+    np.testing.assert_allclose(measures.angular_momentum, 0.0, atol=0.64 * 400 * EPS64 * speed * 0.3)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", [Leapfrog(), RK4()], ids=["leapfrog", "rk4"])
-def test_its_work_over_a_cycle_is_the_loop_of_force_and_length(plain_device, method):
+def test_its_work_over_a_cycle_is_the_loop_of_force_and_length(plain_device):
     # Once the pair swings steadily, u = U sin(ωt − φ), the damper turns π b ω U² to heat in a cycle: the work.
     damping, per_cycle = 2.0, 64
     fps = per_cycle * OMEGA / (2 * math.pi)
-    how = options(plain_device, fps=fps, substeps=8, integrator=method)
-    simulation = Simulation(pair(damping=damping), loads=[Actuator(swing)], **how)
+    how = options(plain_device, fps=fps, substeps=8, integrator=RK4())
+    simulation = Simulation(pair(1, damping), loads=[Actuator(swing)], **how)
     simulation.step(8 * per_cycle)  # 16.8 s: what was at the start has decayed by exp(−1.5 · 16.8) = 1e-11
     before = simulation.measure().external_work
     times, lengths = [], []
@@ -183,15 +167,14 @@ def test_its_work_over_a_cycle_is_the_loop_of_force_and_length(plain_device, met
     rate = damping * 1.5
     amplitude = NATURAL**2 * LENGTH * SWING / math.hypot(NATURAL**2 - OMEGA**2, rate * OMEGA)
     expected = math.pi * damping * OMEGA * amplitude**2
-    # h ω0 = 0.013: leapfrog's error is (h ω0)²/24 or so, and more near resonance, where its damper sees a velocity
-    # that lags half a step: h b/2μ of the damping, 1 %. RK4's is of order 4.
-    assert done == pytest.approx(expected, rel=0.02 if method == Leapfrog() else 1e-7)
+    # h ω0 = 0.013, of order 4.
+    assert done == pytest.approx(expected, rel=1e-7)
     # −∮ F dl with F = k (l − l0 (1 + s)), the slope of the periodic l by its Fourier series: exact.
     length, wave = np.array(lengths), np.fft.fftfreq(per_cycle, 1 / per_cycle)
     slope = np.fft.ifft(1j * wave * OMEGA * np.fft.fft(length)).real
     tension = K * (length - LENGTH * (1 + swing(np.array(times))))
     loop = -(tension * slope).sum() / fps
-    assert done == pytest.approx(loop, rel=0.02 if method == Leapfrog() else 1e-7)
+    assert done == pytest.approx(loop, rel=1e-7)
 
 
 @pytest.mark.slow
@@ -221,46 +204,6 @@ def test_a_worm_moves_as_an_independent_reference_says(plain_device, wave):
     # RK4: (h ω)⁴ ω t / 120 with ω up to 14 rad/s, h = 1/400 s.
     np.testing.assert_allclose(simulation.frame().position[:, 0], expected[:4], rtol=0, atol=1e-6)
     assert simulation.measure().external_work == pytest.approx(expected[8], rel=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
-@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=["euler", "rk4"])
-@pytest.mark.each_value
-def test_work_is_what_energy_comes_from(plain_device, method, blocks):
-    # Undamped, a body has the energy that it had, and the work of its muscles; beside a force of another kind.
-    body = jelly().replace(damping=0.0)
-    loads = [Actuator(lambda t: 0.2 * np.sin(9 * t), along="z"), Force((0.1, 0.0, 0.0), on=[3])]
-    found = []
-    for substeps in (20, 40):
-        how = options(plain_device, fps=60.0, substeps=substeps, integrator=method, blocks=blocks)
-        simulation = Simulation(body, loads=loads, **how)
-        before = simulation.measure()
-        simulation.step(31)
-        after = simulation.measure()
-        assert after.external_work > 1e-3
-        found.append(abs(after.energy - before.energy - after.external_work) / after.external_work)
-    # As for forces: Simpson's rule has order 4; symplectic Euler conserves an energy that differs at first order.
-    assert found[0] < (1e-6 if method == RK4() else 0.02), found
-    assert found[1] < found[0] / (8 if method == RK4() else 1.4), found
-
-
-@pytest.mark.slow
-def test_a_run_resumes_to_the_last_bit(device):
-    def make():
-        loads = [Actuator(lambda t: 0.2 * math.sin(7 * t), along=["z", "x"])]
-        return Simulation(
-            jelly(), loads=loads, integrator=Leapfrog(), device=device, gravity=0.0, force_algorithm="gather"
-        )
-
-    whole, first, rest = make(), make(), make()
-    whole.step(12)
-    first.step(5)
-    rest.restore(*first.checkpoint())
-    rest.step(7)
-    np.testing.assert_array_equal(whole.frame().position, rest.frame().position)
-    np.testing.assert_array_equal(whole.frame().velocity, rest.frame().velocity)
-    assert whole.measure().external_work == rest.measure().external_work != 0
 
 
 def test_a_muscle_follows_a_change_of_what_it_pulls_with(plain_device):
@@ -298,18 +241,12 @@ def test_the_bound_is_had_of_a_muscle_that_is_made_for_a_short_run():
 
 
 @pytest.mark.parametrize("strain", [0.0, 0.1])
-@pytest.mark.parametrize("limit", [10.0, math.inf])
-def test_what_muscles_do_to_a_body_without_energy_is_no_divergence(plain_device, strain, limit):
+def test_what_muscles_do_to_a_body_without_energy_is_no_divergence(plain_device, strain):
     # Work is summed at order 1 by this method: from nothing, it differs from the energy by more than rounding.
-    how = options(plain_device, integrator=RKC2(), energy_limit=limit)
+    how = options(plain_device, integrator=RKC2())
     simulation = Simulation(pair(damping=0.5), loads=[Actuator(strain)], **how)
     simulation.step(10)
     assert bool(simulation.measure().external_work) == bool(strain)
-
-
-def test_a_scene_without_muscles_has_nothing_of_them(plain_device):
-    simulation = Simulation(jelly(), device=plain_device)
-    assert not {"actuated", "effect_mask", "stage", "time"} & set(simulation.stepping.dynamics.scene._cls.vars)
 
 
 def late(t: float) -> float:
@@ -321,15 +258,12 @@ def late(t: float) -> float:
     [
         (lambda: Actuator(1.0), "strain is 1 at 0 s; it must be above -1 and below 1"),
         (lambda: Actuator(-1.5), "strain is -1.5 at 0 s"),
-        (lambda: Actuator(math.nan), "strain is .*nan.*; it must be finite"),
         (lambda: Actuator((0.1, 0.2)), "strain has 2 numbers; it must have 1 number"),
-        (lambda: Actuator("strong"), "strain must be an array of numbers, not 'strong'"),
         (lambda: Actuator(lambda t: 1.2), r"loads\[0\]\.strain is 1.2 at 0 s; it must be above -1"),
         (lambda: Actuator(lambda t: 1 / 0), r"loads\[0\]\.strain has no value .* division by zero"),
         (lambda: Actuator(lambda t: (0.1, 0.1)), r"loads\[0\]\.strain has 2 numbers"),
         (lambda: Actuator(0.1, along="w"), r"loads\[0\]\.along is 'w'; it must be .*'x'"),
         (lambda: Actuator(0.1, along=3), "along is 3; it must be"),
-        (lambda: Actuator(0.1, delay=math.inf), "delay is inf; it must be finite"),
         (lambda: Actuator(0.1, delay=[0.0, 0.1]), r"loads\[0\]\.delay has shape \(2,\); .*64 numbers"),
         (lambda: Actuator(0.1, on="tail"), r"loads\[0\]\.on is 'tail'"),
         (lambda: Actuator(0.1, on=[0]), r"loads\[0\]\.on is \[0\]; there must be one connection at least"),

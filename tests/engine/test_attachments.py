@@ -8,7 +8,7 @@ from problems import EPS64
 from scipy.integrate import solve_ivp
 
 import msdwarp as msd
-from msdwarp import RK4, Attachment, Box, Leapfrog, LinearlyImplicitEuler, Simulation, Sphere, System, box
+from msdwarp import RK4, Attachment, Box, Leapfrog, Simulation, Sphere, System, box
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.stepping.assemble import assemble
 
@@ -26,31 +26,19 @@ def options(device, **more):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
-@pytest.mark.each_value
-def test_a_particle_swings_about_its_point(plain_device, dim, blocks):
-    # x'' = −k x / m in each coordinate. RK4 at hω = 0.01 errs by (hω)⁴ ωt / 120 of the amplitude.
-    point = np.zeros(dim)
-    how = options(plain_device, integrator=RK4(), blocks=blocks)
-    simulation = Simulation(one(dim), loads=[Attachment([0], point, stiffness=K)], **how)
-    simulation.step(10)
-    found, error = simulation.frame(), 3 * 6 * 0.01**4 / 120
-    expected = one(dim).position[0] * math.cos(OMEGA)
-    np.testing.assert_allclose(found.position[0], expected, rtol=0, atol=error + 1e-12)
-    assert (found.position[1] == -9.0).all()
-
-
-def test_a_damped_one_comes_to_rest(plain_device):
+def test_a_particle_swings_about_its_point_and_comes_to_rest(plain_device, dim):
     # x'' = −k x − b x': x = e^(−βt) (cos ω't + β/ω' sin ω't), β = b/2, ω'² = k − β².
     b = 4.0
-    load = Attachment([0], (0.0, 0.0, 0.0), stiffness=K, damping=b)
-    simulation = Simulation(one(), loads=[load], integrator=RK4(), **options(plain_device))
+    load = Attachment([0], np.zeros(dim), stiffness=K, damping=b)
+    simulation = Simulation(one(dim), loads=[load], integrator=RK4(), **options(plain_device))
     simulation.step(10)
-    w = math.sqrt(K - b * b / 4)
+    w, found = math.sqrt(K - b * b / 4), simulation.frame()
     decay = math.exp(-b / 2) * (math.cos(w) + b / 2 / w * math.sin(w))
-    np.testing.assert_allclose(simulation.frame().position[0], one().position[0] * decay, rtol=0, atol=1e-8)
-    v = simulation.frame().velocity[0]
+    # RK4 at hω = 0.01 errs by (hω)⁴ ωt / 120 of the amplitude.
+    np.testing.assert_allclose(found.position[0], one(dim).position[0] * decay, rtol=0, atol=1e-8)
+    assert (found.position[1] == -9.0).all()
+    v = found.velocity[0]
     assert simulation.measure().dissipated_power == pytest.approx(b * float(v @ v), rel=1e-12)
 
 
@@ -60,7 +48,7 @@ def test_by_default_particles_are_held_where_they_are(plain_device):
     simulation = Simulation(one(), loads=[Attachment([0], stiffness=K)], **how)
     simulation.step(5)
     sunk = simulation.frame().position[0, 2] - one().position[0, 2]
-    # RK4's error of a swing of g/k, as above.
+    # RK4's error, (hω)⁴ ωt / 120, of a swing of g/k.
     assert sunk == pytest.approx(-9.0 / K * (1 - math.cos(OMEGA * 0.5)), abs=0.25 * 3 * 0.01**4 / 120 + 1e-12)
 
 
@@ -93,29 +81,6 @@ def test_now_is_the_distance_at_the_start(plain_device):
     simulation.step(3)
     np.testing.assert_allclose(simulation.frame().position, one().position, rtol=0, atol=180 * 8 * EPS64)
     assert simulation.measure().effect_energy == pytest.approx(0.0, abs=1e-20)
-
-
-SPEED = np.array([1.0, -2.0, 0.5])
-
-
-@pytest.mark.slow
-def test_what_is_attached_to_steady_motion_moves_as_at_rest_in_its_frame(plain_device):
-    # Galileo: a point at constant velocity is a point at rest, seen from beside it; the damper too.
-    carrier = Sphere((5.0, 0, 0), 0.1, motion=lambda t: SPEED * t)
-    how = options(plain_device, integrator=RK4())
-    rest = Simulation(one(), loads=[Attachment([0], (0.0, 0, 0), stiffness=K, damping=2.0)], **how)
-    along = Simulation(
-        one(velocity=[SPEED, np.zeros(3)]),
-        loads=[Attachment([0], (0.0, 0, 0), carried_by=carrier, stiffness=K, damping=2.0)],
-        **how,
-    )
-    for simulation in (rest, along):
-        simulation.step(10)
-    moved = along.frame().position[0] - SPEED
-    # The velocity of the point is a difference over h/50 = 3e-5 s of places of 1 m: 1e-11 of it.
-    np.testing.assert_allclose(moved, rest.frame().position[0], rtol=0, atol=1e-10)
-    assert along.measure().effect_energy == pytest.approx(rest.measure().effect_energy, rel=1e-8)
-    assert along.measure().dissipated_power == pytest.approx(rest.measure().dissipated_power, rel=1e-8)
 
 
 @pytest.mark.slow
@@ -167,23 +132,6 @@ def test_to_a_collider_means_where_particles_are(device):
     np.testing.assert_allclose(simulation.frame().position, body.position + 0.2 * np.eye(3)[0], rtol=0, atol=1e-7)
 
 
-def test_energy_is_conserved(device):
-    held = box((2, 3, 3), 0.1, mass=0.01, stiffness=20.0).translate((0.2, 0, 0))
-    loads = [
-        Attachment([0, 4], (0.0, 0, 0.3), stiffness=3.0, rest_length=0.1),
-        Attachment([4, 9], stiffness=2.0),
-    ]
-    how = options(device, gravity=9.82, integrator=RK4(), fps=50.0, substeps=20)
-    simulation = Simulation(held, loads=loads, **how)
-    assert simulation.assembly.external_work is None  # what stands still does none
-    before = simulation.measure()
-    simulation.step(20)
-    after = simulation.measure()
-    assert after.effect_energy > 0.05 * after.kinetic_energy > 0
-    # RK4 loses (hω)⁶/72 of the energy of a mode in each of 400 substeps; ω² ≤ 16 k/m gives hω ≤ 0.18.
-    assert after.energy == pytest.approx(before.energy, rel=0, abs=400 * 0.18**6 / 72 * abs(before.energy) + 1e-10)
-
-
 def test_the_bound_knows_attachments(plain_device):
     # An attached particle swings with k/m, which is the bound: other springs double it.
     loads = [Attachment([0], stiffness=K, damping=3.0), Attachment([0], stiffness=K)]
@@ -205,38 +153,6 @@ def test_the_bound_knows_attachments(plain_device):
         Simulation(one(), substeps=2, **how)
 
 
-@pytest.mark.slow
-def test_an_implicit_method_holds_too(device):
-    simulation = Simulation(
-        one(),
-        loads=[Attachment([0], (0.0, 0, 0), stiffness=K)],
-        integrator=LinearlyImplicitEuler(iterations=2),  # there are no springs: it is there at once
-        **options(device),
-    )
-    simulation.step(10)
-    # Explicit as every load: first order, hω/2 · ωt of the amplitude.
-    np.testing.assert_allclose(
-        simulation.frame().position[0], one().position[0] * math.cos(OMEGA), rtol=0, atol=3 * 0.01 / 2 * 6
-    )
-
-
-def held_box(device, **more):
-    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=40.0, damping=0.02).named("jelly")
-    carrier = Sphere((0, 0, 1), 0.1, motion=lambda t: ((0, 0, math.sin(9 * t)), (0, 0, t)))
-    loads = [Attachment([0, 1], carrier, stiffness=9.0, damping=0.1), Attachment([5], stiffness=4.0)]
-    return Simulation(body, loads=loads, integrator=Leapfrog(), device=device, **more)
-
-
-@pytest.mark.slow
-def test_a_run_resumes_to_the_last_bit(device):
-    whole, first, rest = (held_box(device, force_algorithm="gather", substeps=30) for _ in range(3))
-    whole.step(9)
-    first.step(4)
-    rest.restore(*first.checkpoint())
-    rest.step(5)
-    np.testing.assert_array_equal(whole.frame().position, rest.frame().position)
-
-
 def test_a_change_on_the_way_leaves_points_where_they_are():
     simulation = Simulation(one(), loads=[Attachment([0], stiffness=K)], device="cpu", fps=10.0, gravity=9.0)
     simulation.step(5)
@@ -249,32 +165,12 @@ def test_a_change_on_the_way_leaves_points_where_they_are():
     np.testing.assert_allclose(simulation.assembly.all[-1].data.point.numpy()[0], one().position[0])
 
 
-@pytest.mark.slow
-def test_all_routes_carry_attachments(plain_device):
-    frames = []
-    for force_algorithm, blocks in (
-        ("scatter", "auto"),
-        ("gather", "auto"),
-        ("stencil", "auto"),
-        ("gather", None),
-    ):
-        how = {"force_algorithm": force_algorithm, "blocks": blocks, "precision": "float64"}
-        simulation = held_box(plain_device, substeps=30, **how)
-        simulation.step(10)
-        frames.append(simulation.frame().position)
-    for other in frames[1:]:
-        np.testing.assert_allclose(frames[0], other, rtol=0, atol=1e-11)  # other orders of sums, 300 substeps
-
-
 MOVING = Sphere(motion=lambda t: (0, 0, t))
 REFUSED = [
     (lambda: [Attachment("tail", stiffness=1.0)], r"loads\[0\]\.on is 'tail'"),
     (lambda: [Attachment([], stiffness=1.0)], r"loads\[0\]\.on is \[\]; it must name one particle"),
-    (lambda: [Attachment([0], stiffness=-1.0)], "stiffness is -1; it must be a number of at least 0"),
-    (lambda: [Attachment([0], stiffness=1.0, damping=np.inf)], "damping is inf"),
     (lambda: [Attachment([0], stiffness=1.0, rest_length=-0.5)], "rest_length is -0.5; it must be at least 0"),
     (lambda: [Attachment([0], stiffness=1.0, rest_length="then")], "rest_length is 'then'"),
-    (lambda: [Attachment([0], (0, np.nan, 0), stiffness=1.0)], r"to\[1\] is nan; it must be finite"),
     (lambda: [Attachment([0], (0.0, 1.0), stiffness=1.0)], r"loads\[0\]\.to has shape \(2,\); .* \(1, 3\)"),
     (lambda: [Attachment([0], np.zeros((2, 3)), stiffness=1.0)], r"loads\[0\]\.to has shape \(2, 3\)"),
     (

@@ -34,12 +34,7 @@ def body() -> System:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "precision"),
-    [
-        (SymplecticEuler(), "float32"),
-        (Leapfrog(), "float64"),
-        pytest.param(LinearlyImplicitEuler(iterations=4), "float32", marks=pytest.mark.slow),
-        pytest.param(RK4(), "float32-compensated", marks=pytest.mark.slow),
-    ],
+    [(Leapfrog(), "float64"), (LinearlyImplicitEuler(iterations=4), "float32")],
     ids=str,
 )
 def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
@@ -68,25 +63,15 @@ def test_a_pin_is_a_drive_that_stands_still(device, method, precision):
 
 
 @pytest.mark.parametrize(
-    ("method", "blocks"),
-    [
-        (SymplecticEuler(), "auto"),
-        (RK4(), None),
-        *(pytest.param(method, "auto", marks=pytest.mark.slow) for method in METHODS[2::2]),
-        pytest.param(Leapfrog(), None, marks=pytest.mark.slow),
-        pytest.param(LinearlyImplicitEuler(40), None, marks=pytest.mark.slow),
-    ],
-    ids=str,
+    "method", [SymplecticEuler(), *(pytest.param(one, marks=pytest.mark.slow) for one in METHODS[2:4])], ids=str
 )
-def test_what_is_driven_evenly_is_as_what_stands(device, method, blocks):
+def test_what_is_driven_evenly_is_as_what_stands(device, method):
     # Galilei: hung from particles that move at w, seen by somebody who moves with them.
     w = np.array([0.7, -0.4, 0.2])
     common = {"integrator": method, "precision": "float64", "fps": 100.0, "substeps": 8, "device": device}
-    fixed = Simulation(body().pin([0, 1]), blocks=blocks, **common)
-    start = body().with_velocity(w)
-    moved = Simulation(
-        start, loads=[PrescribedMotion([0, 1], lambda t: (w[0] * t, w[1] * t, w[2] * t))], blocks=blocks, **common
-    )
+    fixed = Simulation(body().pin([0, 1]), **common)
+    drive = PrescribedMotion([0, 1], lambda t: (w[0] * t, w[1] * t, w[2] * t))
+    moved = Simulation(body().with_velocity(w), loads=[drive], **common)
     for simulation in (fixed, moved):
         simulation.step(50)
     # 400 substeps (of up to 4 stages) that round places of 0.5 m, and speeds found from such over 1/800 s.
@@ -179,50 +164,6 @@ def test_released_particles_go_on_as_they_went(plain_device, method):
     assert simulation.measure().kinetic_energy == pytest.approx(2.0 * ((v - (0, 0, 5)) ** 2).sum(), rel=1e-3)
 
 
-def test_some_may_be_released_before_others(plain_device):
-    system = System(position=np.arange(6.0).reshape(3, 2))
-    simulation = Simulation(
-        system, loads=[PrescribedMotion(None, lambda t: (0 * t, 0 * t))], precision="float64", device=plain_device
-    )
-    simulation.change(unpin=[1])
-    simulation.step(3)
-    fallen = simulation.frame().position[:, 1] < system.position[:, 1] - 0.001
-    np.testing.assert_array_equal(fallen, [False, True, False])
-    simulation.reset()
-    simulation.step(3)
-    np.testing.assert_array_equal(simulation.frame().position, system.position)
-
-
-def lifted(device: str, method=None, **options) -> Simulation:
-    """Return a body that is shaken by one end and let go at 0.25 s above a floor."""
-    system = body().translate((0, 0, 0.3)).replace(groups={"end": [0, 1, 2]})
-    drive = PrescribedMotion("end", lambda t: ((0.1 * np.sin(9 * t), 0 * t, 0.2 * t), (0 * t, 0.5 * t, 0 * t)))
-    schedule = [at(0.1, stiffness=lambda k: 1.2 * k), at(0.25, unpin="end")]
-    common = {"colliders": [Plane()], "schedule": schedule, "force_algorithm": "gather", "device": device}
-    return Simulation(system, loads=[drive], integrator=method or Leapfrog(), **common, **options)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float32", "float32-compensated"])
-@pytest.mark.parametrize("first", [7, 20])
-@pytest.mark.each_value
-def test_a_run_resumes_to_the_last_bit(device, first, precision):
-    # Before the release and after it, and with substeps chosen on the way.
-    whole, parts = lifted(device, precision=precision), lifted(device, precision=precision)
-    whole.step(30)
-    parts.step(first)
-    kept = parts.frame()
-    again = lifted(device, precision=precision)
-    again.restore(*parts.checkpoint())
-    np.testing.assert_array_equal(again.frame().velocity, kept.velocity)
-    again.step(30 - first)
-    np.testing.assert_array_equal(again.frame().position, whole.frame().position)
-    np.testing.assert_array_equal(again.frame().velocity, whole.frame().velocity)
-    again.reset()
-    again.step(30)
-    np.testing.assert_array_equal(again.frame().position, whole.frame().position)
-
-
 @pytest.mark.slow
 def test_obstacles_do_not_stop_what_is_driven(device):
     floor = Plane(restitution=0.0)
@@ -249,10 +190,6 @@ def test_obstacles_do_not_stop_what_is_driven(device):
             [PrescribedMotion([0, 1], lambda t: (t, 0, 0)), PrescribedMotion([1], lambda t: (0, 0, t))],
             r"loads\[1\] drives particle 1, as",
         ),
-        (
-            [PrescribedMotion([0], lambda t: (t, 0, 0), about=(0.0, 1.0))],
-            r"loads\[0\]\.about is .* must be 3 finite numbers",
-        ),
     ],
 )
 def test_what_cannot_be_driven_is_refused(loads, message):
@@ -274,8 +211,6 @@ def test_one_too_fast_for_the_step_is_refused(device):
 def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match=r"motion is 3; it must be a function of time, or None"):
         PrescribedMotion("hand", 3)
-    with pytest.raises(ValueError, match=r"about is 'here'|about must be"):
-        PrescribedMotion("hand", lambda t: t, about="here")
     system = chain(3).named("rope")
     with pytest.raises(ValueError, match=r"unpin is 'rope', which names no particle that a drive holds"):
         Simulation(system, schedule=[at(1.0, unpin="rope")], device="cpu")
@@ -296,9 +231,8 @@ def test_a_motion_that_fails_on_the_way_is_named(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dim", [1, 3])
-def test_a_drive_without_motion_holds_until_it_is_released(dim):
-    rope = chain(3, 0.5, dim=dim).named("rope")
+def test_a_drive_without_motion_holds_until_it_is_released():
+    rope = chain(3, 0.5).named("rope")
     drive = PrescribedMotion([0])
     assert "at rest" in repr(drive)
     simulation = Simulation(rope, loads=[drive], schedule=[at(0.1, unpin=[0])], gravity=9.82, device="cpu")

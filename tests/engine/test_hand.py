@@ -9,20 +9,16 @@ from msdwarp.world import MouseSpring
 CUBE = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.1))
 
 
-def moved(loads, *, precision="float32", device="cpu", **options):
-    how = {"colliders": [Plane()], "precision": precision, "device": device, "substeps": 20} | options
+def moved(loads, **options):
+    how = {"colliders": [Plane()], "device": "cpu", "substeps": 20} | options
     return Simulation(CUBE, loads=loads, **how)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float32-compensated", "float64"])
-def test_a_hand_holds_as_an_attachment_does(device, precision):
+def test_a_hand_holds_as_an_attachment_does(device):
     held, points = [20, 4], np.array([[0.3, 0, 0.4], [0, 0.2, 0.5]])
-    by_hand = moved(
-        [MouseSpring(on=held, to=points, stiffness=30, damping=0.2)], precision=precision, device=device
-    )
+    by_hand = moved([MouseSpring(on=held, to=points, stiffness=30, damping=0.2)], device=device)
     attached = Attachment(on=sorted(held), to=points[::-1], stiffness=30, damping=0.2)
-    by_spring = moved([attached], precision=precision, device=device)
+    by_spring = moved([attached], device=device)
     if device.startswith("cuda") and by_hand.model.force_algorithm == "scatter":
         pytest.skip("scattered sums on the GPU are not repeatable")
     for one in (by_hand, by_spring):
@@ -30,13 +26,6 @@ def test_a_hand_holds_as_an_attachment_does(device, precision):
     np.testing.assert_array_equal(by_hand.frame().position, by_spring.frame().position)
     # The same numbers, summed in the same order.
     assert by_hand.measure().energy == by_spring.measure().energy
-
-
-def test_an_idle_hand_moves_nothing():
-    with_hand, without = moved([MouseSpring()]), moved([])
-    for one in (with_hand, without):
-        one.step(20)
-    np.testing.assert_array_equal(with_hand.frame().position, without.frame().position)
 
 
 def test_a_hand_takes_hold_and_lets_go_without_building_anew():

@@ -36,11 +36,10 @@ def swollen(system, load) -> float:
     "load",
     [
         Pressure(200.0),
-        EnclosedGas(200.0),
         EnclosedGas(200.0, outside=0.0),
         EnclosedGas(300.0, outside=100.0, exponent=1.4),
     ],
-    ids=["given", "boyle", "in vacuum", "adiabatic"],
+    ids=["given", "in vacuum", "adiabatic"],
 )
 def test_a_sphere_swells_to_where_forces_balance(device, load):
     system = balloon()
@@ -52,20 +51,6 @@ def test_a_sphere_swells_to_where_forces_balance(device, load):
     # not 6, and stand out by a few per mille of what it swells by.
     assert found - 1 == pytest.approx(swollen(system, load) - 1, rel=0.02)
     assert simulation.measure().kinetic_energy < 1e-4 * simulation.measure().elastic_energy
-
-
-@pytest.mark.slow
-def test_pressure_moves_no_closed_body(device):
-    # Σ a = 0 over a closed surface: momentum stays, but for rounding of forces of N that sum to nothing.
-    body = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1).rotate(0.3, axis=(1, 2, 3))
-    loads = [Pressure(lambda t: 50 * np.sin(30 * t)), EnclosedGas(100.0)]
-    how = {"gravity": 0.0, "device": device, "precision": "float64"}
-    simulation = Simulation(body, loads=loads, **how)
-    simulation.step(10)
-    measures = simulation.measure()
-    assert abs(measures.external_work) > 1e-5
-    assert np.abs(measures.momentum).max() < 1e-13
-    assert np.abs(measures.angular_momentum).max() < 1e-13
 
 
 @pytest.mark.slow
@@ -92,15 +77,6 @@ def test_a_gas_is_a_spring_for_its_volume(plain_device):
     # Breathing is almost a mode: masses by area differ from areas' pull by a little, which excites others by it.
     means = np.array(radii).mean(axis=1) / 2e-4
     np.testing.assert_allclose(means, [0, -1, 0, 1], atol=0.1)
-
-
-def test_a_plate_accelerates_as_its_area_says(device):
-    plate = sheet((3, 3), 0.1, mass=0.01)
-    how = {"gravity": 0.0, "device": device, "precision": "float64", "fps": 1e5, "substeps": 1}
-    simulation = Simulation(plate, loads=[Pressure(20.0)], **how)
-    simulation.step()
-    # The sheet faces up. After one substep all momentum is h p A.
-    np.testing.assert_allclose(simulation.measure().momentum, [0, 0, 20.0 * 0.04 / 1e5], rtol=1e-12, atol=1e-18)
 
 
 @pytest.mark.slow
@@ -137,7 +113,6 @@ def test_the_bound_knows_the_gas(plain_device):
             r"loads\[0\]\.on is None; the surface there must be closed, and 8 of its",
         ),
         (chain(3), lambda: Pressure(10.0), r"loads\[0\]\.on is None; it must hold the corners of a surface"),
-        (box((3, 3, 3)), lambda: Pressure("x"), "pressure"),
         (
             box((3, 3, 3)),
             lambda: Pressure(lambda t: (1, 2)),
@@ -151,24 +126,3 @@ def test_the_bound_knows_the_gas(plain_device):
 def test_pressure_is_refused_by_name(system, load, message):
     with pytest.raises(ValueError, match=message):
         Simulation(system, loads=[load()], device="cpu")
-
-
-@pytest.mark.slow
-def test_a_run_resumes_with_the_gas_it_began_with(plain_device):
-    def make():
-        return Simulation(
-            balloon(1),
-            loads=[EnclosedGas(500.0, outside=0.0)],
-            gravity=0.0,
-            device=plain_device,
-            force_algorithm="gather",
-        )
-
-    whole, first, rest = make(), make(), make()
-    whole.step(8)
-    first.step(3)
-    rest.restore(*first.checkpoint())
-    rest.step(5)
-    np.testing.assert_array_equal(whole.frame().position, rest.frame().position)
-    first.change(damping=2.0)
-    assert first.assembly.all[0]._gases[0].volume == whole.assembly.all[0]._gases[0].volume

@@ -16,9 +16,7 @@ from msdwarp import (
     box,
     cone,
     cylinder,
-    icosphere,
     sheet,
-    shell,
 )
 from msdwarp.bodies import facets_of
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
@@ -60,11 +58,12 @@ def test_facets_are_what_is_drawn(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", BODIES)
-def test_pressure_on_a_skin_moves_no_body(device, name):
+@pytest.mark.parametrize("name", ["ball", "box"])
+def test_pressure_moves_no_closed_body(device, name):
     # Σ a = 0 and Σ x × a = 0 over a closed surface, and weights reproduce places: momenta stay, but for rounding
     # of forces of up to 10 N that sum to nothing, for 0.1 s.
-    body = BODIES[name](damping=0.1).rotate(0.3, axis=(1, 2, 3))
+    block = box((4, 4, 4), 0.1, mass=0.01, stiffness=200.0, damping=0.1)
+    body = (block if name == "box" else BODIES[name](damping=0.1)).rotate(0.3, axis=(1, 2, 3))
     loads = [Pressure(lambda t: 50 * np.sin(30 * t)), EnclosedGas(100.0)]
     simulation = Simulation(body, loads=loads, **options(device, fps=600.0))
     simulation.step(60)
@@ -135,23 +134,6 @@ def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
 
 
 @pytest.mark.slow
-def test_single_precision_agrees(plain_device):
-    body = BODIES["ball"](damping=1.0).translate((0, 0, 3.0))
-    loads = [EnclosedGas(200.0), Wind(lambda t: (3.0 + np.sin(9 * t), 0 * t, 0 * t), drag=0.5)]
-    places = []
-    for one in ("float64", "float32"):
-        simulation = Simulation(
-            body, loads=loads, gravity=0.0, fps=600.0, substeps=4, precision=one, device=plain_device
-        )
-        simulation.step(30)
-        places.append(simulation.frame().position)
-    exact, found = places
-    assert np.abs(exact - body.position).max() > 1e-3
-    # Places of 3 m, rounded to 2e-7 m in each of 120 substeps, and springs that pull them back.
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-5)
-
-
-@pytest.mark.slow
 def test_beside_a_skin_other_surfaces_feel_the_same(device):
     # A box, whose vertices are particles, by itself and in one system with a ball.
     block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0).rotate(0.4, axis=(1, 2, 0)).named("block")
@@ -161,40 +143,6 @@ def test_beside_a_skin_other_surfaces_feel_the_same(device):
     assert np.abs(alone).max() > 0.1
     np.testing.assert_allclose(body_pairs[:27], alone, rtol=0, atol=1e-9)  # as above
     np.testing.assert_allclose(body_pairs[27:], 0.0, atol=1e-9)
-
-
-def silhouette(system) -> float:
-    """Return the area that a convex body shows from below [m²]."""
-    return float(np.abs(area_vectors(system)[:, 2]).sum() / 2)
-
-
-FALLING = {
-    "buffer": lambda: ball(0.2, 0.1, mass=1e-3, stiffness=400.0, damping=0.1),
-    "shell": lambda: shell(icosphere(0.2, 2), mass=0.03, stiffness=400.0, damping=0.1),
-    "box": lambda: box((3, 3, 3), 0.1, mass=1e-3, stiffness=400.0, damping=0.1),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FALLING)
-def test_a_closed_body_falls_at_the_terminal_speed_of_its_drag(device, name):
-    # ½ ρ C_d A v² = m g with the C_d of a sphere, A being what it shows: v_t tanh(g t / v_t) from rest, here from
-    # 0.9 v_t on for 2 v_t / g and more. Its own weight and the air deform it by a per mille.
-    system, drag = FALLING[name](), 0.47
-    shown, mass = silhouette(system), float(system.mass.sum())
-    if name != "box":
-        assert shown == pytest.approx(math.pi * 0.2**2, rel=0.05)
-    speed = math.sqrt(2 * mass * G / (RHO * drag * shown))
-    falling = system.with_velocity((0.0, 0.0, -0.9 * speed))
-    still = Wind((0, 0, 0), drag=drag, lift=0.0)
-    # Short frames: each launch of one is recorded, which on a CPU takes longer than the launch.
-    simulation = Simulation(falling, loads=[still], fps=120.0, device=device, precision="float64")
-    simulation.step(math.ceil(120 * 2 * speed / G))
-    velocity = simulation.measure().momentum / mass
-    expected = speed * math.tanh(math.atanh(0.9) + G * simulation.time / speed)
-    assert velocity[2] == pytest.approx(-expected, rel=2e-3)
-    assert velocity[2] == pytest.approx(-speed, rel=4e-3)  # tanh 3.5 = 1 − 2e-3
-    assert np.abs(velocity[:2]).max() < 1e-3 * speed
 
 
 def test_of_a_closed_body_and_an_open_one_each_feels_its_own(device):

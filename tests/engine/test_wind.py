@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from problems import EPS64
 
-from msdwarp import RK4, Simulation, SymplecticEuler, System, UnstableStep, Wind, chain, sheet, stability_limit
+from msdwarp import Simulation, SymplecticEuler, System, UnstableStep, Wind, chain, sheet, stability_limit
 from msdwarp.bodies import facets_of
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
@@ -28,12 +28,10 @@ def terminal(mass: float, area: float) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("blocks", ["auto", None], ids=["one launch", "launches"])
 @pytest.mark.parametrize("rising", [0.0, 0.7])
-@pytest.mark.each_value
-def test_a_sheet_falls_at_its_terminal_speed(device, rising, blocks):
+def test_a_sheet_falls_at_its_terminal_speed(device, rising):
     # v = v_t tanh(g t / v_t) from rest in air at rest; after 3 s, 24 times v_t / g, that is v_t to e^-48.
-    how = {"gravity": G, "device": device, "precision": "float64", "blocks": blocks, "substeps": 30}
+    how = {"gravity": G, "device": device, "precision": "float64", "substeps": 30}
     simulation = Simulation(falling_sheet(), loads=[Wind((0, 0, rising), drag=DRAG)], **how)
     simulation.step(180)
     v = simulation.frame().velocity
@@ -59,19 +57,6 @@ def test_particles_fall_at_theirs(device):
 
 
 @pytest.mark.slow
-def test_a_particle_speeds_up_as_the_closed_form_says(plain_device):
-    # v = v_t tanh(g t / v_t); RK4's error at h = 1/600 s, h g / v_t = 0.002, is far below 1e-9.
-    body = System(position=np.zeros((1, 3)), mass=0.02)
-    load = Wind((0, 0, 0), drag=DRAG, area=0.05)
-    simulation = Simulation(
-        body, loads=[load], gravity=G, integrator=RK4(), precision="float64", substeps=10, device=plain_device
-    )
-    simulation.step(30)
-    v = terminal(0.02, 0.05)
-    assert simulation.frame().velocity[0, 2] == pytest.approx(-v * math.tanh(G * 0.5 / v), rel=1e-9)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("area", [None, 0.01])
 def test_what_moves_with_the_air_feels_nothing(device, area):
     cloth = sheet((4, 4), 0.1, mass=0.01, stiffness=0.0).rotate(0.4, axis=(1, 2, 0))
@@ -83,22 +68,6 @@ def test_what_moves_with_the_air_feels_nothing(device, area):
         np.testing.assert_allclose(simulation.frame().velocity, cloth.velocity, rtol=0, atol=1e-14)
     else:
         np.testing.assert_array_equal(simulation.frame().velocity, cloth.velocity)
-
-
-@wp.func
-def vortex(x: Any, t: Any):
-    return type(x)(-x[1], x[0], type(t)(0.0))
-
-
-@pytest.mark.slow
-def test_a_wind_of_place_turns_what_is_in_it(plain_device):
-    cross = sheet((5, 5), 0.1, mass=0.001, stiffness=200.0, damping=0.1).rotate(0.5 * math.pi, axis=(1, 0, 0))
-    how = {"gravity": 0.0, "device": plain_device, "precision": "float64"}
-    simulation = Simulation(cross, loads=[Wind(vortex)], **how)
-    simulation.step(60)
-    turn = simulation.measure().angular_momentum
-    assert turn[2] > 0
-    assert abs(turn[:2]).max() < 0.2 * turn[2]  # up and down it is as itself but for how squares are cut
 
 
 @wp.func
@@ -157,28 +126,6 @@ def test_lift_is_across_the_flow(plain_device):
     assert abs(force[1]) < 1e-9
 
 
-@pytest.mark.slow
-def test_routes_and_precisions_agree(plain_device):
-    cloth = sheet((9, 9), 0.1, mass=0.002, stiffness=100.0, damping=0.05).pin([0, 8])
-    load = Wind(lambda t: (3.0 + np.sin(5 * t), 0.3, 0.0))
-    frames = {}
-    for force_algorithm, precision in (
-        ("scatter", "float64"),
-        ("gather", "float64"),
-        ("stencil", "float64"),
-        ("scatter", "float32-compensated"),
-    ):
-        how = {"force_algorithm": force_algorithm, "precision": precision, "device": plain_device, "substeps": 20}
-        simulation = Simulation(cloth, loads=[load], **how)
-        simulation.step(20)
-        frames[force_algorithm, precision] = simulation.frame().position
-    for (_, precision), position in frames.items():
-        atol = (
-            1e-10 if precision == "float64" else 1e-5
-        )  # 400 substeps of other roundings, in folds that are unstable
-        np.testing.assert_allclose(position, frames["scatter", "float64"], rtol=0, atol=atol)
-
-
 @wp.func
 def gale(x: Any, t: Any):
     return type(x)(type(t)(50.0), type(t)(0.0), type(t)(0.0))
@@ -202,10 +149,7 @@ def test_the_bound_knows_the_resistance(plain_device, velocity):
     ("system", "load", "message"),
     [
         (chain(3), lambda: Wind((1.0, 0, 0)), r"loads\[0\]\.area is None; it must be the area of each particle"),
-        (chain(3), lambda: Wind((1.0, 0, 0), area=-1.0), r"loads\[0\]\.area"),
         (chain(3), lambda: Wind((1.0, 0), area=1.0), r"loads\[0\]\.velocity has 2 numbers; it must have 3"),
-        (chain(3), lambda: Wind((1.0, 0, 0), drag=-1.0, area=1.0), "drag is -1"),
-        (chain(3), lambda: Wind((1.0, 0, 0), density=float("nan"), area=1.0), "density is nan"),
         (sheet((3, 3)), lambda: Wind((1.0, 0, 0), on=[0, 1]), r"loads\[0\]\.area is None"),
     ],
 )
