@@ -105,21 +105,6 @@ def test_support_counts_on_what_is_pinned(device):
     assert not force[:27][low].any()
 
 
-@pytest.mark.slow
-def test_nothing_is_summed_unless_asked_for(device):
-    plain = {"colliders": [Plane()], "contact": Contact(), "device": device, "precision": "float64", "fps": FPS}
-    without, asked = (Simulation(two_blocks(), contact_forces=kept, **plain) for kept in (False, True))
-    assert without.stepping.contact_forces is None
-    with pytest.raises(ValueError, match="contact_forces is False; it must be True"):
-        without.contact_force()
-    assert not asked.contact_force().any()  # before the first frame
-    for one in (without, asked):
-        one.step(12)
-    # Two programs of the same operations: equal but for how a compiler joins them.
-    np.testing.assert_allclose(asked.frame().position, without.frame().position, rtol=0, atol=1e-12)
-    assert asked.contact_force().any()
-
-
 def test_a_probe_of_what_cannot_touch_is_refused():
     alone = two_blocks()
     with pytest.raises(ValueError, match=r"probes\['a'\]\.what is 'touch force'; bodies must touch then"):

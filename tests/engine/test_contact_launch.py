@@ -38,19 +38,3 @@ def test_one_launch_equals_many(plain_device, monkeypatch):
     many, along = ran()
     assert not along
     np.testing.assert_array_equal(one, many)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("threads", [1, 2])
-def test_what_the_device_decides_holds_for_all_threads(threads):
-    # Threads of the CPU leave out a search together, or make it together.
-    options = {"contact": Contact(friction=0.4), "colliders": [Plane()], "device": "cpu", "threads": threads}
-    simulation = Simulation(tower().translate((0.0, 0.0, 0.15)), **options)
-    since, deepest = [], 0.0
-    for _ in range(20):
-        simulation.step()
-        deepest = max(deepest, simulation.assembly.body_contact.deepest)
-        since.append(simulation.assembly.body_contact.neighbors.data.since.numpy()[0])
-    assert deepest > 0
-    assert (np.diff(since) > 0).any()  # a frame without a search: its time adds to the time since the last one
-    assert (np.diff(since) < 0).any()

@@ -7,18 +7,14 @@ import pytest
 from played import build
 
 from msdwarp import (
-    RK4,
     Contact,
     Ensemble,
-    Leapfrog,
     Plane,
     Scene,
     Simulation,
-    SymplecticEuler,
     System,
     ball,
     box,
-    chain,
     cloth,
     sheet,
 )
@@ -34,25 +30,11 @@ def heap() -> System:
     return low + middle + cloth
 
 
-def ropes() -> System:
-    """Return three layers of ropes across each other, the lowest ones held."""
-    rope = chain(12, 0.05, mass=0.002, stiffness=400.0, damping=0.02).translate((-0.275, 0, 0))
-    bodies = []
-    for layer in range(3):
-        for y in (-0.2, -0.1, 0.0, 0.1, 0.2):
-            one = rope.pin(slice(None)) if layer == 0 else rope
-            turned = one.translate((0, y, 0)).rotate(np.pi / 2 * (layer % 2), about=(0, 0, 0))
-            bodies.append(turned.translate((0, 0, 0.05 * layer)))
-    return sum(bodies[1:], bodies[0])
-
-
-def lying(device: str, frames: int = 40, bodies: System | None = None, **options) -> Simulation:
+def lying(device: str) -> Simulation:
     """Return a heap that has fallen together, with strong dampers, at its automatic substeps."""
     contact = Contact(restitution=0.05, friction=0.5)
-    simulation = Simulation(
-        heap() if bodies is None else bodies, contact=contact, device=device, precision="float64", **options
-    )
-    simulation.step(frames)
+    simulation = Simulation(heap(), contact=contact, device=device, precision="float64")
+    simulation.step(40)
     return simulation
 
 
@@ -72,13 +54,8 @@ def contact_forces(simulation: Simulation, velocity: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("bodies", "method"),
-    [(heap(), SymplecticEuler()), (ropes(), Leapfrog())],
-    ids=["heap-euler", "ropes-leapfrog"],
-)
-def test_no_rate_of_all_dampers_together_exceeds_the_limit(plain_device, bodies, method):
-    simulation = lying(plain_device, bodies=bodies, integrator=method)
+def test_no_rate_of_all_dampers_together_exceeds_the_limit(plain_device):
+    simulation = lying(plain_device)
     effect, system = simulation.assembly.body_contact, simulation.snapshot()
     assert effect.limits_dampers
     inverse = 1.0 / system.mass[:, None]
@@ -93,11 +70,6 @@ def test_no_rate_of_all_dampers_together_exceeds_the_limit(plain_device, bodies,
     step = 1.0 / (simulation.fps * simulation.substeps)
     # Forces are rounded to units of 2⁻⁴⁰ of the largest: to 1e-4 of those that 1e-6 m/s cause.
     assert 0.1 * DAMPING_LIMIT < rate * step < 1.001 * DAMPING_LIMIT
-
-
-def test_methods_without_a_lag_keep_their_dampers(plain_device):
-    simulation = lying(plain_device, 1, integrator=RK4())
-    assert not simulation.assembly.body_contact.limits_now
 
 
 @pytest.mark.slow
@@ -120,7 +92,7 @@ def test_energy_only_falls_at_few_substeps(plain_device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "most"), [("tower", 1.25), ("curtain", 1.45), ("bowl", 1.4), ("pile", 1.25)])
+@pytest.mark.parametrize(("name", "most"), [("tower", 1.25), ("curtain", 1.45)])
 def test_contact_asks_for_few_more_substeps(name, most):
     scene = build(name)
     alone = Scene(**{field: getattr(scene, field) for field in ("system", "colliders", "loads", "schedule")})

@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
-from listing import search_always
 
 from benchmarks.accuracy import crossings
 from msdwarp import (
     Contact,
-    Ensemble,
     Material,
-    Plane,
     PrescribedMotion,
-    Probe,
     Simulation,
     StartWarning,
     System,
@@ -71,7 +67,7 @@ def test_grains_bounce_off_a_sheet(device, speed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_goes_through_what_is_thrown_at_it(seed):
     pytest.importorskip("ipctk")
     found = crossings.simulate(crossings.throw(seed), "cpu")
@@ -82,7 +78,7 @@ def test_nothing_goes_through_what_is_thrown_at_it(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("thickness", "speed"), [(1e-5, 20.0), (1e-5, 150.0), (1e-6, 400.0)])
+@pytest.mark.parametrize(("thickness", "speed"), [(1e-5, 20.0), (1e-6, 400.0)])
 def test_thin_sheets_do_not_pass_unseen(plain_device, thickness, speed):
     # In a substep they go thousands of times as far as the distance at which they touch, and are not flying apart.
     low = sheet((6, 6), 0.05, mass=MASS, stiffness=20.0, damping=0.0)
@@ -138,7 +134,7 @@ def check_momentum(simulation: Simulation, frames: int = 6) -> float:
 
 # At 4 m/s impulses suffice. The last is twice as fast as sound in what it crushes.
 @pytest.mark.slow
-@pytest.mark.parametrize(("speed", "bricks", "held"), [(4.0, 2, False), (8.0, 4, True), (50.0, 4, True)])
+@pytest.mark.parametrize(("speed", "bricks", "held"), [(4.0, 2, False), (50.0, 4, True)])
 def test_a_heavy_block_that_crushes_light_ones_keeps_its_momentum(plain_device, speed, bricks, held):
     furthest = check_momentum(crush(plain_device, speed, bricks), 3 if speed > 40 else 6)
     assert (furthest > 0.0) == held
@@ -150,13 +146,12 @@ def test_phases_that_are_separate_launches_keep_momentum_too(monkeypatch):
     assert check_momentum(crush("cuda:0", 8.0, 4)) > 0.0
 
 
-@pytest.mark.parametrize("thickness", [1e-3, 1e-2])
-def test_what_flies_together_is_not_held_back(plain_device, thickness):
+def test_what_flies_together_is_not_held_back(plain_device):
     # Two sheets meet and fly on together, in a substep 8 mm each: farther than the gap that is left between them.
     low = sheet((8, 8), 0.05, mass=MASS, stiffness=20.0, damping=0.0)
     high = low.translate((0.013, 0.007, 0.1)).with_velocity((0.0, 0.0, -6.0))
     how = {"gravity": 0.0, "device": plain_device, "precision": "float64"}
-    simulation = Simulation(low + high, contact=Contact(thickness=thickness), **how)
+    simulation = Simulation(low + high, contact=Contact(thickness=1e-3), **how)
     for _ in range(10):
         simulation.step()
         assert simulation.held_back == 0.0
@@ -165,21 +160,10 @@ def test_what_flies_together_is_not_held_back(plain_device, thickness):
     assert velocity[:SIZE, 2].mean() < -2.5  # it has been pushed
 
 
-def test_bodies_with_an_inside_are_not_kept_apart_until_their_inner_surfaces_are_near():
-    die = box((2, 2, 2), 0.1)
-    two = die + die.translate((0, 0, 0.3))
-    planes = Simulation(two, contact=Contact(), device="cpu").assembly.body_contact.planes
-    assert planes is not None
-    assert not planes.awake
-    assert Simulation(die, contact=Contact(), device="cpu").assembly.body_contact.planes is None
-    apart = Contact(groups=("a", "b"), exclude=True)
-    two = die.named("a") + die.translate((0, 0, 0.3)).named("b")
-    assert Simulation(two, contact=[Contact(), apart], device="cpu").assembly.body_contact.planes is None
-
-
 @pytest.mark.filterwarnings("ignore:.*turned inside out:msdwarp.InvertedWarning")  # the blow is that hard
 @pytest.mark.parametrize("speed", [2.0, 20.0, pytest.param(200.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("pinned", [False, True])
+@pytest.mark.each_value
 def test_blocks_do_not_pass_through_a_slab(plain_device, speed, pinned):
     pytest.importorskip("ipctk")
     # The slab is one cell thick; the speed of sound in both is 20 m/s. The contact is much softer than springs.
@@ -229,94 +213,16 @@ def test_what_goes_around_the_border_is_let_go(device):
 
 
 @pytest.mark.slow
-def test_restarts_lists_and_overflow_change_nothing(device, monkeypatch):
-    def run(simulation: Simulation, frames: int) -> np.ndarray:
-        simulation.step(frames)
-        return np.concatenate(simulation.frame()[1:])
-
-    options = {"bumps": 0.03, "sideways": 1.0, "precision": "float32"}
-    whole = thrown(20.0, device, **options)
-    whole.step()
-    checkpoint = whole.checkpoint()
-    expected = run(whole, 3)
-    resumed = thrown(20.0, device, **options)
-    resumed.restore(*checkpoint)
-    np.testing.assert_array_equal(run(resumed, 3), expected)
-    for module, name, value in ((nearby, "LEAST_SKIN", 1.5), (nearby, "ROOM", 1), (division_planes, "ROOM", 0)):
-        monkeypatch.setattr(module, name, value)
-        np.testing.assert_array_equal(run(thrown(20.0, device, **options), 4), expected)
-
-
-def test_no_impulse_is_left_for_later(device):
-    # A restart, or a frame that is repeated, would not have it. Edges are pushed at their ends, too.
-    constants = {"mass": MASS, "stiffness": STIFFNESS, "damping": 0.1}
-    below = sheet((8, 8), SPACING, **constants)
-    above = sheet((6, 6), SPACING, **constants).rotate(0.5, axis=(1, 2, 3)).translate((0.1, 0.1, 0.35))
-    thrown_down = above.replace(velocity=np.tile((0.0, 1.0, -40.0), (36, 1)))
-    contact = Contact(thickness=THICKNESS, stiffness=200.0, friction=0.3, restitution=0.4)
-    simulation = Simulation(below + thrown_down, contact=contact, gravity=0.0, device=device, fps=480.0)
-    pairs = simulation.assembly.body_contact.planes.pairs
-    for _ in range(12):
-        simulation.step()
-        assert not pairs.impulse.numpy().any()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("substeps", [21, 22])  # after the pair that is recorded once come 1 and 2
-def test_substeps_recorded_once_equal_substeps_recorded_each(substeps, threads):
-    def run(**options) -> np.ndarray:
-        simulation = thrown(20.0, bumps=0.03, sideways=1.0, substeps=substeps, threads=threads, **options)
+def test_lists_and_overflow_change_nothing(device, monkeypatch):
+    def run() -> np.ndarray:
+        simulation = thrown(20.0, device, bumps=0.03, sideways=1.0, precision="float32")
         simulation.step(4)
         return np.concatenate(simulation.frame()[1:])
 
-    each = run(probes={"height": Probe("grains", "position", every="substep")})  # a launch after each substep
-    np.testing.assert_array_equal(run(), each)
-
-
-@pytest.mark.slow
-def test_a_folded_strip_does_not_depend_on_lists(monkeypatch):
-    # Its driven end meets the strip in the 12th frame.
-    def folded() -> np.ndarray:
-        cloth = sheet((13, 7), 0.05, mass=0.002, stiffness=60.0, damping=0.05, bending=1e-3)
-        along = cloth.position[:, 0]
-        held, driven = along < along.min() + 0.025, np.flatnonzero(along > along.max() - 0.025)
-        rate = 2 * np.pi / 0.75
-
-        def squeeze(t):
-            return np.multiply.outer(0.21 * (np.cos(rate * np.asarray(t)) - 1), np.array([1.0, 0.0, 0.0]))
-
-        simulation = Simulation(
-            cloth.pin(held),
-            loads=[PrescribedMotion(driven, squeeze)],
-            contact=Contact(friction=0.3, restitution=0.1, self_contact=True),
-            colliders=[Plane(offset=cloth.position[:, 2].min() - 0.01)],
-            device="cpu",
-        )
-        simulation.step(18)
-        return np.concatenate(simulation.frame()[1:])
-
-    expected = folded()
-    search_always(monkeypatch)
-    np.testing.assert_array_equal(folded(), expected)
-
-
-@pytest.mark.slow
-def test_each_world_is_as_if_it_were_alone(plain_device):
-    rules = [Contact(thickness=THICKNESS, stiffness=STIFFNESS, restitution=1.0, friction=0.0)]
-    x = np.array([[0.01, 0.02, 1.5 * THICKNESS]])
-    system = held_sheet() + grains(x, np.array([[0.5, 0.0, -20.0]]))
-    options = {"contact": rules, "gravity": 0.0, "device": plain_device, "fps": 240.0, "force_algorithm": "gather"}
-    ensemble = Ensemble(system, 2, **options)
-    np.testing.assert_array_equal(ensemble.held_back, [0.0, 0.0])
-    alone = Simulation(system, substeps=ensemble.substeps, **options)
-    for _ in range(3):
-        ensemble.step()
-        alone.step()
-        for world in range(2):
-            np.testing.assert_array_equal(ensemble.frame().position[world], alone.frame().position)
-            assert ensemble.held_back[world] == alone.held_back
-    assert alone.frame().velocity[SIZE, 2] > 18.0
+    expected = run()
+    for module, name, value in ((nearby, "LEAST_SKIN", 1.5), (nearby, "ROOM", 1), (division_planes, "ROOM", 0)):
+        monkeypatch.setattr(module, name, value)
+        np.testing.assert_array_equal(run(), expected)
 
 
 def test_a_grain_lies_on_a_sheet_that_hangs():

@@ -48,14 +48,6 @@ def test_what_touches_or_surrounds_a_body_is_not_inside():
             Simulation(system.replace(stiffness=1000.0), contact=Contact(), **OPTIONS)
 
 
-def test_bodies_that_ignore_each_other_may_be_anywhere():
-    named = SMALL.replace(groups={"small": np.arange(64)}) + LARGE.replace(groups={"large": np.arange(729)})
-    rules = [Contact(), Contact(groups=("small", "large"), exclude=True)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        Simulation(named, contact=rules, **OPTIONS)
-
-
 def test_a_run_that_diverges_at_its_start_says_so():
     with pytest.warns(StartWarning, match="inside"):
         simulation = Simulation(SMALL + LARGE, contact=Contact(), **OPTIONS)

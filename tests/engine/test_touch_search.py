@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
-import warp as wp
 from listing import search_always
-from problems import EPS32, EPS64
-from routes import preferring
-from scipy.spatial import cKDTree
 from surfaces import nearest_distances, winding_number
 
-from msdwarp import RK4, Contact, Leapfrog, Plane, Probe, Simulation, System, box, chain, icosphere, sheet, shell
+from msdwarp import RK4, Contact, Plane, Probe, Simulation, System, box, chain, icosphere, sheet, shell
 from msdwarp.engine.collision import neighbor_list as nearby
 from msdwarp.engine.collision.body_contact import BodyContact
 
@@ -31,21 +27,6 @@ def rows_of(simulation: Simulation) -> list[list[int]]:
 def grains(count: int, size: float) -> System:
     position = np.random.default_rng(1).uniform(0, size, (count, 3))
     return System(position=position, connections=np.zeros((0, 2), int), mass=0.01)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::msdwarp.checks.StartWarning")  # some start in each other
-def test_spheres_list_what_a_tree_finds(plain_device):
-    contact = Contact(thickness=0.1, stiffness=100.0)
-    simulation = Simulation(grains(800, 1.0), contact=contact, device=plain_device)
-    found = rows_of(simulation)
-    tree = cKDTree(simulation.frame().position)
-    around = 0.1 * (1 + nearby.LEAST_SKIN)
-    # float32 rounds distances between places up to 1 by 1e-7: what is within 1e-6 of the limit may be either.
-    least, most = (tree.query_ball_point(tree.data, around + by) for by in (-1e-6, 1e-6))
-    for p, row in enumerate(found):
-        assert set(least[p]) - {p} <= set(row) <= set(most[p]) - {p}
-    assert sum(map(len, found)) > 2000
 
 
 def crowd() -> System:
@@ -193,56 +174,6 @@ def test_what_comes_from_afar_is_listed_in_time(monkeypatch, names):
         np.testing.assert_array_equal(found, thrown(gap))
 
 
-@wp.kernel
-def turn_around(length: wp.array(dtype=int), numbers: wp.array2d(dtype=int)):
-    p = wp.tid()
-    last = length[p] - 1
-    for e in range((last + 1) / 2):
-        number = numbers[p, e]
-        numbers[p, e] = numbers[p, last - e]
-        numbers[p, last - e] = number
-
-
-@pytest.mark.slow
-def test_the_order_in_lists_changes_nothing(plain_device, monkeypatch):
-    # Four boxes that are thrown together: where they meet, points touch several.
-    one = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.2)
-    places = [np.array([a, b, 0.01 * a * b]) for a in (-1, 1) for b in (-1, 1)]
-    parts = [one.translate(0.115 * at - one.position.mean(axis=0)).replace(velocity=-at) for at in places]
-    system = parts[0] + parts[1] + parts[2] + parts[3]
-
-    def ran_and_measured() -> tuple[np.ndarray, float]:
-        how = {"gravity": 0.0, "device": plain_device, "fps": 500.0, "force_algorithm": "gather"}
-        simulation = Simulation(system, contact=Contact(friction=0.5), **how)
-        return ran(simulation, 15), simulation.measure().effect_energy
-
-    expected, stored = ran_and_measured()
-    assert stored > 0
-    find_rows = nearby.NeighborList._find_rows
-    lists = []
-
-    def found_backwards(self, frame_begins=True) -> None:
-        find_rows(self, frame_begins)
-        data = self.data
-        for numbers in (
-            data.candidates,
-            data.candidate_pair,
-            data.candidate_distance.view(int),
-        ):  # of float32 the bits change places
-            wp.launch(
-                turn_around, len(data.candidate_count), [data.candidate_count, numbers], device=numbers.device
-            )
-        lists.append(data)
-
-    monkeypatch.setattr(nearby.NeighborList, "_find_rows", found_backwards)
-    turned, measured = ran_and_measured()
-    np.testing.assert_array_equal(turned, expected)
-    assert measured == stored
-    candidate_pair, length = lists[-1].candidate_pair.numpy(), lists[-1].candidate_count.numpy()
-    several = [len(set(candidate_pair[p, :n])) > 1 for p, n in enumerate(length)]
-    assert any(several)  # some points are near two bodies
-
-
 def _counted(is_void, found: list):
     """Return a method that notes what it returns."""
 
@@ -272,71 +203,6 @@ def test_lists_too_long_for_any_room_are_an_error(monkeypatch):
         scene("cpu").step(25)
 
 
-def test_measuring_changes_nothing(device_that_repeats):
-    expected, simulation = ran(scene(device_that_repeats)), scene(device_that_repeats)
-    for _ in range(25):
-        simulation.step()
-        simulation.measure()
-    np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), expected)
-
-
-@pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
-def test_routes_agree(plain_device, precision):
-    found = {}
-    for force_algorithm in ("scatter", "gather", "stencil"):
-        with preferring(force_algorithm):
-            found[force_algorithm] = ran(scene(plain_device, precision=precision), 10)
-    # Springs are summed in another order: ε of forces, which contacts that begin a substep later, or not, amplify.
-    # Impulses change velocities by the rounding of a way, ε 0.32 m, times 700/s, in 28 substeps: by 6e3 ε.
-    tolerance = 3e5 * EPS64 if precision == "float64" else 6e3 * EPS32
-    for force_algorithm in ("gather", "stencil"):
-        np.testing.assert_allclose(found[force_algorithm], found["scatter"], rtol=0, atol=tolerance)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "precision"),
-    [
-        (None, "float32"),
-        (None, "float32-compensated"),
-        (Leapfrog(damper_extrapolation=0.5), "float64"),
-        (RK4(), "float32"),
-    ],
-    ids=["euler", "compensated", "extrapolated", "rk4"],
-)
-def test_it_goes_on_from_the_middle_of_a_contact(device_that_repeats, method, precision):
-    options = {"integrator": method, "precision": precision}
-    whole = scene(device_that_repeats, **options)
-    ran(whole, 15)
-    checkpoint = whole.checkpoint()
-    assert (checkpoint[0]["touch.partner"] >= 0).any()
-    assert np.abs(checkpoint[0]["touch.slip"]).max() > 0
-    resumed = scene(device_that_repeats, **options)
-    resumed.restore(*checkpoint)
-    np.testing.assert_array_equal(ran(resumed, 10), ran(whole, 10))
-
-
-def test_precisions_agree(device):
-    exact = ran(scene(device, precision="float64"), 10)
-    for precision in ("float32", "float32-compensated"):
-        # Places of 0.5 m are rounded to 3e-8, of which springs of 1000 N/m on 0.02 kg make 2e-3 m/s² in each of
-        # 100 substeps of 1.7 ms, 3e-6 m/s each. Contacts amplify that by a factor that varies: with 10 to 20
-        # substeps a frame 1e-5 to 2e-4 m/s were seen.
-        np.testing.assert_allclose(ran(scene(device, precision=precision), 10), exact, rtol=0, atol=1e-3)
-
-
-def test_a_frame_that_is_found_bad_is_repeated_with_the_same_history(device_that_repeats):
-    # Going back to where a frame began brings back what sticks, so that the frame comes out as before.
-    simulation = scene(device_that_repeats)
-    ran(simulation, 15)
-    simulation.step()
-    once = np.concatenate(simulation.frame()[1:])
-    simulation.stepping.go_back()
-    simulation.frame_index -= 1
-    simulation.step()
-    np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), once)
-
-
 def test_a_method_of_stages_moves_within_a_substep(plain_device):
     # Lists that are made before every substep hold for its later stages only with a skin: without one the frame
     # would be repeated for ever. 2 mm a stage, where half of the least skin is 1.25 mm.
@@ -362,30 +228,3 @@ def test_scenes_that_share_a_kernel_run_beside_each_other():
         simulation = Simulation(both, contact=Contact(), device="cpu", **around)
         simulation.step(2)
         assert np.isfinite(simulation.frame().position).all()
-
-
-def test_lists_get_room_to_spare():
-    for many in range(300):
-        room = nearby.room_for(many)
-        # With less, room would be made again and again.
-        assert many <= nearby.ROOM_TO_SPARE * room
-
-
-def test_the_skin_follows_the_fastest_motion():
-    near = contact_of(scene("cpu")).neighbors
-    near._check_every = near.check_every = nearby.CHECK_EVERY  # as on a GPU
-
-    def skin(way: float, moved: float = 0.0) -> float:
-        near.judge(np.array([moved, way, 0, 0, 0, 0, 0, 0]), np.ones(1, dtype=bool))
-        return float(near.buffer.numpy()[0])
-
-    least, widest = near._least_skin, near._widest
-    assert skin(0.0) == pytest.approx(least)
-    fast = widest / (nearby.SKIN_BY_WAY * nearby.MOST_BETWEEN)
-    assert skin(fast) == pytest.approx(widest)  # MOST_BETWEEN substeps of such motion
-    assert skin(0.9 * fast) == pytest.approx(widest)  # wide enough, and not much too wide
-    # It must hold from one decision to the next, which then comes each substep.
-    assert skin(widest) == pytest.approx(2.0 * widest * (1 + nearby.ALLOWANCE))
-    assert near.check_every == 1
-    assert skin(0.0) == pytest.approx(least)
-    assert near.check_every == nearby.CHECK_EVERY
