@@ -10,7 +10,6 @@ import volumes
 import msdwarp as msd
 from msdwarp import (
     CORK,
-    COTTON,
     FOAM,
     JELLY,
     MUSCLE,
@@ -146,12 +145,3 @@ def test_worlds_of_an_ensemble_are_counted_each_for_itself():
     x[2, :] *= (1.0, 1.0, -1.0)
     found = Ensemble(body, 3, position=x, gravity=0.0, device="cpu").inverted
     assert found.tolist() == [0, np.count_nonzero(inverted(body, x[1])), 27]
-
-
-def test_a_cloth_in_a_plane_is_counted_by_areas():
-    body = msd.sheet((6, 6), 0.02, material=replace(COTTON, youngs_modulus=2e4), thickness=1e-3, dim=2)
-    body = body.rotate(0.4).translate((0, 0.5))
-    simulation = Simulation(body, colliders=[Plane(normal=(0, 1), friction=0.6)], device="cpu")
-    with pytest.warns(InvertedWarning, match="of 25 cells of the body of particle 0 are turned inside out"):
-        simulation.step(60)
-    assert simulation.measure().inverted > 0

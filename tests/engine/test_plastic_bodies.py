@@ -6,7 +6,7 @@ import math
 import numpy as np
 import problems
 import pytest
-from problems import EPS32, EPS64
+from problems import EPS64
 from springs import INTEGRATORS, pair, relaxed, rest_lengths, simulate
 
 from msdwarp import Plane, Simulation, SimulationDiverged, System, box, chain
@@ -61,7 +61,7 @@ def test_a_dropped_block_keeps_its_dent_by_every_route(plain_device):
     np.testing.assert_allclose(a.position, b.position, rtol=0, atol=100 * 400 * EPS64)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS[:4], ids=str)
+@pytest.mark.parametrize("integrator", INTEGRATORS[:4:3], ids=str)
 def test_dents_converge_with_the_step(device, integrator):
     # The law is first order in a step that also moves: halving it halves the difference to within a third.
     dents = [
@@ -95,20 +95,6 @@ def test_a_route_that_cannot_yield_says_why():
         Simulation(chain(3).replace(yield_strain=0.1), force_algorithm="stencil", device="cpu")
 
 
-def test_reset_takes_the_dent_back(device):
-    system = dropped()
-    simulation = drop(system, device)
-    first = simulation.snapshot()
-    assert np.abs(first.rest_length - system.rest_length).max() > 1e-3
-    simulation.reset()
-    again = simulation.snapshot()
-    for name in ("position", "velocity", "rest_length", "original_length"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(system, name))
-    simulation.step(20)
-    # The same again; atomics may add in another order, as in the test of the algorithms.
-    np.testing.assert_allclose(rest_lengths(simulation), first.rest_length, rtol=0, atol=100 * 400 * EPS64)
-
-
 def test_divergence_goes_back_to_the_last_good_rest_lengths(device):
     # Just beyond the stable step: a swing grows from frame to frame until energy has no source.
     system = pair(1.02, 1, mass=[math.inf, 1.0], stiffness=1e4, yield_strain=0.2, relaxation_time=1.0)
@@ -129,26 +115,6 @@ def test_divergence_goes_back_to_the_last_good_rest_lengths(device):
     # The strain that is told is by the rest length that the spring has come to.
     assert caught.value.connection == 0
     assert caught.value.strain == pytest.approx(good.strain[0], rel=1e-12)  # a few roundings
-
-
-@pytest.mark.parametrize("precision", ["float32", "float32-compensated", "float64"])
-def test_a_snapshot_goes_on_as_the_simulation_does(device, precision):
-    # 10 and 10 frames are 20: positions, velocities and rest lengths are all there is.
-    whole = drop(dropped(), device, precision=precision)
-    half = Simulation(
-        dropped(), colliders=[Plane(friction=0.0)], fps=100, substeps=20, device=device, precision=precision
-    )
-    half.step(10)
-    dent = np.abs(half.snapshot().rest_length / dropped().rest_length - 1).max()
-    assert dent > 0.01
-    other = Simulation(
-        half.snapshot(), colliders=[Plane(friction=0.0)], fps=100, substeps=20, device=device, precision=precision
-    )
-    np.testing.assert_array_equal(other.system.original_length, dropped().original_length)
-    other.step(10)
-    eps = EPS64 if precision == "float64" else EPS32
-    # As by another algorithm; float32 in half as many substeps is not far better than that.
-    np.testing.assert_allclose(rest_lengths(other), rest_lengths(whole), rtol=0, atol=100 * 400 * eps)
 
 
 def test_a_simulation_tells_what_has_yielded(device):

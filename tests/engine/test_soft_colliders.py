@@ -135,17 +135,6 @@ def test_a_block_lies_where_its_weight_is_borne(plain_device):
     assert borne == pytest.approx(27 * 0.1 * 9.82, rel=1e-3)  # float32
 
 
-@pytest.mark.slow
-def test_hard_and_soft_obstacles_act_together(plain_device):
-    body = System(position=[[0.0, 0, 0.2], [1.0, 0, 0.2]], mass=1.0)
-    hard, soft = Box((1, 0, -0.25), (0.5, 0.5, 0.5)), Box((0, 0, -0.25), (0.5, 0.5, 0.5), stiffness=K)
-    simulation = Simulation(body, colliders=[hard, soft], device=plain_device)
-    simulation.step(120)
-    lowest = simulation.frame().position[:, 2]
-    assert lowest[1] == pytest.approx(0.0, abs=1e-5)
-    assert abs(lowest[0]) < 0.2
-
-
 @pytest.mark.parametrize(
     ("make", "said"),
     [
