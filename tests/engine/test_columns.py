@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tangles import FAR, assert_forces_are_right, lattices, moving
 
-from msdwarp import System, box, sheet
+from msdwarp import box, sheet
 from msdwarp.engine.model.lattice import find_lattice
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import per_stage
@@ -59,28 +59,3 @@ def test_directions_may_be_named_in_any_order(plain_device, request, columns):
     for order in (names, names[::-1]):
         named = grid.replace(stiffness=stiffness, directions=({n: grid.directions[0][n] for n in order},))
         assert_forces_are_right(named, plain_device, "float64", "stencil")
-
-
-def skewed() -> System:
-    """Return particles that are a lattice by their numbers alone: y and z lead 5 and 20 further, y+z leads 27."""
-    random = np.random.default_rng(9)
-    steps = {"y": 5, "z": 20, "y+z": 27}
-    connections = [np.stack([np.arange(60 - step), np.arange(step, 60)], axis=1) for step in steps.values()]
-    ends = np.cumsum([0, *map(len, connections)])
-    directions = {name: slice(*ends[k : k + 2]) for k, name in enumerate(steps)}
-    return System(
-        position=random.normal(size=(60, 3)),
-        velocity=random.normal(size=(60, 3)),
-        connections=np.concatenate(connections),
-        rest_length=1.0,
-        stiffness=30.0,
-        damping=1.0,
-        directions=(directions,),
-    )
-
-
-def test_layers_that_do_not_follow_each_other_are_no_columns(plain_device, in_columns):
-    lattice = find_lattice(skewed())
-    assert lattice.uniform
-    assert lattice.stride == 0
-    assert_forces_are_right(skewed(), plain_device, "float64", "stencil")

@@ -109,25 +109,10 @@ def test_kinds_of_very_many_particles_have_a_byte_of_their_own(monkeypatch, plai
         assert_forces_are_right(body, plain_device, "float64", "gather")
 
 
-@by_lists
-@pytest.mark.parametrize("name", CONSTANTS)
-def test_constants_of_many_kinds_are_arrays(force_algorithm, lists, name):
-    found = read_beside_the_state(force_algorithm, tangle(3, 200, (name,), damped=True))
-    # Of rest lengths alone, as a mesh has them, there is one array.
-    assert found.keys() == lists | ({name} if name == "rest_length" else set(CONSTANTS))
-
-
 def test_a_stencil_of_one_kind_has_a_mask_and_no_other_array():
     found = read_beside_the_state("stencil", box((4, 5, 6), damping=1.0))
     assert found.keys() == {"mask"}
     assert found["mask"].size == 120
-
-
-def test_a_stencil_of_kinds_has_constants_by_kind():
-    boxes = box((3, 3, 3)) + box((3, 3, 3), stiffness=5.0) + box((3, 3, 3))
-    found = read_beside_the_state("stencil", boxes)
-    assert {name: found[name].size for name in CONSTANTS} == dict.fromkeys(CONSTANTS, 2 * 26)
-    assert found["kind"].size == found["mask"].size == 81
 
 
 # Kinds.
@@ -179,7 +164,3 @@ def test_rare_kinds_are_found():
         assert_kinds_are_right(springs(100_000, stiffness=stiffness), rare + 1)
     stiffness[1:600:2] = 10 + np.arange(300)
     assert find_kinds(springs(100_000, stiffness=stiffness)) is None
-
-
-def test_without_connections_there_is_one_kind():
-    assert_kinds_are_right(System(position=np.zeros((3, 3))), 1)

@@ -257,13 +257,3 @@ def test_all_kinds_at_once_in_every_precision(device, dim, precision):
     eps = EPS64 if precision == "float64" else EPS32
     # Roundings of places of 4 m.
     np.testing.assert_allclose(simulation.frame().position, expected, rtol=0, atol=8 * eps)
-
-
-@pytest.mark.parametrize("dim", [1, 2, 3])
-def test_a_plane_faces_up_by_default(device, dim):
-    floor = Plane(offset=0.25)
-    np.testing.assert_array_equal(floor.unit_normal(dim), np.eye(dim)[-1])
-    simulation = simulate_among(System(position=np.ones((1, dim))), floor, device, h=0.01, substeps=100)
-    simulation.step(5)
-    # Exactly: on an axis a depth is the difference of two near numbers.
-    np.testing.assert_array_equal(simulation.frame().position[0], [1.0] * (dim - 1) + [0.25])

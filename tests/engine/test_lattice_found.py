@@ -53,22 +53,6 @@ def test_lattices_whose_layers_do_not_follow_each_other_have_no_stride():
     assert lattice_of(layers).stride == 0
 
 
-def test_masks_and_shifts_worked_out_by_hand():
-    line = lattice_of(chain(4))
-    assert line.steps == ((1, 0, 0),)
-    assert line.mask.tolist() == [1, 3, 3, 2]  # ahead; both; both; behind
-    assert line.shift.tolist() == [0]
-    # 3 × 2: bits are x, y, −x, −y.
-    grid = lattice_of(sheet((3, 2), neighbours=4))
-    assert grid.steps == ((1, 0, 0), (0, 1, 0))
-    assert grid.mask.tolist() == [1 + 2, 1 + 2 + 4, 2 + 4, 1 + 8, 1 + 4 + 8, 4 + 8]
-    assert grid.shift.tolist() == [-3, 0, 3]
-    # 2 × 2: bits are x, y, x+y, x−y, and back.
-    crossed = lattice_of(sheet((2, 2)))
-    assert crossed.mask.tolist() == [1 + 2 + 4, 16 + 2 + 128, 1 + 32 + 8, 16 + 32 + 64]
-    assert crossed.shift.tolist() == [-2, 0, 2]
-
-
 def test_constants_may_differ_from_direction_to_direction():
     system = sheet((4, 3), damping=1.0)
     stiffness = np.zeros(system.connection_count)

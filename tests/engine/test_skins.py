@@ -133,18 +133,6 @@ def test_the_work_of_pressure_is_p_dv(device, exponent, gas):
     assert found.external_work == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.slow
-def test_beside_a_skin_other_surfaces_feel_the_same(device):
-    # A box, whose vertices are particles, by itself and in one system with a ball.
-    block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0).rotate(0.4, axis=(1, 2, 0)).named("block")
-    both = block + BODIES["ball"]().translate((3, 0, 0)).named("ball")
-    loads = [Wind((3.0, 1.0, 0.0), on="block"), EnclosedGas(300.0, on="block")]
-    alone, body_pairs = forces(block, loads, device), forces(both, loads, device)
-    assert np.abs(alone).max() > 0.1
-    np.testing.assert_allclose(body_pairs[:27], alone, rtol=0, atol=1e-9)  # as above
-    np.testing.assert_allclose(body_pairs[27:], 0.0, atol=1e-9)
-
-
 def test_of_a_closed_body_and_an_open_one_each_feels_its_own(device):
     # One system and one wind: the lid of a box feels the wind once, on top; a sheet of its size feels it as much.
     block = box((3, 3, 3), 0.1, mass=0.01, stiffness=300.0)

@@ -132,34 +132,6 @@ def test_the_obstacle_takes_what_the_body_loses(plain_device, method):
 
 
 @pytest.mark.slow
-def test_undamped_it_keeps_its_energy(plain_device):
-    smooth = {"restitution": 1.0, "friction": 0.0}
-    options = {
-        "gravity": 0.0,
-        "contact": Contact(**smooth, surface_colliders=True),
-        "device": plain_device,
-        "precision": "float64",
-        "fps": FPS,
-    }
-    thrown = block(damping=0.0).translate((0, 0, 0.01)).replace(velocity=(0.0, 0.0, -1.0))
-    worst = []
-    for substeps in (15, 60):
-        options["integrator"] = Leapfrog()
-        simulation = Simulation(thrown, colliders=[post(0.08, **smooth)], substeps=substeps, **options)
-        energies, stored = [simulation.measure().energy], 0.0
-        for _ in range(36):
-            simulation.step()
-            measures = simulation.measure()
-            energies.append(measures.energy)
-            stored = max(stored, measures.effect_energy)
-        assert stored > 0.01 * energies[0]  # the post has had its share
-        worst.append(np.abs(np.array(energies) / energies[0] - 1).max())
-    assert worst[0] < 0.01
-    # Irregularly: forces have kinks where contacts begin and end. See test_touching.
-    assert worst[1] < worst[0] / 1.5
-
-
-@pytest.mark.slow
 def test_an_obstacle_that_moves_does_work(plain_device):
     # Undamped, on a post that rises by 0.1 m in 1 s, smoothly: what the body has is what the post has done.
     lift = post(0.08, restitution=1.0, friction=0.0, motion=lambda t: (0, 0, 0.05 * (1 - math.cos(math.pi * t))))

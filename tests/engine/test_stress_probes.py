@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from problems import EPS64
 
-from msdwarp import Cells, Ensemble, Material, Probe, Simulation, System, ball, box, sheet, stress, von_mises
+from msdwarp import Cells, Material, Probe, Simulation, System, ball, box, sheet, stress, von_mises
 
 MODULUS, RATIO = 1e5, 0.4
 RUBBER = Material(1000.0, MODULUS, 0.0, RATIO)
@@ -72,34 +71,9 @@ def test_the_mean_over_a_body_is_that_of_its_particles(name, precision, device):
     assert found[-1] == pytest.approx(float(von_mises(mean)), abs=3 * tolerance * scale)
 
 
-def test_worlds_have_their_own_stress(device):
-    block, part = BODIES["block"](), slice(0, 40)
-    strains = [0.01, 0.02]
-    where = np.stack([(1 + strain) * block.position for strain in strains])
-    worlds = Ensemble(block, 2, position=where, gravity=0.0, fps=1e6, precision="float64", device=device)
-    found = worlds.run(1e-6, observe={"part": Probe(part, "stress")})["part"]
-    for k in range(2):
-        alone, _ = at_end(block.replace(position=where[k]), part, device=device, precision="float64")
-        np.testing.assert_allclose(found[k, -1], alone, rtol=100 * EPS64, atol=1e-9)
-
-
 def test_a_group_without_cells_has_no_stress():
     plain = box((3, 3, 3), 0.1, stiffness=100.0)
     with pytest.raises(ValueError, match=r"probes\['part'\].on is .*must contain a cell"):
         Simulation(plain, probes={"part": Probe(slice(None), "stress")})
     with pytest.raises(ValueError, match="must contain a cell"):
         Simulation(BODIES["block"](), probes={"part": Probe([0, 1], "stress")})
-
-
-def test_being_measured_changes_nothing_by_substep_or_by_frame(device):
-    block = BODIES["block"]().named("part")
-    block = block.replace(position=1.02 * block.position)
-    probes = {every: Probe("part", "stress", every=every) for every in ("frame", "substep")}
-    plain, measured = (Simulation(block, probes=given, device=device) for given in ({}, probes))
-    if device.startswith("cuda") and plain.model.force_algorithm == "scatter":
-        pytest.skip("scattered sums on the GPU are not repeatable")
-    for one in (plain, measured):
-        one.step(3)
-    np.testing.assert_array_equal(measured.frame().position, plain.frame().position)
-    at_ends = measured.readings["substep"].values[measured.substeps - 1 :: measured.substeps]
-    np.testing.assert_array_equal(measured.readings["frame"].values, at_ends)

@@ -10,7 +10,6 @@ from msdwarp import (
     RK4,
     RKC2,
     Contact,
-    Force,
     Leapfrog,
     Plane,
     Simulation,
@@ -63,12 +62,10 @@ def bounced(restitution: float, finer: int, **options) -> np.ndarray:
     ("restitution", "method"),
     [
         pytest.param(0.2, SymplecticEuler(), marks=pytest.mark.slow),
-        pytest.param(0.5, SymplecticEuler(), marks=pytest.mark.slow),
         pytest.param(0.5, RK4(), marks=pytest.mark.slow),
         (0.9, SymplecticEuler()),
         pytest.param(0.9, Leapfrog(), marks=pytest.mark.slow),
         (1.0, SymplecticEuler()),
-        pytest.param(1.0, RK4(), marks=pytest.mark.slow),
     ],
 )
 def test_two_particles_bounce_as_asked(plain_device, restitution, method):
@@ -91,16 +88,6 @@ def test_unequal_particles_share_momentum(device):
     assert v[1] - v[0] == pytest.approx(2 * 0.9, rel=0.025)
 
 
-@pytest.mark.parametrize(("method", "order"), [(SymplecticEuler(), 2), (Leapfrog(), 2), (RK4(), 2)], ids=str)
-def test_undamped_particles_keep_their_energy(plain_device, method, order):
-    # No order is more than 2: where a contact begins or ends within a substep its force has a kink, k u h²/2 of
-    # momentum at most. The worst of 16 moments, at the automatic step and a quarter of it.
-    options = {"device": plain_device, "integrator": method}
-    coarse, fine = (np.abs(bounced(1.0, finer, **options) ** 2 - 1).max() for finer in (1, 4))
-    assert coarse < 0.02
-    assert fine < coarse / (4**order / 2)  # of 16 at least 8, as the worst moment is another one
-
-
 # --- Blocks ---
 
 
@@ -108,42 +95,26 @@ def dice(**constants) -> System:
     return box((3, 3, 3), 0.1, **({"mass": 0.02, "stiffness": 2e4, "damping": 8.0} | constants))
 
 
-def on_a_slope(angle: float, friction: float, finer: int, long: int, frames: int, device: str) -> np.ndarray:
-    """Return where a block on a pinned one is along a slope, and how fast, shape [frames, 2]."""
-    low = box((long, 5, 2), 0.1, mass=0.02, stiffness=2e4, damping=8.0)
+@pytest.mark.slow
+@pytest.mark.parametrize("finer", [1, 4])
+def test_a_block_holds_on_a_gentle_slope(plain_device, finer):
+    # On a pinned one. tan 15° = 0.27 < 0.5.
+    low, angle = box((5, 5, 2), 0.1, mass=0.02, stiffness=2e4, damping=8.0), math.radians(15)
     x = low.position
     low = low.pin(np.flatnonzero(x[:, 2] < x[:, 2].min() + 1e-6))
     die = dice()
     die = die.translate(np.array([x[:, 0].min() + 0.07, -0.09, x[:, 2].max()]) - die.position.min(axis=0))
     falls = (G * math.sin(angle), 0.0, -G * math.cos(angle))
-    options = {"gravity": falls, "contact": Contact(friction=friction), "device": device}
+    options = {"gravity": falls, "contact": Contact(friction=0.5), "device": plain_device}
     substeps = Simulation(low + die, **options).substeps
     simulation, found = Simulation(low + die, substeps=finer * substeps, **options), []
-    for _ in range(frames):
+    for _ in range(60):
         simulation.step()
-        frame = simulation.frame()
-        found.append((frame.position[-27:, 0].mean(), frame.velocity[-27:, 0].mean()))
+        found.append(simulation.frame().position[-27:, 0].mean())
     # What lies on a surface lies where that is drawn: within 5 % of the spacing.
     assert 0 < contact_of(simulation).deepest < 0.05 * 0.1
-    return np.array(found, dtype=float)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("finer", [1, 4])
-def test_a_block_holds_on_a_gentle_slope(plain_device, finer):
-    found = on_a_slope(math.radians(15), 0.5, finer, 5, 60, plain_device)
-    assert abs(found[-1, 0] - found[-31, 0]) / 0.5 < 1e-4  # [m/s] over the last half second; tan 15° = 0.27 < 0.5
-    assert abs(found[-1, 0] - found[0, 0]) < 1e-3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("finer", [1, 4])
-def test_a_block_slides_on_a_steep_slope(plain_device, finer):
-    angle = math.radians(35)
-    found = on_a_slope(angle, 0.3, finer, 9, 33, plain_device)
-    slope = np.polyfit(np.arange(10, 33) / 60, found[10:, 1], 1)[0]
-    # Its points pass over edges one at a time; what vibrates then is damped, which takes 2 to 3 % of the work.
-    assert slope == pytest.approx(G * (math.sin(angle) - 0.3 * math.cos(angle)), rel=0.03)
+    assert abs(found[-1] - found[-31]) / 0.5 < 1e-4  # [m/s] over the last half second
+    assert abs(found[-1] - found[0]) < 1e-3
 
 
 @pytest.mark.slow
@@ -224,21 +195,6 @@ def test_undamped_bodies_keep_their_energy(plain_device, method, most, less):
     assert worst[1] < worst[0] / less
 
 
-@pytest.mark.slow
-def test_friction_and_dampers_only_take_energy(plain_device):
-    simulation = Simulation(thrown(), contact=Contact(), gravity=0.0, device=plain_device, precision="float64")
-    energies, heated = [simulation.measure().energy], 0.0
-    for _ in range(10):
-        simulation.step()
-        measures = simulation.measure()
-        energies.append(measures.energy)
-        heated = max(heated, measures.dissipated_power)
-    assert energies[-1] < 0.9 * energies[0]
-    assert heated > 0
-    # The method's own energy swings by a share h ω of what is in springs, which is little beside what is lost.
-    assert np.diff(energies).max() < 0.01 * energies[0]
-
-
 # --- Who touches ---
 
 
@@ -296,47 +252,6 @@ def folded(thickness: float) -> System:
     return flat.replace(position=np.stack([x, flat.position[:, 1], radius * (1 - np.cos(turn))], axis=1))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("self_contact", [False, True])
-def test_a_folded_sheet_keeps_off_itself(device, self_contact):
-    thickness = 0.02
-    upper = folded(thickness).position[:, 2] > 2.5 * thickness
-    system = folded(thickness).replace(groups={"upper": np.flatnonzero(upper)})
-    contact = Contact(self_contact=self_contact, thickness=thickness, friction=0.3)
-    simulation = Simulation(
-        system,
-        contact=contact,
-        gravity=0.0,
-        loads=[Force((0, 0, -0.05), on="upper")],
-        device=device,
-        colliders=[Plane()],
-    )
-    simulation.step(60)
-    layers = simulation.frame().position.reshape(5, 21, 3)[:, :, 2]
-    apart = layers[:, -1:-9:-1] - layers[:, :8]  # of particles that lay above each other
-    if not self_contact:
-        assert apart.min() < 0.2 * thickness
-    else:
-        assert apart.min() > 0.8 * thickness
-
-
-@pytest.mark.slow
-def test_a_change_leaves_a_folded_sheet_off_itself():
-    thickness = 0.02
-    upper = folded(thickness).position[:, 2] > 2.5 * thickness
-    system = folded(thickness).replace(groups={"upper": np.flatnonzero(upper)})
-    press, contact = (
-        Force((0, 0, -0.05), on="upper"),
-        Contact(self_contact=True, thickness=thickness, friction=0.3),
-    )
-    simulation = Simulation(system, contact=contact, gravity=0.0, loads=[press], device="cpu", colliders=[Plane()])
-    simulation.step(60)
-    simulation.change(damping=0.21)
-    simulation.step(30)
-    layers = simulation.frame().position.reshape(5, 21, 3)[:, :, 2]
-    assert (layers[:, -1:-9:-1] - layers[:, :8]).min() > 0.8 * thickness
-
-
 # --- What is refused ---
 
 
@@ -380,18 +295,6 @@ def test_ropes_and_bodies_meet(plain_device):
     # It sinks in by its weight over the stiffness: 0.02 m of 0.04 kg/m by 300 N/m.
     np.testing.assert_allclose(x[on, 2], 0.1 + 0.0125, rtol=0, atol=2e-4)
     assert x[:, 2].min() < 0
-
-
-@pytest.mark.slow
-def test_a_thin_wall_bears_what_falls_on_it_if_it_is_a_body(plain_device):
-    # As a Box of this thickness it would go between particles that are 100 mm apart, through the whole body.
-    body = box((4, 4, 4), 0.1, mass=0.01, stiffness=600.0, damping=1.0).translate((0, 0, 0.75))
-    wall = box((2, 6, 3), (0.04, 0.2, 0.25), mass=0.01, stiffness=600.0, damping=1.0).translate((0, 0, 0.25))
-    simulation = Simulation(body + wall.pin(slice(None)), contact=Contact(restitution=0.1), device=plain_device)
-    simulation.step(60)
-    # The middle of the body stays half its width above the wall's top, at 0.5 m, less its sag and the overlap by
-    # its weight: 6 N on the points over a strip of 40 mm, of a stiffness of some 100 N/m each.
-    assert 0.5 + 0.14 < simulation.frame().position[:64, 2].mean() < 0.5 + 0.15
 
 
 def test_a_method_of_too_long_steps_is_refused():
