@@ -81,6 +81,6 @@ def test_where_all_ways_out_are_alike_one_is_taken(dim):
         (Cone(tuple(up), tuple(0 * up), 1.0), 3.0 * up, 2.0),
         (Box(tuple(0 * up), (1.0,) * dim), 0 * up, -0.5),
     ):
-        n, d = distances([collider], np.array([place]), 0)
+        n, d = distances([collider, *SOLIDS[dim]], np.array([place]), 0)  # of all kinds, as above
         assert np.linalg.norm(n) == pytest.approx(1.0, abs=4 * EPS64)
         assert d[0] == pytest.approx(depth, abs=4 * EPS64)

@@ -131,7 +131,8 @@ def test_an_implicit_method_feels_it(with_anchors, plain_device):
 def test_an_implicit_method_has_no_longer_steps_than_it_bears(with_anchors, plain_device):
     # Springs may be as stiff as they like; anchors pull explicitly: h ≤ 2/ω, the bound of ω² may be twice it.
     method = LinearlyImplicitEuler(iterations=2)
-    simulation = Simulation(start(1), integrator=method, gravity=0.0, fps=0.5, device=plain_device)
+    how = {"gravity": 0.0, "fps": 0.5, "precision": "float64", "device": plain_device}
+    simulation = Simulation(start(1), integrator=method, **how)
     assert simulation.substeps >= math.ceil(2.0 * 6 / 2 / 0.8)
     before = simulation.measure().energy
     simulation.step(8)  # some hundred substeps
