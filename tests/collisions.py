@@ -51,7 +51,6 @@ def simulate(system: System, colliders, device: str, *, h: float, substeps: int 
 
 
 EACH_ONCE = [(SymplecticEuler(), h) for h in STEPS] + [(one, STEPS[1]) for one in INTEGRATORS[1:]]
-each_once = pytest.mark.parametrize(("integrator", "h"), EACH_ONCE, ids=[f"{one}-{h:.2g}" for one, h in EACH_ONCE])
 
 
 def axes_of(collider: Box, dim: int) -> np.ndarray:
