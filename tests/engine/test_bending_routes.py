@@ -35,6 +35,8 @@ def test_a_stencil_reads_the_connections_and_nothing_else(name):
 )
 def test_a_sheet_of_too_many_kinds_is_no_lattice(values):
     damping = np.random.default_rng(1).choice(values, sheet((40, 35)).connection_count)
+    # Of one kind, along each axis a particle is one of the three next to either rim, or farther inside.
+    assert find_lattice(sheet((40, 30), **CONSTANTS)).kind.max() + 1 == 49
     with pytest.raises(NotALattice, match="in more than 256 ways"):
         find_lattice(sheet((40, 35), **CONSTANTS | {"damping": damping}))
 

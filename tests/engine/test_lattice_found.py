@@ -45,7 +45,22 @@ def test_stride_leads_to_the_next_layer(shape, neighbours, system):
     assert find_lattice(system).stride == {1: 0, 2: along_x, 3: along_x * along_y}[len(shape)]
 
 
+def skewed() -> System:
+    """Return particles that are a lattice by their numbers alone: y and z lead 5 and 20 further, y+z leads 27."""
+    steps = {"y": 5, "z": 20, "y+z": 27}
+    connections = [np.stack([np.arange(60 - step), np.arange(step, 60)], axis=1) for step in steps.values()]
+    ends = np.cumsum([0, *map(len, connections)])
+    return System(
+        position=np.random.default_rng(9).normal(size=(60, 3)),
+        connections=np.concatenate(connections),
+        rest_length=1.0,
+        directions=({name: slice(*ends[k : k + 2]) for k, name in enumerate(steps)},),
+    )
+
+
 def test_lattices_whose_layers_do_not_follow_each_other_have_no_stride():
+    assert lattice_of(skewed()).uniform
+    assert lattice_of(skewed()).stride == 0
     for system in (problems.ball(5), box((3, 3, 3)) + box((3, 4, 3)), box((3, 3, 3)) + sheet((3, 3))):
         assert lattice_of(system).stride == 0
     # Layers that nothing joins.
