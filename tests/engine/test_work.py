@@ -124,7 +124,7 @@ def test_with_dampers_the_rest_is_heat(device):
     assert start - balance(simulation)[0] == pytest.approx(heat, rel=1e-5)
 
 
-@pytest.mark.parametrize(("method", "order"), METHODS, ids=str)
+@pytest.mark.parametrize(("method", "order"), METHODS[::3] + METHODS[2:3], ids=str)
 def test_what_carries_attachments_along_does_the_work_that_a_body_has(plain_device, method, order):
     # Energy less work is constant, to the order of the method. Beside a point that stands still, along an axis and
     # in all directions, and turning too. How fast a carrier is at the very start is that of h/100 later: of RK4's
