@@ -69,6 +69,7 @@ def test_forces_of_a_lattice_in_single_precision(plain_device, precision, name, 
 @every_route
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("damping", [0.0, 2.0])
+@pytest.mark.each_value
 def test_coincident_neighbours_feel_what_else_pulls_them(plain_device, damping, precision, force_algorithm):
     # Particles 7 and 8 of 5 × 3 lie in one place; their spring has no axis, the other springs are as ever.
     grid = moving(sheet((5, 3), stiffness=30.0, damping=damping))

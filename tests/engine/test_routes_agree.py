@@ -108,7 +108,7 @@ def test_a_launch_for_a_frame_equals_one_for_each_stage(method, substeps, force_
 
 
 @gathering
-@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS.keys())
+@pytest.mark.parametrize("method", [METHODS[name] for name in ("symplectic euler", "rk4", "rkc2")], ids=str)
 @pytest.mark.each_value
 def test_frames_may_divide_substeps_in_any_way(plain_device, method, force_algorithm):
     # After a frame the state lies where it lay before, though each substep writes it elsewhere.
