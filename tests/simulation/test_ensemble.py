@@ -358,6 +358,15 @@ def test_worlds_by_number():
             ensemble.system_of(wrong)
 
 
+def test_a_start_serves_every_second_world():
+    starts, speeds = block().position + np.array([0.0, 1.0])[:, None, None], [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    ensemble = Ensemble(block(), 4, position=starts, velocity=speeds, device="cpu", precision="float64")
+    _, position, velocity = ensemble.frame()
+    for world in range(4):
+        assert (position[world] == starts[world % 2]).all()
+        assert (velocity[world] == speeds[world % 2]).all()
+
+
 @pytest.mark.slow
 def test_a_world_whose_energy_grows_is_told_from_one_that_is_not_finite(plain_device):
     # Four substeps are stable for the first stiffness. For the other the fastest modes are beyond the limit by so
