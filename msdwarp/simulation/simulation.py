@@ -224,11 +224,15 @@ class Simulation(Changing, Differentiable):
             self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
             """Pairs of a time [s] and the substeps per frame from this time on."""
 
-    def _load(self, system: System, choice: StepChoice | None = None) -> None:
-        """Upload a system, and prepare to advance it by the given substeps, or by newly chosen ones."""
+    def _load(self, system: System, choice: StepChoice | None = None, work: NDArray | None = None) -> None:
+        """Upload a system, and prepare to advance it by the given substeps, or by newly chosen ones.
+
+        `work` is what loads did that are gone [J], shape [1]; None if there were none.
+        """
         assembly, controller = assemble(system, **self._surroundings), self._step_controller
         if self.time > 0.0:
             assembly.take_over(self.assembly, self.state.x, self.state.v)
+        assembly.keep_work(work)
         check_blocks(self._blocks, on_gpu=assembly.model.device.is_cuda)
         state = starting_state(system, assembly, self._method.method_state, self.time, self.fps)
         refinement, above = 1.0, 0.0
@@ -372,7 +376,6 @@ class Simulation(Changing, Differentiable):
         choice = checkpoint.restored_choice(numbers, self.fps)
         controller = self._step_controller and StepController.restored(numbers)
         baseline = checkpoint.restored_baseline(numbers)
-        checkpoint.check_arrays(self.stepping, arrays)
         gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes], system.dim)
         gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
         loads = checkpoint.restored_loads(self._loads, system, arrays)
@@ -386,7 +389,8 @@ class Simulation(Changing, Differentiable):
             self.frame_index = frame_index
             self.readings = Readings(self._surroundings["probes"], system.dim)
             if not reusable:  # in a sweep, an upload for each world would take as long as a new simulation
-                self._load(system, choice)
+                self._load(system, choice, arrays.get("work.before"))
+            checkpoint.check_arrays(self.stepping, arrays)
             self.stepping.begin_at(self.time)
             self._due = self._schedule[changes:]
             checkpoint.restore_arrays(self.stepping, arrays)
