@@ -3,11 +3,11 @@
 Further contents: divergence errors, checkpoints, and transfer of frames to the host.
 """
 
-from .arguments import frame_count as frame_count
-from .divergence_error import SimulationDiverged as SimulationDiverged
-from .ensemble import Ensemble as Ensemble
-from .ensemble_results import ENERGIES as ENERGIES, GroupMean as GroupMean, observations as observations
-from .gradient import ARRAYS as ARRAYS, Gradient as Gradient
-from .gradient_run import Differentiated as Differentiated, Frames as Frames
-from .readback import Readback as Readback
-from .simulation import Simulation as Simulation
+from .arguments import frame_count
+from .divergence_error import SimulationDiverged
+from .ensemble import Ensemble
+from .ensemble_results import ENERGIES, GroupMean, observations
+from .gradient import ARRAYS, Gradient
+from .gradient_run import Differentiated, Frames
+from .readback import Readback
+from .simulation import Simulation
