@@ -1,4 +1,4 @@
-"""Storage of the constants of springs: one set if all springs are equal, one per spring only if necessary."""
+"""Storage of the constants of springs: one set if all are equal, one of each kind, or one of each connection."""
 
 import functools
 
@@ -26,10 +26,11 @@ TAKE = """
 def constants(scalar: type, storage: str, several: bool = False):
     """Compose (Constants, take): the struct, and take(constants, c), the constants of spring or slot c.
 
-    Storage: "one" (all springs are equal), "kinds" (a byte per spring, and a table of a few kinds), "packed" (a
-    table of kinds; c is a kind), "lengths" (a rest length per spring, all else equal), "own" (three numbers per
-    spring) or "listed" (three numbers per spring; c is a slot with a spring's index). `take` returns a vector in
-    the order of CONSTANTS; with `several` laws the number of the spring's law is a fourth constant.
+    There are three storages. Uniform: "one" (all springs are equal). By kind, from a table of a few kinds: "kinds"
+    (a byte per spring has its kind) or "packed" (c is a kind). By connection: "own" (three numbers per spring),
+    "lengths" (a rest length per spring, all else equal) or "listed" (three numbers per spring; c is a slot with a
+    spring's index). `take` returns a vector in the order of CONSTANTS; with `several` laws the number of the
+    spring's law is a fourth constant.
     """
     Three = vector(4 if several else 3, scalar)
     load = records(4 if several else 3, scalar).load
@@ -45,92 +46,57 @@ def constants(scalar: type, storage: str, several: bool = False):
             return constants.all
 
         return OneForAll, take_one
-    if storage == "packed":
-
-        @wp.struct
-        class Table:
-            table: wp.array(dtype=Three)  # in the order of CONSTANTS, shape [kind_count]
-
-        @wp.func
-        def take_listed(constants: Table, kind: int) -> Three:
-            return load(constants.table, kind)
-
-        return Table, take_listed
-    if storage == "kinds":
+    if storage in ("kinds", "packed"):
 
         @wp.func_native(TAKE)
         def kind_of(values: wp.array(dtype=wp.uint8), c: int) -> wp.uint8: ...
 
         @wp.struct
         class Kinds:
-            kind: wp.array(dtype=wp.uint8)  # shape [connection_count], or [slot_count]
+            if storage == "kinds":
+                kind: wp.array(dtype=wp.uint8)  # shape [connection_count], or [slot_count]
             table: wp.array(dtype=Three)  # in the order of CONSTANTS, shape [kind_count]
 
         @wp.func
         def take_kind(constants: Kinds, c: int) -> Three:
-            return load(constants.table, int(kind_of(constants.kind, c)))
+            kind = c
+            if wp.static(storage == "kinds"):
+                kind = int(kind_of(constants.kind, c))
+            return load(constants.table, kind)
 
         return Kinds, take_kind
 
     @wp.func_native(TAKE)
     def number(values: wp.array(dtype=scalar), c: int) -> scalar: ...
 
-    if storage == "lengths":
-
-        @wp.struct
-        class Lengths:
-            rest_length: wp.array(dtype=scalar)  # l0 [m], shape [connection_count], or [slot_count]
-            stiffness: scalar  # k [N/m]
-            damping: scalar  # b in the units of the law
-
-        @wp.func
-        def take_length(constants: Lengths, c: int) -> Three:
-            return Three(number(constants.rest_length, c), constants.stiffness, constants.damping)
-
-        return Lengths, take_length
-    if storage == "listed":
-
-        @wp.struct
-        class Listed:
-            connection: wp.array(dtype=int)  # −1 in padding slots, shape [slot_count]
-            # Each of shape [connection_count]:
-            rest_length: wp.array(dtype=scalar)  # l0 [m]
-            stiffness: wp.array(dtype=scalar)  # k [N/m]
-            damping: wp.array(dtype=scalar)  # b in the units of the law
-            if several:
-                law: wp.array(dtype=wp.uint8)
-
-        @wp.func
-        def take_named(constants: Listed, slot: int) -> Three:
-            c = wp.max(constants.connection[slot], 0)  # padding slots exert no force
-            return Three(constants.rest_length[c], constants.stiffness[c], constants.damping[c])
-
-        @wp.func
-        def take_named_and_law(constants: Listed, slot: int) -> Three:
-            c = wp.max(constants.connection[slot], 0)
-            l0 = constants.rest_length[c]
-            return Three(l0, constants.stiffness[c], constants.damping[c], scalar(constants.law[c]))
-
-        return Listed, take_named_and_law if several else take_named
+    listed, lengths = storage == "listed", storage == "lengths"
+    Each = scalar if lengths else wp.array(dtype=scalar)
 
     @wp.struct
     class Own:
-        # Each of shape [connection_count], or [slot_count]:
+        if listed:
+            connection: wp.array(dtype=int)  # −1 in padding slots, shape [slot_count]
+        # Each of shape [connection_count], or [slot_count]; of "lengths" k and b are numbers:
         rest_length: wp.array(dtype=scalar)  # l0 [m]
-        stiffness: wp.array(dtype=scalar)  # k [N/m]
-        damping: wp.array(dtype=scalar)  # b in the units of the law
+        stiffness: Each  # k [N/m]
+        damping: Each  # b in the units of the law
         if several:
             law: wp.array(dtype=wp.uint8)
 
     @wp.func
     def take_own(constants: Own, c: int) -> Three:
-        return Three(
-            number(constants.rest_length, c), number(constants.stiffness, c), number(constants.damping, c)
-        )
+        if wp.static(listed):
+            c = wp.max(constants.connection[c], 0)  # padding slots exert no force
+        if wp.static(lengths):
+            return Three(number(constants.rest_length, c), constants.stiffness, constants.damping)
+        elif wp.static(several):
+            l0 = constants.rest_length[c]
+            return Three(l0, constants.stiffness[c], constants.damping[c], scalar(constants.law[c]))
+        elif wp.static(listed):
+            return Three(constants.rest_length[c], constants.stiffness[c], constants.damping[c])
+        else:
+            return Three(
+                number(constants.rest_length, c), number(constants.stiffness, c), number(constants.damping, c)
+            )
 
-    @wp.func
-    def take_own_and_law(constants: Own, c: int) -> Three:
-        l0 = constants.rest_length[c]
-        return Three(l0, constants.stiffness[c], constants.damping[c], scalar(constants.law[c]))
-
-    return Own, take_own_and_law if several else take_own
+    return Own, take_own

@@ -196,7 +196,7 @@ def test_each_effect_brings_its_own_pieces_alone(force_algorithm, changes, colli
     without = pieces(DAMPED, force_algorithm=force_algorithm)
     found = pieces(DAMPED.replace(**changes), colliders=colliders, force_algorithm=force_algorithm)
     # Where springs yield their constants lie elsewhere.
-    elsewhere = {"SceneData", "OneForAll", "take_one", "Own", "take_own", "number", "Listed", "take_named"}
+    elsewhere = {"SceneData", "OneForAll", "take_one", "Own", "take_own", "number"}
     assert found - without - elsewhere == more
     assert without - found <= elsewhere
 
