@@ -5,4 +5,4 @@ from .kick import SUMMING, AdjointData, add_given, forget, kick_adjoint, squares
 from .mid_velocity import mid_velocity_adjoint
 from .springs import Neighbours, Wanted, in_lattice, in_table, springs_adjoint
 from .stages import combination_adjoint
-from .stencil import BLOCK, stencil_adjoint, stencil_table
+from .stencil import BLOCK, stencil_adjoint

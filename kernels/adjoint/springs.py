@@ -13,6 +13,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..records import records
 from ..springs.dampers import LINEAR, damper_force, law_data, law_numbers
+from ..springs.force_algorithm import velocity_of
 from ..springs.gather import SLICE
 from ..springs.lanes import sum_over_lanes
 from ..springs.law import TINY, inverse_root
@@ -256,6 +257,7 @@ def springs_adjoint(
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)
+    velocity = velocity_of(dim, scalar, damped)
     derive, projected = linear_adjoint(dim, scalar, damped), projected_force(dim, scalar, laws)
     keep, propagate = keeping(dim, scalar, wanted), kick_back(dim, scalar)
     sum_of_lanes = sum_over_lanes(dim, scalar, lanes)
@@ -284,10 +286,7 @@ def springs_adjoint(
         while i < end:
             x_i = load(x, i)
             phi_i = load(phi, i)
-            v_i = V()
-            dv = V()
-            if wp.static(damped):
-                v_i = load(v, i)
+            v_i = velocity(v, i)
             sum_x = V()
             sum_v = V()
             slot, step, last = range_of(table, i)
@@ -296,8 +295,7 @@ def springs_adjoint(
                 exists, j, c = look(table, i, slot)
                 if exists:
                     spring = spring_of(table, slot, c)
-                    if wp.static(damped):
-                        dv = v_i - load(v, j)
+                    dv = v_i - velocity(v, j)
                     s = scalar(0.0)
                     if wp.static(actuated):
                         s = strain_of(table, stage, slot)

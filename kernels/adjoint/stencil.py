@@ -1,11 +1,13 @@
 """The adjoint of spring forces in a uniform lattice, with its loop over neighbours unrolled."""
 
 import functools
+from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
+from ..springs.force_algorithm import velocity_of
 from ..springs.stencil import stencil_rows
 from .kick import AdjointData, kick_back
 from .springs import Wanted, keeping, linear_adjoint
@@ -16,33 +18,15 @@ BOUNDS = (BLOCK, 4)
 
 
 @functools.cache
-def stencil_table(scalar: type, steps: tuple):
-    """Compose the struct that `stencil_adjoint` reads."""
-    Shifts = wp.types.vector(len(stencil_rows(steps)[0]), int)
-    Constants = wp.types.vector(len(steps), scalar)
-
-    @wp.struct
-    class Table:
-        mask: wp.array(dtype=wp.uint32)  # bits of existing neighbours, shape [particle_count]
-        shift: Shifts  # index offset of each row of neighbours
-        # Of each direction:
-        rest_length: Constants  # [m]
-        stiffness: Constants  # [N/m]
-        damping: Constants  # b in the units of the law
-
-    return Table
-
-
-@functools.cache
-def stencil_adjoint(dim: int, scalar: type, damped: bool, wanted: Wanted, steps: tuple):
-    """Compose the kernel of `springs_adjoint` for a uniform lattice with linear laws; see `springs.stencil`.
+def stencil_adjoint(dim: int, scalar: type, damped: bool, wanted: Wanted, steps: tuple, Lattice: Any):
+    """Compose the kernel of `springs_adjoint` for a uniform `Lattice` (see `springs.stencil`) with linear laws.
 
     Derivatives by constants have an entry for each direction from each particle, as in `in_lattice`.
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
-    Three, own, Table = vector(3, scalar), any(wanted), stencil_table(scalar, steps)
+    Three, own = vector(3, scalar), any(wanted)
     derive, keep = linear_adjoint(dim, scalar, damped), keeping(dim, scalar, wanted)
-    propagate = kick_back(dim, scalar)
+    propagate, velocity = kick_back(dim, scalar), velocity_of(dim, scalar, damped)
     rows, neighbours = stencil_rows(steps)
     most = max(map(len, neighbours))
 
@@ -55,7 +39,7 @@ def stencil_adjoint(dim: int, scalar: type, damped: bool, wanted: Wanted, steps:
 
     def add_stencil_adjoint(
         data: Data,
-        table: Table,
+        table: Lattice,
         stage: int,
         # State, at which the forces were evaluated:
         x: wp.array(dtype=V),
@@ -71,10 +55,7 @@ def stencil_adjoint(dim: int, scalar: type, damped: bool, wanted: Wanted, steps:
         mask = table.mask[i]
         x_i = load(x, i)
         phi_i = load(phi, i)
-        v_i = V()
-        dv = V()
-        if wp.static(damped):
-            v_i = load(v, i)
+        v_i = velocity(v, i)
         sum_x = V()
         sum_v = V()
         for r in range(wp.static(len(rows))):
@@ -83,8 +64,7 @@ def stencil_adjoint(dim: int, scalar: type, damped: bool, wanted: Wanted, steps:
                 if wp.static(n < len(neighbours[r])):
                     j = row + wp.static(field(r, n, "along"))
                     d = wp.static(field(r, n, "direction"))
-                    if wp.static(damped):
-                        dv = v_i - load(v, j)
+                    dv = v_i - velocity(v, j)
                     spring = Three(table.rest_length[d], table.stiffness[d], table.damping[d])
                     by_dx, by_dv, by_own, by_s = derive(
                         x_i - load(x, j), dv, phi_i - load(phi, j), spring, scalar(0.0)

@@ -13,7 +13,7 @@ from ..basis import kernel, vector
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
-from .force_algorithm import difference
+from .force_algorithm import difference, velocity_of
 from .law import TINY
 
 FOLDED = 1e-4
@@ -60,7 +60,7 @@ def angle_forces(dim: int, scalar: type, compensated: bool, damped: bool) -> For
     """Return the term of angles: the sum of angles' forces on a particle."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
-    bend = bending_force(dim, scalar)
+    bend, velocity = bending_force(dim, scalar), velocity_of(dim, scalar, damped)
 
     @wp.struct
     class AngleTable:
@@ -75,17 +75,14 @@ def angle_forces(dim: int, scalar: type, compensated: bool, damped: bool) -> For
         @wp.func
         def bent(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             total = V()
-            ve = V()
-            vf = V()
             for n in range(scene.angles.first[i], scene.angles.first[i + 1]):
                 angle = scene.angles.entry[n] / 3
                 place = scene.angles.entry[n] % 3
                 three = scene.angles.particles[angle]
                 e = separation(compensation, x, load(x, three[1]), three[1], three[0])
                 f = separation(compensation, x, load(x, three[2]), three[2], three[1])
-                if wp.static(damped):
-                    ve = load(v, three[1]) - load(v, three[0])
-                    vf = load(v, three[2]) - load(v, three[1])
+                ve = velocity(v, three[1]) - velocity(v, three[0])
+                vf = velocity(v, three[2]) - velocity(v, three[1])
                 on_a, on_c = bend(e, f, ve, vf, scene.angles.stiffness[angle], scene.angles.damping[angle])
                 if place == 0:
                     total += on_a

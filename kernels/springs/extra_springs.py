@@ -9,7 +9,7 @@ from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
 from .dampers import law_numbers
-from .force_algorithm import difference
+from .force_algorithm import difference, velocity_of
 from .law import spring_damper
 from .spring_laws import Laws
 
@@ -22,7 +22,7 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
     opposite forces of equal size.
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    load, damped = records(dim, scalar).load, laws.damper is not None
+    load, velocity = records(dim, scalar).load, velocity_of(dim, scalar, laws.damper is not None)
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
 
     @wp.struct
@@ -40,13 +40,11 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
         @wp.func
         def tied(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
             x_i = load(x, i)
-            dv = V()
             total = V()
             for e in range(scene.ties.first[i], scene.ties.first[i + 1]):
                 j = scene.ties.other[e]
                 dx = separation(compensation, x, x_i, i, j)
-                if wp.static(damped):
-                    dv = load(v, i) - load(v, j)
+                dv = velocity(v, i) - velocity(v, j)
                 own = scene.ties
                 if wp.static(laws.linear):
                     q = density(dx, dv, own.rest_length[e], own.stiffness[e], own.damping[e])

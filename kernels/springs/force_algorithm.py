@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from ..basis import vector
 from ..compensation import state_types
 from ..records import records
 
@@ -48,6 +49,18 @@ def difference(dim: int, scalar: type, compensated: bool):
         return dx
 
     return separation
+
+
+@functools.cache
+def velocity_of(dim: int, scalar: type, damped: bool):
+    """Compose the velocity of particle i; without dampers, which alone need it, it is 0 and is not read."""
+    V = vector(dim, scalar)
+
+    @wp.func
+    def not_read(v: wp.array(dtype=V), i: int) -> V:
+        return V()
+
+    return records(dim, scalar).load if damped else not_read
 
 
 PAIR = """

@@ -14,7 +14,7 @@ from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import law_data
-from .force_algorithm import ForceAlgorithm, difference
+from .force_algorithm import ForceAlgorithm, difference, velocity_of
 from .fracture import Breaking
 from .law import spring_damper
 from .spring_laws import Laws
@@ -52,7 +52,8 @@ def gather(
     load = records(dim, scalar).load
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage, laws.several)
-    packed, damped, tears = storage == "packed", laws.damper is not None, breaking is not None
+    velocity = velocity_of(dim, scalar, laws.damper is not None)
+    packed, tears = storage == "packed", breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
 
     Others = wp.types.vector(CHUNK, int)
@@ -73,10 +74,7 @@ def gather(
     @fully_hashed
     def force_at(forces: Gathered, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         x_i = load(x, i)
-        v_i = V()
-        dv = V()
-        if wp.static(damped):
-            v_i = load(v, i)
+        v_i = velocity(v, i)
         force = V()
         part = i / wp.static(SLICE)
         slot = forces.first[part] + i % wp.static(SLICE)
@@ -94,8 +92,7 @@ def gather(
                     j = j & wp.static((1 << KIND_SHIFT) - 1)
                 own = take(forces.constants, c)
                 dx = separation(compensation, x, x_i, i, j)
-                if wp.static(damped):
-                    dv = v_i - load(v, j)
+                dv = v_i - velocity(v, j)
                 if wp.static(tears):
                     if is_suspect(forces.breaking, own[0], wp.dot(dx, dx)):
                         at = slot + n * wp.static(SLICE)

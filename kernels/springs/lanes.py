@@ -13,7 +13,7 @@ from ..compensation import state_types
 from ..records import records
 from .constants import KIND_SHIFT, MOST_KINDS, constants
 from .dampers import law_data, law_numbers
-from .force_algorithm import ForceAlgorithm, difference
+from .force_algorithm import ForceAlgorithm, difference, velocity_of
 from .gather import SLICE
 from .law import spring_damper
 from .spring_laws import Laws
@@ -77,7 +77,7 @@ def stencil_of_lanes(
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     rows, neighbours = stencil_rows(steps)
     each = [(r, one.along) for r, row in enumerate(neighbours) for one in row]
-    damped = laws.damper is not None
+    velocity = velocity_of(dim, scalar, laws.damper is not None)
     rounds = -(-len(each) // lanes)
     Shifts, count = wp.types.vector(len(rows), int), len(each)
     each += [(0, 0)] * (rounds * lanes - count)  # padding, for neighbours that are never read
@@ -97,10 +97,7 @@ def stencil_of_lanes(
         lane = lane_here()
         mask = forces.mask[i]
         x_i = load(x, i)
-        v_i = V()
-        dv = V()
-        if wp.static(damped):
-            v_i = load(v, i)
+        v_i = velocity(v, i)
         force = V()
         for n in range(wp.static(rounds)):
             # Offsets are kernel arguments, since reading a table first would delay the loads of positions.
@@ -115,8 +112,7 @@ def stencil_of_lanes(
             else:
                 own = constants_of(forces.constants, k)
             dx = separation(compensation, x, x_i, i, i + offset)
-            if wp.static(damped):
-                dv = v_i - load(v, i + offset)
+            dv = v_i - velocity(v, i + offset)
             q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
             # Data read for a missing neighbour are discarded.
             if ((mask >> wp.uint32(k)) & wp.uint32(1)) == wp.uint32(0):
@@ -139,7 +135,7 @@ def gather_of_lanes(
     load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage, laws.several)
-    packed, damped = storage == "packed", laws.damper is not None
+    packed, velocity = storage == "packed", velocity_of(dim, scalar, laws.damper is not None)
 
     @wp.struct
     class GatheredByLanes:
@@ -155,10 +151,7 @@ def gather_of_lanes(
         begin = forces.first[part] + i % wp.static(SLICE)
         slots = (forces.first[part + 1] - forces.first[part]) / wp.static(SLICE)
         x_i = load(x, i)
-        v_i = V()
-        dv = V()
-        if wp.static(damped):
-            v_i = load(v, i)
+        v_i = velocity(v, i)
         force = V()
         rounds = (slots + wp.static(lanes - 1)) / wp.static(lanes)
         s = lane_here()
@@ -171,8 +164,7 @@ def gather_of_lanes(
                 j = j & wp.static((1 << KIND_SHIFT) - 1)
             own = take(forces.constants, c)
             dx = separation(compensation, x, x_i, i, j)
-            if wp.static(damped):
-                dv = v_i - load(v, j)
+            dv = v_i - velocity(v, j)
             q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
             if s >= slots:  # no slot remains for this lane
                 q = scalar(0.0)

@@ -8,7 +8,7 @@ from ..compensation import state_types
 from ..records import records
 from .constants import constants
 from .dampers import law_data
-from .force_algorithm import ForceAlgorithm, difference, ends_of
+from .force_algorithm import ForceAlgorithm, difference, ends_of, velocity_of
 from .fracture import Breaking
 from .law import spring_damper
 from .spring_laws import Laws
@@ -28,7 +28,7 @@ def scatter(
     load, store, add = records(dim, scalar)
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
     Constants, take = constants(scalar, storage, laws.several)
-    damped, tears = laws.damper is not None, breaking is not None
+    velocity, tears = velocity_of(dim, scalar, laws.damper is not None), breaking is not None
     Breaks, is_suspect, breaks = breaking or (None, None, None)
 
     @wp.struct
@@ -47,9 +47,7 @@ def scatter(
         i = ends[0]
         j = ends[1]
         dx = separation(compensation, x, load(x, i), i, j)
-        dv = V()
-        if wp.static(damped):
-            dv = load(v, i) - load(v, j)
+        dv = velocity(v, i) - velocity(v, j)
         own = take(forces.constants, c)
         if wp.static(tears):
             if is_suspect(forces.breaking, own[0], wp.dot(dx, dx)):

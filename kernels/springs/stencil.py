@@ -9,7 +9,7 @@ from ..basis import fully_hashed, vector
 from ..compensation import state_types
 from ..records import records
 from .dampers import law_numbers
-from .force_algorithm import ForceAlgorithm, difference
+from .force_algorithm import ForceAlgorithm, difference, velocity_of
 from .fracture import Breaking
 from .law import spring_damper
 from .spring_laws import Laws
@@ -56,7 +56,8 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
     dim, scalar, laws, compensated, steps = kinds
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
-    density, damped, breaks = spring_damper(dim, scalar, laws), laws.damper is not None, breaking.breaks
+    density, velocity = spring_damper(dim, scalar, laws), velocity_of(dim, scalar, laws.damper is not None)
+    breaks = breaking.breaks
     Three, (_, neighbours) = vector(3, scalar), stencil_rows(steps)
     # (index of the bit, row, position in the row), in the order in which `stencil` sums forces.
     each = [(n.number, r, n.along) for r, ns in enumerate(neighbours) for n in ns]
@@ -88,10 +89,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
         force: V,
     ) -> V:
         x_i = load(x, i)
-        v_i = V()
-        dv = V()
-        if wp.static(damped):
-            v_i = load(v, i)
+        v_i = velocity(v, i)
         remaining = mask
         total = V()
         k = int(0)
@@ -121,8 +119,7 @@ def after_breaking(kinds: tuple, uniform: bool, Forces: Any, breaking: Breaking)
                     if breaks(forces.breaking, c, own[0], wp.dot(dx, dx)):
                         remaining = remaining & ~bit
                 if (remaining & bit) != wp.uint32(0):
-                    if wp.static(damped):
-                        dv = v_i - load(v, j)
+                    dv = v_i - velocity(v, j)
                     q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
                     total -= q * dx
             k += 1
@@ -154,7 +151,7 @@ def stencil(
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
-    damped, tears = laws.damper is not None, breaking is not None
+    velocity, tears = velocity_of(dim, scalar, laws.damper is not None), breaking is not None
     Breaks, is_suspect, _ = breaking or (None, None, None)
     rows, neighbours = stencil_rows(steps)
     Shifts, Constants = wp.types.vector(len(rows), int), wp.types.vector(len(steps), scalar)
@@ -199,11 +196,8 @@ def stencil(
     def force_at(forces: Forces, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
         mask = forces.mask[i]
         x_i = load(x, i)
-        v_i = V()
-        dv = V()
+        v_i = velocity(v, i)
         kind = int(0)
-        if wp.static(damped):
-            v_i = load(v, i)
         if wp.static(not uniform):
             kind = forces.kind[i]
         force = V()
@@ -219,8 +213,7 @@ def stencil(
                     j = row + wp.static(field(r, n, "along"))
                     d = wp.static(field(r, n, "direction" if uniform else "number"))
                     dx = separation(compensation, x, x_i, i, j)
-                    if wp.static(damped):
-                        dv = v_i - load(v, j)
+                    dv = v_i - velocity(v, j)
                     if wp.static(uniform):
                         rest = forces.rest_length[d]
                         k = forces.stiffness[d]
@@ -279,7 +272,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
         return None
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     load = records(dim, scalar).load
-    density, damped = spring_damper(dim, scalar, laws), laws.damper is not None
+    density, velocity = spring_damper(dim, scalar, laws), velocity_of(dim, scalar, laws.damper is not None)
     rows, neighbours = stencil_rows(steps)
     axis = 1 if any(z for _, z in rows) else 0  # layers are stacked along z; in a sheet along y
     inner = [row for row in rows if row[axis] == 0]
@@ -318,8 +311,7 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
         for d in range(wp.static(COLUMN)):
             own = i + d * forces.stride
             own_x[d] = load(x, own)
-            if wp.static(damped):
-                own_v[d] = load(v, own)
+            own_v[d] = velocity(v, own)
             if wp.static(compensated):
                 own_lost[d] = load(compensation.x, own)
             if own < forces.mask.shape[0]:
@@ -331,10 +323,8 @@ def column_forces(kinds: tuple, Lattice: Any, breaking: Breaking | None = None):
                     if wp.static(is_read(r, p, a)):
                         j = row + (a - 1)
                         x_j = load(x, j)
-                        v_j = V()
+                        v_j = velocity(v, j)
                         lost_j = V()
-                        if wp.static(damped):
-                            v_j = load(v, j)
                         if wp.static(compensated):
                             lost_j = load(compensation.x, j)
                         for d in range(wp.static(COLUMN)):

@@ -16,14 +16,13 @@ from ...kernels.adjoint import (
     in_table,
     springs_adjoint,
     stencil_adjoint,
-    stencil_table,
 )
 from ...kernels.springs import CONSTANTS, stencil_rows
 from ..device.device import upload_fields
 from ..loads.actuators import ActuatedSprings
 from ..model.lattice import Lattice, NotALattice, find_lattice
 from ..model.model import Model
-from ..springs.force_algorithms import fill_uniform, neighbour_table, records_of_three
+from ..springs.force_algorithms import Stencil, neighbour_table, records_of_three
 
 MOST_LANES, MOST_THREADS = 16, 80_000
 """Most threads that share a particle on a GPU, and most in such a launch: more would wait (on an H100)."""
@@ -121,17 +120,14 @@ class InStencil(InLattice):
     """The springs of a large uniform lattice on a GPU, with the loop over neighbours unrolled."""
 
     def _table(self, model: Model, lattice: Lattice) -> Any:
-        """Return the struct that the kernel reads."""
-        table = stencil_table(model.scalar, lattice.steps)()
-        upload_fields(table, model.device, mask=lattice.mask)
-        fill_uniform(table, model, lattice)
-        return table
+        """Return the struct that the kernel reads, which is that of the stencil."""
+        return Stencil(model).data
 
     def kernel(self, wanted: Wanted) -> Any:
         """Compose the kernel of the adjoint."""
         model = self._model
         damped = model.laws.damper is not None
-        return stencil_adjoint(model.dim, model.scalar, damped, wanted, self._lattice.steps)
+        return stencil_adjoint(model.dim, model.scalar, damped, wanted, self._lattice.steps, self.table._cls)
 
     def launch(self, kernel: Any, inputs: list[Any], over: Callable[..., None]) -> None:
         """Launch the kernel with a thread for each particle."""

@@ -173,14 +173,6 @@ def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     return first, other, connection
 
 
-def fill_uniform(data: Any, model: Model, lattice: Lattice) -> None:
-    """Fill a struct with the row offsets of a uniform lattice, and the constants of its directions."""
-    data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
-    for name in CONSTANTS:
-        values = lattice.constants[name][0]
-        setattr(data, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
-
-
 class Stencil:
     """The gather algorithm for lattices, without a table; ties are added by an effect, `ExtraSprings`.
 
@@ -212,7 +204,10 @@ class Stencil:
             fracture.carry_out(data.mask, partial(self._clear, model, fracture, numbers))
         if lattice.uniform:
             data.stride = lattice.stride
-            fill_uniform(data, model, lattice)
+            data.shift = wp.types.vector(len(lattice.shift), int)(*map(int, lattice.shift))
+            for name in CONSTANTS:
+                values = lattice.constants[name][0]
+                setattr(data, name, wp.types.vector(len(values), model.scalar)(*map(float, values)))
             return
         shift = lattice.shift
         if shift.ndim == 1:
