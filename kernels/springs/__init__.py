@@ -22,7 +22,7 @@ from .extra_springs import tie_force
 from .force_algorithm import ForceAlgorithm
 from .fracture import NO_SUBSTEP, breaking
 from .gather import CHUNK, SLICE, gather
-from .lanes import MOST_NEIGHBOURS, gather_of_lanes, lane_of, stencil_of_lanes, sum_over_lanes
+from .lanes import MOST_NEIGHBOURS, lane_of, stencil_of_lanes, sum_over_lanes
 from .lattice_cells import lattice_pressures, lattice_volumes
 from .plasticity import yielding
 from .scatter import scatter

@@ -11,10 +11,8 @@ import warp as wp
 from ..basis import fully_hashed, vector
 from ..compensation import state_types
 from ..records import records
-from .constants import KIND_SHIFT, MOST_KINDS, constants
-from .dampers import law_data, law_numbers
+from .dampers import law_numbers
 from .force_algorithm import ForceAlgorithm, difference, velocity_of
-from .gather import SLICE
 from .law import spring_damper
 from .spring_laws import Laws
 from .stencil import stencil_rows
@@ -121,55 +119,3 @@ def stencil_of_lanes(
         return sum_of_lanes(force)
 
     return ForceAlgorithm(SharedLattice, force_at, block=128, grid_stride=False, lanes=lanes)
-
-
-@functools.cache
-def gather_of_lanes(
-    dim: int, scalar: type, laws: Laws, compensated: bool, storage: str, lanes: int
-) -> ForceAlgorithm:
-    """Compose the gather algorithm for small bodies, with `lanes` threads per particle; see `gather`.
-
-    Lane l takes the slots l, l + lanes, ... of the table. On the CPU there may be only one lane.
-    """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    load, lane_here, sum_of_lanes = records(dim, scalar).load, lane_of(lanes), sum_over_lanes(dim, scalar, lanes)
-    separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
-    Constants, take = constants(scalar, storage, laws.several)
-    packed, velocity = storage == "packed", velocity_of(dim, scalar, laws.damper is not None)
-
-    @wp.struct
-    class GatheredByLanes:
-        first: wp.array(dtype=int)  # starts of slices, and the end, shape [slice_count + 1]
-        other: wp.array(dtype=int)  # the neighbour in each slot, shape [slot_count]
-        constants: Constants  # of slots
-        if not laws.linear:
-            law: law_data(scalar, laws)
-
-    @wp.func
-    def force_at(forces: GatheredByLanes, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-        part = i / wp.static(SLICE)
-        begin = forces.first[part] + i % wp.static(SLICE)
-        slots = (forces.first[part + 1] - forces.first[part]) / wp.static(SLICE)
-        x_i = load(x, i)
-        v_i = velocity(v, i)
-        force = V()
-        rounds = (slots + wp.static(lanes - 1)) / wp.static(lanes)
-        s = lane_here()
-        for _n in range(rounds):
-            slot = begin + wp.min(s, slots - 1) * wp.static(SLICE)
-            j = forces.other[slot]
-            c = slot
-            if wp.static(packed):
-                c = (j >> wp.static(KIND_SHIFT)) & wp.static(MOST_KINDS - 1)
-                j = j & wp.static((1 << KIND_SHIFT) - 1)
-            own = take(forces.constants, c)
-            dx = separation(compensation, x, x_i, i, j)
-            dv = v_i - velocity(v, j)
-            q = density(dx, dv, *own) if wp.static(laws.linear) else density(dx, dv, *own, forces.law)
-            if s >= slots:  # no slot remains for this lane
-                q = scalar(0.0)
-            force -= q * dx
-            s += wp.static(lanes)
-        return sum_of_lanes(force)
-
-    return ForceAlgorithm(GatheredByLanes, force_at, block=128, grid_stride=False, lanes=lanes)

@@ -6,6 +6,7 @@ from tangles import tangle
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SymplecticEuler, System, Wind, box, sheet
 from msdwarp.engine.springs import force_algorithms as forces
+from msdwarp.kernels.springs import gather
 
 FALLING = {"colliders": [Plane(offset=-3.0)], "gravity": 9.82}
 BODIES = {
@@ -59,11 +60,7 @@ def test_one_lane_adds_up_as_gathering_does(own, monkeypatch):
     body = tangle(3, 200 if own == ("stiffness",) else 65, own, damped=True)
     options = {"device": "cpu", "force_algorithm": "gather", "precision": "float64", "colliders": []}
     by_table = moved(body, **options)
-
-    def one_lane(*kinds):
-        return forces.gather_of_lanes(*kinds[:-1], 1)
-
-    monkeypatch.setattr(forces, "gather", one_lane)
+    monkeypatch.setattr(forces, "gather", lambda *kinds: gather(*kinds[:-1], 1))
     assert np.array_equal(moved(body, **options), by_table)
 
 

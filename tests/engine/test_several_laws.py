@@ -36,6 +36,7 @@ from msdwarp import (
 from msdwarp.cli.provenance import digest
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.springs import force_algorithms as forces
+from msdwarp.kernels.springs import gather
 
 SPRINGS = (Spring(), TensionOnlySpring(), LimitedSpring(0.05, 10.0), ExponentialSpring(0.5))
 DAMPERS = (Damper(), QuadraticDamper(0.5), CoulombDamper(0.3))
@@ -79,7 +80,7 @@ def resistance(law: int, rate: np.ndarray) -> np.ndarray:
 @pytest.mark.each_value
 def test_forces_are_those_of_each_law(body, force_algorithm, lanes, monkeypatch):
     if lanes:
-        monkeypatch.setattr(forces, "gather", lambda *kinds: forces.gather_of_lanes(*kinds[:-1], 1))
+        monkeypatch.setattr(forces, "gather", lambda *kinds: gather(*kinds[:-1], 1))
     system, random = BODIES[body], np.random.default_rng(5)
     spring, damper = (random.integers(len(laws), size=system.connection_count) for laws in (SPRINGS, DAMPERS))
     mixed = system.replace(spring=SpringKinds(SPRINGS, spring), damper=DamperKinds(DAMPERS, damper))

@@ -19,7 +19,6 @@ from ...kernels.springs import (
     MOST_NEIGHBOURS,
     SLICE,
     gather,
-    gather_of_lanes,
     scatter,
     stencil,
     stencil_of_lanes,
@@ -81,10 +80,7 @@ class Gather:
         packed = storage == "kinds" and model.particle_count <= 1 << KIND_SHIFT
         storage = "packed" if packed else "listed" if model.system.yields else storage
         kinds = (model.dim, model.scalar, model.laws, model.compensated, storage)
-        if lanes > 1:
-            self.force_algorithm = gather_of_lanes(*kinds, lanes)
-        else:
-            self.force_algorithm = gather(*kinds, fracture and fracture.breaking)
+        self.force_algorithm = gather(*kinds, fracture and fracture.breaking, lanes if lanes > 1 else 0)
         self.data = model.with_law(self.force_algorithm.Forces())
         self.data.first, self.data.other, connection = neighbour_table(model)
         if packed:
