@@ -111,9 +111,9 @@ def test_layers_point_one_way():
 
 def through_a_face(dotted, room):
     parts = dotted.split(".")
-    if room == "kernels":  # whose groups have faces of their own; some are imported as modules
+    if room == "kernels":  # which has none: its names are imported from their files
         path = ROOT.joinpath(*parts[1:-1])
-        return path.is_dir() or (path.with_suffix(".py").is_file() and len(parts) == 4)
+        return path.is_dir() or path.with_suffix(".py").is_file()
     return len(parts) <= 3
 
 

@@ -5,7 +5,8 @@ import functools
 import warp as wp
 
 from ..basis import kernel
-from ..integrators import Composition, inverse_of_kick, tools, velocity_force
+from ..integrators.composition import Composition, tools
+from ..integrators.mid_velocity import inverse_of_kick, velocity_force
 from .kick import AdjointData, kick_back
 
 

@@ -7,7 +7,7 @@ import warp as wp
 from ..basis import vector
 from ..partition import count_up, raise_to
 from ..records import table
-from ..springs import sum_over_lanes
+from ..springs.lanes import sum_over_lanes
 from .contact_data import DEEPEST, BodyContactData, Pair, Substep, first_flag
 
 TANGENTIAL = 2.0 / 7.0

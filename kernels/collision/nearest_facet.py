@@ -10,7 +10,7 @@ import warp as wp
 from ..basis import vector
 from ..lanes import chosen_of_lanes, least_of_lanes
 from ..records import records, table
-from ..springs import sum_over_lanes
+from ..springs.lanes import sum_over_lanes
 from .contact_data import BodyContactData, Pair
 from .pairs import ALMOST, FAR, NONE, places, points, unit_normal
 

@@ -23,7 +23,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..colliders import signed_distance
+from ..colliders.signed_distance import signed_distance
 from .contact_data import HISTORY
 from .law import TANGENTIAL, friction
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData

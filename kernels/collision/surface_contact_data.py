@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..colliders import solids
+from ..colliders.signed_distance import solids
 from ..compensation import compensated_sum
 from ..effect import ForceTerm
 

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import vector
-from ..colliders import NO_COLLIDERS, ColliderTerm
+from ..colliders.collide import NO_COLLIDERS, ColliderTerm
 from ..compensation import compensated_sum
 from ..effect import Driving, ForceTerm
-from ..loads import measured
+from ..loads.work import measured
 from ..records import records
-from ..springs import ForceAlgorithm
+from ..springs.force_algorithm import ForceAlgorithm
 from .differences import Differences, world_data
 
 

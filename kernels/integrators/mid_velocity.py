@@ -9,7 +9,7 @@ import functools
 
 import warp as wp
 
-from ..loads import APART
+from ..loads.forces import APART
 from .composition import Composition, tools
 
 MOST_ITERATIONS = 20

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..places import arrays_of, on_device
-from ..springs import NO_SUBSTEP
+from ..springs.fracture import NO_SUBSTEP
 from ..threads import Part, barrier, wait, wait_in_block
 from .composition import Composition, beginning, parts, tools
 from .enter_world import enter_world, to_world

@@ -9,24 +9,14 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import as_function
-from ..collision import (
-    BodyContactData,
-    FacetTree,
-    NearPairs,
-    begin_search,
-    box_facets,
-    box_neighbours,
-    clear_pairs,
-    count_contacts,
-    evaluate_contact,
-    find_alarm,
-    find_candidates,
-    find_pairs,
-    find_rows,
-    place_inner,
-    place_vertices,
-    range_of_speeds,
-)
+from ..collision.body_contact import count_contacts, evaluate_contact
+from ..collision.contact_data import BodyContactData, NearPairs
+from ..collision.facet_tree import FacetTree, begin_search, box_facets, box_neighbours
+from ..collision.near_pairs import clear_pairs
+from ..collision.neighbor_search import find_candidates, find_rows, range_of_speeds
+from ..collision.pair_gaps import find_alarm
+from ..collision.pair_search import find_pairs
+from ..collision.vertices import place_inner, place_vertices
 from ..threads import Part, wait
 from .composition import Composition, tools
 from .persistent import Before

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..places import Place, arrays_of, shifts
-from ..springs import COLUMN
+from ..springs.stencil import COLUMN
 from ..threads import wait_in_block
 from .composition import Composition, loads, tools
 from .enter_world import enter_world

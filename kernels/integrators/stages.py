@@ -10,7 +10,8 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..springs import COLUMN, lane_of
+from ..springs.lanes import lane_of
+from ..springs.stencil import COLUMN
 from .composition import Composition, Stage, beginning, driving, loads, tools
 from .enter_world import enter_world, to_world
 

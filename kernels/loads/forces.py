@@ -9,7 +9,7 @@ from ..basis import kernel, vector
 from ..compensation import state_types
 from ..effect import ForceTerm
 from ..records import records
-from ..reductions import largest_eigenvalue
+from ..reductions.rate_bounds import largest_eigenvalue
 from .work import Nothing
 
 APART = {wp.float32: 5e-3, wp.float64: 1e-5}

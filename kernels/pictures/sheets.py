@@ -3,7 +3,7 @@
 import warp as wp
 
 from ..basis import kernel
-from ..colliders import KINDS, signed_distance, solids
+from ..colliders.signed_distance import KINDS, signed_distance, solids
 
 Solids = solids(3, wp.float32)
 distance_from = signed_distance(3, wp.float32, KINDS)

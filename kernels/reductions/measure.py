@@ -9,7 +9,8 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..records import records
-from ..springs import LINEAR, Laws, connection_table, damper_force, spring_energy
+from ..springs.dampers import LINEAR, damper_force
+from ..springs.spring_laws import Laws, connection_table, spring_energy
 from .columns import COLUMNS, LOOKED, MAXIMA, NONE
 
 SUMMING_BLOCKS = (32, 256)

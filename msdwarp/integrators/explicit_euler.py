@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import Rates, Stage, State
-from ..kernels.integrators import explicit_euler
+from ..kernels.integrators.euler import explicit_euler
 from .base import Integrator
 
 

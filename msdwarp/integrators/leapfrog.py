@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from .. import checks
 from ..engine import Rates, Stage, State
-from ..kernels.integrators import extrapolated_leapfrog, symplectic_euler
+from ..kernels.integrators.euler import extrapolated_leapfrog, symplectic_euler
 from .base import Integrator, kick_drift_limit
 
 

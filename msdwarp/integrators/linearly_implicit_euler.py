@@ -8,7 +8,8 @@ import warp as wp
 
 from .. import checks
 from ..engine import Dynamics, Rates, Solve, Stage, State, add_linearised, write_diagonal_blocks
-from ..kernels.integrators import block_inverses, conjugate_gradients, implicit_finish, impulse, mass_product
+from ..kernels.integrators.conjugate_gradients import conjugate_gradients
+from ..kernels.integrators.implicit import block_inverses, implicit_finish, impulse, mass_product
 from .base import Integrator, kick_drift_limit
 
 

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..engine import Rates, Stage, State
-from ..kernels.integrators import rk4
+from ..kernels.integrators.runge_kutta import rk4
 from .base import Integrator
 
 TABLEAU = np.array([[1 / 2, 0, 0, 0], [0, 1 / 2, 0, 0], [0, 0, 1, 0], [1 / 6, 1 / 3, 1 / 3, 1 / 6]])

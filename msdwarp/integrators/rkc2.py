@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..engine import Rates, Stage, State
-from ..kernels.integrators import chebyshev
+from ..kernels.integrators.runge_kutta import chebyshev
 from .base import Integrator
 
 MOST_STAGES = 40

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..engine import Rates, Stage, State
-from ..kernels.integrators import symplectic_euler
+from ..kernels.integrators.euler import symplectic_euler
 from .base import Integrator, kick_drift_limit
 
 

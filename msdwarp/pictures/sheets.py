@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..bodies import System, facets_of
-from ..kernels.colliders import KINDS
+from ..kernels.colliders.signed_distance import KINDS
 from ..kernels.pictures import sheets
 from ..world import Collider, Scene
 from .collider_meshes import pose_in_space

@@ -10,7 +10,7 @@ from surfaces import nearest_distances
 
 from msdwarp import Surface, System, ball, box, chain, icosphere, sheet, shell
 from msdwarp.bodies import contact_surfaces
-from msdwarp.kernels.collision import nearest_on_triangle
+from msdwarp.kernels.collision.nearest_point import nearest_on_triangle
 
 
 def grains(count: int, seed: int = 0) -> System:

@@ -6,7 +6,7 @@ from tangles import tangle
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SymplecticEuler, System, Wind, box, sheet
 from msdwarp.engine.springs import force_algorithms as forces
-from msdwarp.kernels.springs import gather
+from msdwarp.kernels.springs.gather import gather
 
 FALLING = {"colliders": [Plane(offset=-3.0)], "gravity": 9.82}
 BODIES = {

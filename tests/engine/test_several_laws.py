@@ -36,7 +36,7 @@ from msdwarp import (
 from msdwarp.cli.provenance import digest
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.springs import force_algorithms as forces
-from msdwarp.kernels.springs import gather
+from msdwarp.kernels.springs.gather import gather
 
 SPRINGS = (Spring(), TensionOnlySpring(), LimitedSpring(0.05, 10.0), ExponentialSpring(0.5))
 DAMPERS = (Damper(), QuadraticDamper(0.5), CoulombDamper(0.3))

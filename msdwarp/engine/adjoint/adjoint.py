@@ -8,21 +8,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import (
-    SUMMING,
-    AdjointData,
-    Wanted,
-    add_given,
-    forget,
-    kick_adjoint,
-    mid_velocity_adjoint,
-    squares,
-    widen,
-)
+from ...kernels.adjoint.kick import SUMMING, AdjointData, add_given, forget, kick_adjoint, squares, widen
+from ...kernels.adjoint.mid_velocity import mid_velocity_adjoint
+from ...kernels.adjoint.springs import Wanted
 from ...kernels.basis import vector
-from ...kernels.colliders import soft_adjoint
+from ...kernels.colliders.soft_colliders import soft_adjoint
 from ...kernels.lanes import WARP
-from ...kernels.springs import CONSTANTS
+from ...kernels.springs.constants import CONSTANTS
 from ..collision.soft_colliders import SoftColliders
 from ..device.launcher import Launcher
 from ..device.vector_arrays import in_records

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...kernels.adjoint import add_elements, elements_adjoint
+from ...kernels.adjoint.elements import add_elements, elements_adjoint
 from ..device.csr import rows
 from ..model.effect import Elements
 from ..model.model import Model

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import sum_numbers
+from ...kernels.adjoint.elements import sum_numbers
 from ..device.csr import rows
 from ..model.model import Model
 

@@ -8,16 +8,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import (
-    BLOCK,
-    Neighbours,
-    Wanted,
-    in_lattice,
-    in_table,
-    springs_adjoint,
-    stencil_adjoint,
-)
-from ...kernels.springs import CONSTANTS, stencil_rows
+from ...kernels.adjoint.springs import Neighbours, Wanted, in_lattice, in_table, springs_adjoint
+from ...kernels.adjoint.stencil import BLOCK, stencil_adjoint
+from ...kernels.springs.constants import CONSTANTS
+from ...kernels.springs.stencil import stencil_rows
 from ..device.device import upload_fields
 from ..loads.actuators import ActuatedSprings
 from ..model.lattice import Lattice, NotALattice, find_lattice

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.adjoint import combination_adjoint
+from ...kernels.adjoint.stages import combination_adjoint
 from ..device.vector_arrays import in_records, numbers_of
 from ..stepping.dynamics import Dynamics
 from .adjoint import Adjoint

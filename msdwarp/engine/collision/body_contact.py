@@ -8,26 +8,19 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import contact_surfaces
-from ...kernels.collision import (
+from ...kernels.collision.body_contact import contact_energy, count_contacts, evaluate_contact
+from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, STORED, BodyContactData, body_contact_term
+from ...kernels.collision.force_sums import add_impulses
+from ...kernels.collision.neighbor_search import (
     BLOCK,
     BLOCKS,
-    DEEPEST,
     FEW_ON_GPU,
-    FLAGS,
     GRAINS_ON_GPU,
-    HELD_BACK,
     MANY_ON_GPU,
     MOST_BY_MORE,
     ON_GPU,
-    STORED,
-    BodyContactData,
-    add_impulses,
-    body_contact_term,
-    contact_energy,
-    count_contacts,
-    evaluate_contact,
-    evaluate_segments_and_spheres,
 )
+from ...kernels.collision.segments_and_spheres import evaluate_segments_and_spheres
 from ...world import Contact
 from ..device.launcher import Launcher
 from ..model.model import Model

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ... import checks
 from ...kernels.basis import vector
-from ...kernels.colliders import KINDS, ColliderTerm, collider_contact
+from ...kernels.colliders.collide import ColliderTerm, collider_contact
+from ...kernels.colliders.signed_distance import KINDS
 from ...world import Capsule, Collider, Cone, Motion, Plane, poses
 from ..device.frame_tables import Tables
 from ..model.model import Model

@@ -5,7 +5,7 @@ import warp as wp
 
 from ...bodies import uniform_like
 from ...kernels.basis import vector
-from ...kernels.colliders import mean_forces, sum_impulses
+from ...kernels.colliders.contact_forces import mean_forces, sum_impulses
 from ..device.device import scalar_array
 from ..model.model import Model
 from .body_contact import BodyContact

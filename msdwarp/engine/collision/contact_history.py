@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.collision import HISTORY
+from ...kernels.collision.contact_data import HISTORY
 from ..model.effect import Effect
 from ..model.model import Model
 

@@ -7,24 +7,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces
-from ...kernels.collision import (
-    MOST_THREADS,
-    PHASES,
-    QUEUES,
-    ROUNDS,
-    SHARES,
-    NearPairs,
-    catch_up,
-    clear_pairs,
-    end_round,
-    find_alarm,
-    find_pairs,
-    find_pairs_of_pieces,
-    find_tangles,
-    keep_apart,
-    measure_pairs,
-    place_inner,
-)
+from ...kernels.collision.contact_data import NearPairs
+from ...kernels.collision.division_planes import MOST_THREADS, PHASES, ROUNDS, catch_up, end_round, keep_apart
+from ...kernels.collision.near_pairs import clear_pairs
+from ...kernels.collision.pair_gaps import find_alarm, measure_pairs
+from ...kernels.collision.pair_search import QUEUES, SHARES, find_pairs, find_pairs_of_pieces
+from ...kernels.collision.tangles import find_tangles
+from ...kernels.collision.vertices import place_inner
 from ...kernels.lanes import WARP
 from ..device.vector_arrays import in_records
 from ..model.effect import Effect

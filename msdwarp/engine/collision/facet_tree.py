@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.collision import FacetTree
+from ...kernels.collision.facet_tree import FacetTree
 from ...kernels.lanes import WARP
 
 WIDTH = WARP

@@ -13,9 +13,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import places_along_curve
-from ...kernels.collision import (
+from ...kernels.collision.contact_data import (
     ACTIVE,
-    BLOCK,
     FLAGS,
     FORCED,
     LONGEST_ROW,
@@ -24,16 +23,11 @@ from ...kernels.collision import (
     PAIRS,
     WAY,
     Pair,
-    begin_search,
-    box_facets,
-    box_neighbours,
-    find_candidates,
-    find_roots,
-    find_rows,
-    find_rows_of_grains,
-    place_vertices,
-    range_of_speeds,
 )
+from ...kernels.collision.facet_tree import begin_search, box_facets, box_neighbours, find_roots
+from ...kernels.collision.neighbor_search import BLOCK, find_candidates, find_rows, range_of_speeds
+from ...kernels.collision.segments_and_spheres import find_rows_of_grains
+from ...kernels.collision.vertices import place_vertices
 from ...kernels.compensation import compensated_sum
 from ...kernels.lanes import WARP
 from ..device.launcher import Launcher

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ...bodies import System, stored
 from ...kernels.basis import vector
-from ...kernels.colliders import KINDS, distances, solids
+from ...kernels.colliders.penetration_depth import distances
+from ...kernels.colliders.signed_distance import KINDS, solids
 from ...world import Collider, Plane
 from .extended_solids import geometries
 

@@ -6,7 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.colliders import KINDS, soft_colliders
+from ...kernels.colliders.signed_distance import KINDS
+from ...kernels.colliders.soft_colliders import soft_colliders
 from ...world import Collider, Plane
 from ..device.device import upload_fields
 from ..model.effect import Effect, Parameter, summed

@@ -8,13 +8,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces
-from ...kernels.colliders import KINDS
-from ...kernels.collision import (
+from ...kernels.colliders.signed_distance import KINDS
+from ...kernels.collision.surface_contact import evaluate_surface
+from ...kernels.collision.surface_contact_data import (
     QUADRATURE_POINTS,
     SurfaceContactData,
     add_energies,
     add_pushes,
-    evaluate_surface,
     quadrature_weights,
     surface_contact_term,
 )

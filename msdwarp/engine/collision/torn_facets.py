@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces, connection_between
-from ...kernels.collision import TearingFacets, leave_out_torn
+from ...kernels.collision.vertices import TearingFacets, leave_out_torn
 from ..model.model import Model
 from .tables_by_world import Repeated
 

@@ -11,7 +11,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.reductions import RUNNING, columns, judge, put_back
+from ...kernels.reductions import columns
+from ...kernels.reductions.frozen_worlds import RUNNING, judge, put_back
 from ..device.device import view_of
 from ..model.state import State, copy_vectors, moving
 from ..stepping.assemble import Assembly

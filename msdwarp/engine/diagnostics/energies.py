@@ -7,8 +7,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.reductions import columns, put_in_order, strain_each, sum_up
-from ...kernels.springs import Laws
+from ...kernels.reductions import columns
+from ...kernels.reductions.measure import put_in_order, strain_each, sum_up
+from ...kernels.springs.spring_laws import Laws
 from ...runtime import in_turn
 from ..model.state import State
 from ..stepping.assemble import Assembly

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from ...bodies import CORNERS, connection_shares, mask_of, von_mises
 from ...kernels.basis import vector
-from ...kernels.integrators import force_on_each
-from ...kernels.reductions import (
+from ...kernels.integrators.stages import force_on_each
+from ...kernels.reductions import probes
+from ...kernels.reductions.measure import fold
+from ...kernels.reductions.probes import (
     Sum,
-    fold,
     mean_of_function,
-    probes,
     spring_sums,
     sum_cell_stress,
     sum_members,

@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.reductions import SUMMING_BLOCKS, columns
+from ...kernels.reductions import columns
+from ...kernels.reductions.measure import SUMMING_BLOCKS
 from ..model.model import Model
 
 FEW = 64

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.loads import actuated_springs, add_tension
+from ...kernels.loads.actuators import actuated_springs, add_tension
 from ...world import Actuator, Load
 from ..device.csr import rows
 from ..device.device import upload_fields

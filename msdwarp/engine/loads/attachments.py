@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.loads import attachments
+from ...kernels.loads.attachments import attachments
 from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
 from ..device.device import upload_fields

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.basis import vector
-from ...kernels.loads import driven
+from ...kernels.loads.drives import driven
 from ...world import Driven, Load, poses
 from ..device.device import upload_fields
 from ..device.frame_tables import Tables

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...kernels.effect import ForceTerm
-from ...kernels.loads import NOTHING, add_work, sum_work, work
+from ...kernels.loads.work import NOTHING, add_work, sum_work, work
 from ..model.effect import Effect
 from ..model.model import Model
 from .forces import Steady

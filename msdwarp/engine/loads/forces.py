@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import check_types
-from ...kernels.loads import (
+from ...kernels.loads.forces import (
     add_function_slopes,
     function_force,
     function_projection,

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.loads import gas_adjoint, gas_law, gas_pressure, given_pressure, given_projection
+from ...kernels.loads.pressure import gas_adjoint, gas_law, gas_pressure, given_pressure, given_projection
 from ...world import EnclosedGas, Load, Pressure, volume
 from ..device.device import upload_fields
 from ..model.effect import Effect, Elements, Numbers, Parameter

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import Facets, facets_of
-from ...kernels.loads import mix_vertices, mixed_vertices
+from ...kernels.loads.surface_triangles import mix_vertices, mixed_vertices
 from ...world import EnclosedGas, Load, Pressure, Wind
 from ..device.csr import rows
 from ..device.device import upload_fields

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import check_types
-from ...kernels.loads import (
+from ...kernels.loads.wind import (
     projection_on_faces,
     projection_on_particles,
     velocity_of_air,

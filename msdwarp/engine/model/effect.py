@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import Facets
-from ...kernels.colliders import ColliderTerm
+from ...kernels.colliders.collide import ColliderTerm
 from ...kernels.effect import ForceTerm
 from ...world import Load
 from ..device.launcher import Launcher

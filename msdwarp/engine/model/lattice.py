@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bodies import TEARING_FIELDS, LawKinds, System, is_uniform, stored, uniform
-from ...kernels.springs import COLUMN, CONSTANTS, MOST_KINDS, MOST_NEIGHBOURS, stencil_rows
+from ...kernels.springs.constants import CONSTANTS, MOST_KINDS
+from ...kernels.springs.lanes import MOST_NEIGHBOURS
+from ...kernels.springs.stencil import COLUMN, stencil_rows
 
 
 class Lattice(NamedTuple):

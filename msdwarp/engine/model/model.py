@@ -12,7 +12,9 @@ from ... import checks
 from ...bodies import LawKinds, System, each_law, is_uniform, stored, uniform_like
 from ...kernels.basis import vector
 from ...kernels.records import record_length
-from ...kernels.springs import CONSTANTS as CONSTANTS, Laws, connection_table, forms_of, law_numbers, numbers_of
+from ...kernels.springs.constants import CONSTANTS as CONSTANTS
+from ...kernels.springs.dampers import law_numbers
+from ...kernels.springs.spring_laws import Laws, connection_table, forms_of, numbers_of
 from ...runtime import find_device, in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, scalar_array, view_of

@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.springs import angle_blocks, angle_energies, angle_forces, angle_projection
+from ...kernels.springs.angles import angle_blocks, angle_energies, angle_forces, angle_projection
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..model.effect import Effect, Elements, summed

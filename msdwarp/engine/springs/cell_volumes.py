@@ -7,16 +7,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import CORNERS, NONE
-from ...kernels.springs import (
+from ...kernels.springs.cell_volumes import (
     cell_blocks,
     cell_energies,
     cell_forces,
     cell_projection,
     cell_table,
     cell_volumes,
-    lattice_pressures,
-    lattice_volumes,
 )
+from ...kernels.springs.lattice_cells import lattice_pressures, lattice_volumes
 from ..device.csr import rows
 from ..device.device import scalar_array, upload_fields
 from ..model.effect import Effect, Elements, summed

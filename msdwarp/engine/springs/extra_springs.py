@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ...kernels.springs import CONSTANTS, tie_force
+from ...kernels.springs.constants import CONSTANTS
+from ...kernels.springs.extra_springs import tie_force
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..model.effect import Effect

@@ -12,19 +12,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import is_uniform
-from ...kernels.springs import (
-    CHUNK,
-    CONSTANTS,
-    KIND_SHIFT,
-    MOST_NEIGHBOURS,
-    SLICE,
-    gather,
-    scatter,
-    stencil,
-    stencil_of_lanes,
-    stencil_rows,
-    tables,
-)
+from ...kernels.springs import tables
+from ...kernels.springs.constants import CONSTANTS, KIND_SHIFT
+from ...kernels.springs.gather import CHUNK, SLICE, gather
+from ...kernels.springs.lanes import MOST_NEIGHBOURS, stencil_of_lanes
+from ...kernels.springs.scatter import scatter
+from ...kernels.springs.stencil import stencil, stencil_rows
 from ..device.device import upload_fields
 from ..device.vector_arrays import in_records
 from ..model.lattice import Lattice, find_kinds

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import break_stretch
-from ...kernels.springs import NO_SUBSTEP, breaking
+from ...kernels.springs.fracture import NO_SUBSTEP, breaking
 from ..device.device import scalar_array, upload_fields
 from ..model.effect import Effect
 from ..model.model import Model

@@ -5,7 +5,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import body_name, cells_of, connection_between
-from ...kernels.springs import inverted_cells
+from ...kernels.springs.cell_volumes import inverted_cells
 from ..model.model import Model
 from .fracture import Fracture
 

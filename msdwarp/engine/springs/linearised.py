@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.reductions import largest_rate
+from ...kernels.reductions.rate_bounds import largest_rate
 from ...kernels.springs import linearised as kernels
 from ..model.model import Model
 

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.springs import yielding
+from ...kernels.springs.plasticity import yielding
 from ..device.device import upload_fields
 from ..model.effect import Effect
 from ..model.model import Model

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.integrators import EACH, SHARED, UNIFORM
+from ...kernels.integrators.differences import EACH, SHARED, UNIFORM
 from ..device.device import view_of
 from ..model.model import CONSTANTS, Model
 from .force_algorithms import CLASSES, records_of_three

@@ -5,8 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.collision import ON_GPU, NearPairs
-from ...kernels.integrators import MOST_THREADS, ContactNumbers, ContactParts, contact_before, persistent
+from ...kernels.collision.contact_data import NearPairs
+from ...kernels.collision.neighbor_search import ON_GPU
+from ...kernels.integrators.persistent import MOST_THREADS, persistent
+from ...kernels.integrators.persistent_contact import ContactNumbers, ContactParts, contact_before
 from ..collision.body_contact import BodyContact
 from .dynamics import Dynamics
 from .persistent import CLUSTER, whole

@@ -11,7 +11,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ... import checks
-from ...kernels.integrators import NOTHING_BEFORE, Composition, persistent, scene
+from ...kernels.integrators.composition import Composition, scene
+from ...kernels.integrators.persistent import NOTHING_BEFORE, persistent
 from ...kernels.threads import ABORT, Part, count_down, wait_for_all
 from ...runtime import cores, record
 from ..device.launcher import Launcher

@@ -8,18 +8,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.colliders import NO_COLLIDERS, ColliderTerm
+from ...kernels.colliders.collide import NO_COLLIDERS, ColliderTerm
 from ...kernels.effect import ForceTerm
-from ...kernels.integrators import (
-    Composition,
-    Differences,
-    begin_each_connection,
-    beginning,
-    force_on_each,
-    persistent,
-    scene,
-)
-from ...kernels.springs import NO_SUBSTEP
+from ...kernels.integrators.composition import Composition, beginning, scene
+from ...kernels.integrators.differences import Differences
+from ...kernels.integrators.persistent import persistent
+from ...kernels.integrators.stages import begin_each_connection, force_on_each
+from ...kernels.springs.fracture import NO_SUBSTEP
 from ...runtime import record
 from ..model.effect import Effect, Steps
 from ..model.state import State

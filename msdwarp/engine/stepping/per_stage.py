@@ -6,8 +6,9 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.integrators import Composition, each_column, each_connection, each_masked, each_particle
-from ...kernels.springs import COLUMN
+from ...kernels.integrators.composition import Composition
+from ...kernels.integrators.stages import each_column, each_connection, each_masked, each_particle
+from ...kernels.springs.stencil import COLUMN
 from ..model.model import Model
 
 LEAST_IN_COLUMNS = 100_000

@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.integrators import MOST_THREADS, NOTHING_BEFORE
+from ...kernels.integrators.persistent import MOST_THREADS, NOTHING_BEFORE
 from ...kernels.threads import Part
 from ..model.model import Model
 from .stages import stages_for

@@ -4,10 +4,10 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ...kernels.integrators import MOST_BYTES, on_chip_worlds
+from ...kernels.integrators.shared_memory import MOST_BYTES, on_chip_worlds
 from ...kernels.places import arrays_of
 from ...kernels.records import record_length
-from ...kernels.springs import COLUMN
+from ...kernels.springs.stencil import COLUMN
 from ..model.model import Model
 from ..model.state import Instant, State
 from ..springs.force_algorithms import MANY_NEIGHBOURS

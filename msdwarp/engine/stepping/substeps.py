@@ -9,7 +9,7 @@ from typing import Literal
 import warp as wp
 
 from ... import checks
-from ...kernels.integrators import MOST_THREADS
+from ...kernels.integrators.persistent import MOST_THREADS
 from ..model.state import State
 from .contact_launch import ContactLaunch, contact_launch
 from .dynamics import Dynamics

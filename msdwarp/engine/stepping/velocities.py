@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.integrators import kick
+from ...kernels.integrators.euler import kick
 from ..model.state import State
 from .dynamics import Dynamics
 from .stages import Stage

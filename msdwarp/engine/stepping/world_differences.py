@@ -4,7 +4,7 @@ from typing import Any
 
 from ... import checks
 from ...kernels.effect import ForceTerm
-from ...kernels.integrators import Differences
+from ...kernels.integrators.differences import Differences
 from ..springs.fracture import Fracture
 from ..springs.spring_constants_by_world import EnsembleForces
 from .assemble import Assembly
