@@ -1,5 +1,8 @@
 """A block whose loss is differentiated, and the comparison of its derivatives with central differences."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
@@ -76,6 +79,18 @@ def loss(frames: Frames) -> tuple[float, np.ndarray, np.ndarray]:
     by_x[-1], by_v[-1], by_v[2] = weight * x, 0.02 * weight * v, 0.1 * weight
     by_v[0] += 0.01
     return sum(one.sum() for one in terms), by_x, by_v
+
+
+def at_end(axis: int, of: str = "position") -> Callable[[Frames], tuple[Any, Any, Any]]:
+    """Return a loss: a coordinate of the last particle at the end, or of its velocity."""
+
+    def loss(frames: Frames) -> tuple[Any, Any, Any]:
+        by = np.zeros(frames.position.shape)
+        by[-1, -1, axis] = 1.0
+        value = getattr(frames, of)[-1, -1, axis]
+        return (value, by, None) if of == "position" else (value, None, by)
+
+    return loss
 
 
 def rounding(frames: Frames) -> float:

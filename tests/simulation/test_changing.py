@@ -15,7 +15,6 @@ from msdwarp import (
     LinearlyImplicitEuler,
     Plane,
     PrescribedMotion,
-    Scene,
     Simulation,
     SymplecticEuler,
     System,
@@ -45,7 +44,7 @@ def options(device, **more):
     return {"precision": "float64", "fps": 10.0, "substeps": 20, "device": device, "allow_unstable": True, **more}
 
 
-@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog(), RK4()], ids=str)
+@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=str)
 def test_gravity_of_time_is_integrated_twice(device, method):
     # x'' = g(t) = (sin 2t, 0, −3t), from rest: v = ((1 − cos 2t)/2, 0, −3t²/2), x = ((2t − sin 2t)/4, 0, −t³/2).
     simulation = Simulation(
@@ -54,8 +53,8 @@ def test_gravity_of_time_is_integrated_twice(device, method):
     simulation.step(10)
     x = simulation.frame().position - free().position
     expected = [(2 - math.sin(2)) / 4, 0.0, -0.5]
-    # h = 1/200: of order 1 an error of h/2 times v' dt, at most h (3/2 + 1); of order 2 of h²; RK4 exact to h⁴.
-    error = {1: 0.5 / 200 * 2.5, 2: 2 / 200**2, 4: 1e-9}[method.order]
+    # h = 1/200: of order 1 an error of h/2 times v' dt, at most h (3/2 + 1); RK4 exact to h⁴.
+    error = {1: 0.5 / 200 * 2.5, 4: 1e-9}[method.order]
     np.testing.assert_allclose(x, np.tile(expected, (2, 1)), rtol=0, atol=error)
     # No potential belongs to it: what it has done is work, and all of that is motion.
     found = simulation.measure()
@@ -103,35 +102,24 @@ def bouncing(device, **more) -> Simulation:
 
 
 @pytest.mark.slow
-def test_a_change_of_gravity_is_what_building_anew_gives(device):
+def test_a_change_of_gravity_is_what_building_anew_a_schedule_and_a_checkpoint_give(device):
     # Bit for bit: the kernels are the same, and so are the velocities that they start from.
-    quick, schedule = bouncing(device), bouncing(device, schedule=[at(0.2, gravity=(0, 3.0, 5.0))])
-    anew = bouncing(device)
-    quick.step(12)
+    quick, anew, resumed = (bouncing(device) for _ in range(3))
+    schedule = bouncing(device, schedule=[at(0.2, gravity=(0, 3.0, 5.0))])
+    for one in (quick, anew):
+        one.step(12)
     quick.change(gravity=(0, 3.0, 5.0))
-    anew.step(12)
     anew.change(gravity=(0, 3.0, 5.0), stiffness=2000.0)
-    for one, frames in ((quick, 12), (anew, 12), (schedule, 24)):
+    quick.step(4)
+    resumed.restore(*quick.checkpoint())
+    for one, frames in ((quick, 8), (anew, 12), (schedule, 24), (resumed, 8)):
         one.step(frames)
     # Substeps may be chosen anew where all is built anew; on the CPU, in a fixed order, they are not here.
     atol = 0 if device == "cpu" else 1e-9
-    np.testing.assert_allclose(quick.frame().position, anew.frame().position, rtol=0, atol=atol)
-    np.testing.assert_allclose(quick.frame().position, schedule.frame().position, rtol=0, atol=atol)
-
-
-def test_a_run_whose_gravity_was_changed_goes_on_from_a_checkpoint(device):
-    first = bouncing(device)
-    first.step(4)
-    first.change(gravity=3.0)
-    first.step(4)
-    other = bouncing(device)
-    other.restore(*first.checkpoint())
-    for one in (first, other):
-        one.step(8)
-    atol = 0 if device == "cpu" else 1e-9
-    np.testing.assert_allclose(other.frame().position, first.frame().position, rtol=0, atol=atol)
-    first.reset()
-    assert list(first.model.gravity) == [0, 0, -9.82]
+    for one in (anew, schedule, resumed):
+        np.testing.assert_allclose(quick.frame().position, one.frame().position, rtol=0, atol=atol)
+    quick.reset()
+    assert list(quick.model.gravity) == [0, 0, -9.82]
 
 
 def test_gravity_turned_about_again_and_again_is_no_divergence(device):
@@ -143,11 +131,10 @@ def test_gravity_turned_about_again_and_again_is_no_divergence(device):
     assert np.isfinite(simulation.frame().position).all()
 
 
-@pytest.mark.parametrize("method", [SymplecticEuler(), Leapfrog()], ids=str)
-def test_another_force_takes_over_in_place(device, method):
+def test_another_force_takes_over_in_place_and_a_drive_does_not_begin_anew(device):
     group = [1]
     loads = [Force((0.0, 1.0, 0.0)), Force((2.0, 0.0, 0.0), on=group)]
-    simulation = Simulation(free(), gravity=0.0, loads=loads, integrator=method, **options(device))
+    simulation = Simulation(free(), gravity=0.0, loads=loads, **options(device))
     simulation.step(5)
     stepping, graph = simulation.stepping, simulation.stepping.graph
     simulation.change(loads=[loads[0], Force((0.0, 0.0, 5.0), on=group)])
@@ -157,6 +144,12 @@ def test_another_force_takes_over_in_place(device, method):
     expected = np.array([[0.0, 1.0, 0.0], [1.0 / 2.5, 1.0 / 2.5, 2.5 / 2.5]])
     # Exact for what is constant; symplectic Euler's velocities are half a substep old.
     np.testing.assert_allclose(simulation.frame().velocity, expected, rtol=0, atol=200 * 8 * EPS64)
+    drive = PrescribedMotion([0], lambda t: (t, 0.0, 0.0))
+    driven = Simulation(free(), gravity=0.0, loads=[drive], **options(device))
+    driven.step(5)
+    driven.change(loads=[drive, Force((0.0, 1.0, 0.0))])
+    driven.step(5)
+    np.testing.assert_allclose(driven.frame().position[0], [1.0, 0.0, 0.0], rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -181,17 +174,6 @@ def test_other_wind_takes_over_in_place_and_other_loads_altogether(device):
     simulation.change(loads=[Force(lambda t: (0.0, 1.0, 0.0))])
     simulation.step(1)
     np.testing.assert_allclose(simulation.frame().velocity[:, 1], [0.1, 0.04], rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_what_was_there_stays_as_it_is(device):
-    # A drive that has moved on does not begin anew where it is.
-    drive = PrescribedMotion([0], lambda t: (t, 0.0, 0.0))
-    simulation = Simulation(free(), gravity=0.0, loads=[drive], **options(device))
-    simulation.step(5)
-    simulation.change(loads=[drive, Force((0.0, 1.0, 0.0))])
-    simulation.step(5)
-    np.testing.assert_allclose(simulation.frame().position[0], [1.0, 0.0, 0.0], rtol=0, atol=1e-12)
 
 
 def meeting() -> System:
@@ -243,12 +225,6 @@ def test_bodies_begin_and_cease_to_touch_by_a_change(device):
     assert bouncing.frame().velocity[0, 0] == 1.0  # as it was given
 
 
-def test_a_method_that_cannot_touch_is_not_made_to(device):
-    simulation = Simulation(free(), integrator=RKC2(), **options(device))
-    with pytest.raises(ValueError, match="where bodies touch it must be another"):
-        simulation.change(contact=CONTACT)
-
-
 @pytest.mark.parametrize("what", [{"loads": []}, {"contact": CONTACT}], ids=["loads", "contact"])
 def test_a_schedule_says_that_it_holds_no_loads(what):
     with pytest.raises(ValueError, match="is given to a schedule, which cannot hold it"):
@@ -270,23 +246,16 @@ def test_a_schedule_says_that_it_holds_no_loads(what):
         ),
         ({"contact": 3}, r"contact\b.*must be"),
         ({"contact": Contact(groups=("one", "other"))}, "a name in contact.groups is 'one'"),
+        ({"contact": CONTACT, "integrator": RKC2()}, "where bodies touch it must be another"),
     ],
-    ids=["shape", "inf", "function", "kind", "numbers", "beside", "touch beside", "no touch", "groups"],
 )
 def test_bad_changes_are_refused_by_name_and_change_nothing(changes, message):
-    simulation = Simulation(free(), loads=[Force((0.0, 1.0, 0.0))], **options("cpu"))
+    changes, method = dict(changes), changes.get("integrator")
+    changes.pop("integrator", None)
+    simulation = Simulation(free(), loads=[Force((0.0, 1.0, 0.0))], integrator=method, **options("cpu"))
     simulation.step(2)
     before, acting = simulation.frame(), simulation.assembly.all
     with pytest.raises(ValueError, match=message):
         simulation.change(**changes)
     np.testing.assert_array_equal(simulation.frame().velocity, before.velocity)
     assert simulation.assembly.all is acting
-
-
-def test_a_scene_says_that_gravity_is_a_function():
-    def swaying(t):
-        return (np.sin(t), 0 * t, -9.82 + 0 * t)
-
-    assert "gravity swaying of time" in repr(Scene(system=free(), gravity=swaying))
-    with pytest.raises(ValueError, match="gravity has 2 numbers"):
-        Scene(system=free(), gravity=lambda t: (0.0, 1.0))

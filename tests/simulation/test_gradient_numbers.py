@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from differences import FRAMES, METHODS, SOFT, STEP, block, loss, rounding, simulation
+from differences import FRAMES, METHODS, SOFT, STEP, at_end, block, loss, rounding, simulation
 from test_gradient_effects import EFFECTS, method_for
 
 import msdwarp as msd
@@ -22,11 +22,11 @@ NUMBERS = {
         "colliders[1].friction",
     ],
     "wind on a sheet": [f"loads[0].{name}" for name in ("velocity", "drag", "lift", "density")],
-    "a closed surface": [
+    "closed surfaces": [
         *(f"loads[0].{name}" for name in ("drag", "lift", "density")),
         *(f"loads[1].{name}" for name in ("pressure", "outside", "volume", "exponent")),
+        *(f"loads[{k}].pressure" for k in (2, 3, 4)),
     ],
-    "pressure": ["loads[0].pressure"],
     "loads on particles": [
         "loads[1].force",
         "loads[2].force",
@@ -35,7 +35,6 @@ NUMBERS = {
         *(f"loads[4].{name}" for name in ("to", "stiffness", "damping", "rest_length")),
         *(f"loads[5].{name}" for name in ("to", "stiffness", "damping")),
     ],
-    "an embedded surface": ["loads[0].velocity", "loads[0].lift", "loads[1].pressure", "loads[2].pressure"],
 }
 
 
@@ -124,18 +123,6 @@ def test_derivatives_by_motions_are_those_of_central_differences(motion, method,
     assert terms.sum() == pytest.approx((values[0] - values[1]) / (2 * step), rel=0, abs=tolerance)
 
 
-def at_end(axis: int, of: str = "position") -> Callable[[msd.Frames], tuple[Any, Any, Any]]:
-    """Return a loss: a coordinate of the last particle at the end, or of its velocity."""
-
-    def loss(frames: msd.Frames) -> tuple[Any, Any, Any]:
-        by = np.zeros(frames.position.shape)
-        by[-1, -1, axis] = 1.0
-        value = getattr(frames, of)[-1, -1, axis]
-        return (value, by, None) if of == "position" else (value, None, by)
-
-    return loss
-
-
 def test_a_sliding_block_goes_less_far_by_half_of_g_t_squared_for_each_friction(plain_device):
     # It starts where the ground carries it, so N = m g throughout. Friction is less than μ N by (s/u)²/2: 1e-6.
     mass, floor = 2.0, Plane(stiffness=4e4, friction=0.3, rest_speed=1e-3)
@@ -209,18 +196,6 @@ def test_a_turn_in_the_plane_moves_a_point_along_its_circle(plain_device):
     assert times[-1] == 3 / 60
     np.testing.assert_allclose(by_motion[-1], [1, 0, -math.sin(2 * times[-1]) / 2], rtol=0, atol=1e-14)
     assert not by_motion[:-1].any()
-
-
-@pytest.mark.slow
-def test_derivatives_by_numbers_repeat_to_the_last_bit(plain_device):
-    floor, wind = Plane((0.1, 0, 1), -0.1, **SOFT), msd.Wind(lambda t: (3.0, 10 * t, -2.0), area=0.01)
-    names = ["colliders[0].friction", "colliders[0].offset", "loads[0].velocity", "loads[0].drag", "strain"]
-    loads = [wind, msd.Actuator(lambda t: 0.1 * math.sin(40 * t))]
-    how = {"colliders": [floor], "loads": loads, "force_algorithm": "gather", "device": plain_device}
-    first, second = (Simulation(block(), substeps=12, **how).gradient(loss, FRAMES, by=names) for _ in range(2))
-    for name in names:
-        assert first[name].any()
-        np.testing.assert_array_equal(first[name], second[name])
 
 
 @pytest.mark.parametrize(

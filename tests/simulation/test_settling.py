@@ -52,7 +52,7 @@ def held_cloth() -> System:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("density", [1000.0, 1030.0, 1200.0])
+@pytest.mark.parametrize("density", [1000.0, 1030.0])
 def test_a_ball_between_plates_that_came_nearer_bears_what_it_bears_later(plain_device, density):
     """A step too long for the dampers of contact lets the pole tremble, sooner or later with the rounding."""
 
@@ -77,8 +77,9 @@ def test_a_ball_between_plates_that_came_nearer_bears_what_it_bears_later(plain_
     assert force() == pytest.approx(settled, rel=1e-3)
 
 
-@pytest.mark.parametrize("system", [held_cloth(), cantilever()], ids=["cloth", "cantilever"])
-def test_the_equilibrium_is_that_of_scipy(plain_device, system):
+def test_the_equilibrium_is_that_of_scipy(plain_device):
+    cloth, beam = held_cloth(), cantilever()
+    system = cloth + beam.translate((0, 0, 2.0))
     simulation = Simulation(system, device=plain_device, precision="float64")
     found = simulation.settle(1e-7)
     assert found.converged
@@ -123,32 +124,18 @@ def test_a_chain_settles_whose_springs_stiffen_fast(plain_device, cubic):
 
 @pytest.mark.slow
 def test_what_settles_stays(plain_device):
-    resting = box((4, 4, 4), 0.1, material=SOFT)
-    pulls = [Force((0, 0, -1.0), on=[0]), Force((0, 0, 1.0), on=[63])]
+    resting = box((4, 4, 4), 0.1, material=SOFT).translate((0, 0, 0.16))
+    around = {"colliders": [Plane(), Sphere((2.0, 0, 0.1), 0.15)], "device": plain_device}
     scenes = {
-        "on a floor": Simulation(resting.translate((0, 0, 0.2)), colliders=[Plane()], device=plain_device),
-        "over a ball": Simulation(
-            hung_cloth().translate((0, 0, 0.3)), colliders=[Sphere((0, 0, 0.1), 0.15)], device=plain_device
-        ),
-        "rubber": Simulation(cantilever(0.45), device=plain_device),
-        "pulled": Simulation(resting, gravity=0.0, loads=pulls, device=plain_device),
+        "on a floor": Simulation(resting, **around),
+        "over a ball": Simulation(hung_cloth().translate((2.0, 0, 0.3)), **around),
+        "a stack": Simulation(resting + resting.translate((0.05, 0, 0.32)), contact=Contact(), **around),
     }
     for name, simulation in scenes.items():
         assert simulation.settle().converged, name
         before = simulation.frame().position
-        simulation.step(30)
+        simulation.step(45)
         assert np.abs(simulation.frame().position - before).max() < 2e-3, name
-
-
-@pytest.mark.slow  # contact
-def test_a_stack_settles_in_contact(plain_device):
-    body = box((4, 4, 4), 0.1, material=SOFT)
-    stack = body.translate((0, 0, 0.16)) + body.translate((0.05, 0, 0.48))
-    simulation = Simulation(stack, colliders=[Plane()], contact=Contact(), device=plain_device)
-    assert simulation.settle().converged
-    before = simulation.frame().position
-    simulation.step(60)
-    assert np.abs(simulation.frame().position - before).max() < 2e-3
 
 
 @pytest.mark.slow
@@ -162,25 +149,19 @@ def test_cells_are_in_equilibrium_too(plain_device):
     assert np.linalg.norm(volumes.forces(system, x, still), axis=1).max() > 1.0
 
 
-def test_a_run_goes_on_from_the_equilibrium():
-    simulation = Simulation(hung_cloth(), device="cpu", schedule=[at(0.2, gravity=0.0)])
+@pytest.mark.parametrize("of_scene", [False, True])
+def test_a_run_goes_on_from_the_equilibrium(of_scene):
+    scene = Scene(system=hung_cloth(), schedule=[at(0.2, gravity=0.0)], settled=of_scene)
+    simulation = Simulation.from_scene(scene, device="cpu")
+    begun = simulation.frame().position
+    assert (begun[:, 2].min() < -0.3) == of_scene
     simulation.step(6)
     simulation.settle()
     assert simulation.time == pytest.approx(0.1)
     simulation.step(12)
     assert simulation.measure().kinetic_energy > 1e-6  # without gravity it contracts
     simulation.reset()
-    np.testing.assert_allclose(simulation.frame().position, hung_cloth().position, atol=1e-7)
-
-
-def test_a_scene_can_start_settled():
-    scene = Scene(system=hung_cloth(), settled=True)
-    simulation = Simulation.from_scene(scene, device="cpu")
-    lowest = simulation.frame().position[:, 2].min()
-    assert lowest < -0.3
-    simulation.step(5)
-    simulation.reset()
-    assert simulation.frame().position[:, 2].min() == lowest
+    np.testing.assert_array_equal(simulation.frame().position, begun)
 
 
 def test_friction_holds_what_has_settled_from_the_first_frame_on():
@@ -213,27 +194,24 @@ def later(time):
     return np.clip(1e3 * (time - 5e-4), 0.0, 1.0)
 
 
-def hung_on(what: str, value) -> Simulation:
-    """Return a hanging chain that is moved by a function of time, or pulled by one."""
+def test_functions_of_time_stand_still():
     body = chain(5, 0.1, mass=0.01, stiffness=100.0)
-    ends = {"colliders": [], "loads": []}
-    shift = lambda time: (0.0 * time, 0.0 * time, 0.01 * value(time))  # noqa: E731
-    if what == "obstacle":
-        ends["colliders"] = [Sphere((0, 0, -0.06), 0.05, motion=shift)]
-    elif what == "drive":
-        ends["loads"] = [PrescribedMotion([4], shift)]
-    elif what == "carrier":
-        ends["loads"] = [Attachment([4], carried_by=Sphere((0.2, 0, 0), 0.05, motion=shift), stiffness=50.0)]
-    else:
-        ends["loads"] = [Force(lambda time: (0.0 * time, 0.0 * time, 0.1 * value(time)), on=[2])]
-    return Simulation(body.pin([0, 4] if what in ("obstacle", "force") else [0]), device="cpu", **ends)
-
-
-@pytest.mark.parametrize("what", ["obstacle", "drive", "carrier", "force"])
-def test_functions_of_time_stand_still(what):
+    chains = [body.pin(ends).translate((0, 3.0 * k, 0)) for k, ends in enumerate(([0, 4], [0], [0], [0, 4]))]
+    system = sum(chains[1:], chains[0])
     found = []
     for value in (later, lambda time: 0.0 * time):
-        simulation = hung_on(what, value)
+
+        def shift(time, value=value):
+            return 0.0 * time, 0.0 * time, 0.01 * value(time)
+
+        carrier = Sphere((0.2, 6.0, 0), 0.05, motion=shift)
+        loads = [
+            PrescribedMotion([9], shift),
+            Attachment([14], carried_by=carrier, stiffness=50.0),
+            Force(lambda time, value=value: (0.0 * time, 0.0 * time, 0.1 * value(time)), on=[17]),
+        ]
+        obstacle = Sphere((0, 0, -0.06), 0.05, motion=shift)
+        simulation = Simulation(system, colliders=[obstacle], loads=loads, device="cpu")
         assert simulation.settle().converged
         found.append(simulation.frame().position)
     np.testing.assert_array_equal(*found)  # the same numbers by the same kernels

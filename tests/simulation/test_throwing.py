@@ -27,9 +27,8 @@ METHODS = [
     RKC2(),
     LinearlyImplicitEuler(iterations=4),
 ]
-SINGLE = ("float32", "float32-compensated")
-EACH = [(one, "float64") for one in METHODS[1:]] + [(SymplecticEuler(), one) for one in SINGLE]
-"""Every method, and every precision: what a throw changes does not depend on both."""
+EACH = [(one, "float64") for one in METHODS[1:]] + [(SymplecticEuler(), "float32-compensated")]
+"""Every method, and a single precision: what a throw changes does not depend on both."""
 TOP = np.arange(18, 27)
 
 
@@ -83,15 +82,6 @@ def test_a_schedule_throws_too_and_beside_other_changes(device):
     np.testing.assert_allclose(both.frame().velocity[TOP], np.tile([0, 0, 3.0], (9, 1)), rtol=0, atol=1e-12)
 
 
-def test_velocities_may_be_a_function_of_those_there_are(device):
-    simulation = simulated(device, integrator=Leapfrog())
-    simulation.step(6)
-    before = simulation.frame().velocity
-    simulation.change(velocity=lambda v: v + np.array([1.0, 0, 0]))
-    after = simulation.frame().velocity
-    np.testing.assert_allclose(after, before + np.array([1.0, 0, 0]), rtol=0, atol=1e-12)  # roundings of some m/s
-
-
 def test_velocities_before_a_step_are_the_given_ones(device):
     # Leapfrog kicks them back by half a substep; dampers would change them by 6e-4 m/s on the way there and back.
     body = block().with_velocity(np.random.default_rng(0).normal(size=(27, 3)))
@@ -112,6 +102,9 @@ def test_velocities_before_a_step_are_the_given_ones(device):
     check(now)
     simulation.change(velocity=2 * now)
     check(2 * now)
+    simulation.change(velocity=lambda v: v / 2)
+    check(now)
+    simulation.change(velocity=2 * now)
     with pytest.raises(ZeroDivisionError):
         simulation.change(velocity=lambda v: v * (1 / 0))
     check(2 * now)
@@ -122,10 +115,9 @@ def test_velocities_before_a_step_are_the_given_ones(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("loads", [[], [Force(lambda t: (0.0, 1.0, 0.0))]], ids=["alone", "loaded"])
 @pytest.mark.parametrize("speed", [300.0, 0.0])
-@pytest.mark.each_value
-def test_the_energy_that_it_gets_is_no_divergence(device, loads, speed):
+def test_the_energy_that_it_gets_is_no_divergence(device, speed):
+    loads = [Force(lambda t: (0.0, 1.0, 0.0))]
     # At rest on the ground there is next to no energy: 300 m/s are some 10⁵ times as much.
     simulation = simulated(device, substeps="auto", loads=loads)
     simulation.step(120)
@@ -230,20 +222,14 @@ def test_what_cannot_be_thrown_is_refused_by_name_and_stays_as_it_is(changes, me
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize(
-    ("method", "precision"),
-    [one for one in EACH if one[0] in (SymplecticEuler(), Leapfrog(), RK4())],
-    ids=str,
-)
-def test_a_run_is_compared_with_what_a_throw_gives(plain_device, method, precision):
-    how = {"integrator": method, "precision": precision}
-    simulation = simulated(plain_device, block().replace(damping=0.0).pin([0]), **how)
+@pytest.mark.parametrize("method", [Leapfrog(), RK4()], ids=str)
+def test_a_run_is_compared_with_what_a_throw_gives(plain_device, method):
+    simulation = simulated(plain_device, block().replace(damping=0.0).pin([0]), integrator=method)
     simulation.step(2)
     before, chosen = simulation.measure().kinetic_energy, np.arange(27) % 2 == 1
     baseline = simulation.stepping.watch.baseline.energy
     simulation.stepping.set_velocity(simulation.frame().velocity.astype(float) + 1.5, chosen)
     added = simulation.stepping.watch.baseline.energy - baseline
-    # Rounding of 13 kinetic energies of 1 J each, in float32 of velocities that are kicked back and forth.
-    rel = 1e-12 if precision == "float64" else 1e-5
-    assert added == pytest.approx(simulation.measure().kinetic_energy - before, rel=rel)
+    # Rounding of 13 kinetic energies of 1 J each.
+    assert added == pytest.approx(simulation.measure().kinetic_energy - before, rel=1e-12)
     assert added > 10.0
