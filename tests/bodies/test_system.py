@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from problems import triangle
 
-from msdwarp import Surface, System, chain, sheet
+from msdwarp import Surface, chain, sheet
 
 
 def test_scalars_broadcast_and_are_stored_once():
@@ -41,13 +41,6 @@ def test_rest_lengths_default_to_the_present_lengths():
     np.testing.assert_allclose(strain, [0.2, 1.0, 0.6], rtol=0, atol=1e-15)
 
 
-def test_sizes():
-    system = triangle()
-    assert (system.particle_count, system.connection_count, system.dim) == (3, 3, 2)
-    lone = System(position=[[1.0]])
-    assert (lone.particle_count, lone.connection_count, lone.dim) == (1, 0, 1)
-
-
 def test_arrays_are_read_only():
     system = sheet((3, 3))
     names = ("position", "velocity", "mass", "connections", "rest_length", "stiffness", "damping")
@@ -58,16 +51,6 @@ def test_arrays_are_read_only():
             values[0] = 1
     with pytest.raises(AttributeError):
         system.mass = 2.0
-
-
-def test_arrays_are_copies_of_what_was_given():
-    position, mass, connections = np.zeros((2, 3)), np.ones(2), np.array([[0, 1]])
-    position[1] = 1.0
-    system = System(position=position, mass=mass, connections=connections)
-    position[:], mass[:], connections[:] = 9.0, 9.0, 0
-    np.testing.assert_array_equal(system.position, [[0, 0, 0], [1, 1, 1]])
-    np.testing.assert_array_equal(system.mass, 1)
-    np.testing.assert_array_equal(system.connections, [[0, 1]])
 
 
 def test_what_is_given_is_never_shared():
@@ -145,23 +128,6 @@ def test_connections_as_any_whole_numbers():
     for kind in (np.uint8, np.int64, list):
         given = [[0, 1]] if kind is list else np.array([[0, 1]], dtype=kind)
         assert triangle(connections=given).connections.dtype == np.int32
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"particle": [[0, 1, 2]]}, r"particle has shape \(1, 3\)"),
-        ({"particle": [0.5, 1.5, 2.5]}, "particle"),
-        ({"uv": np.zeros((2, 2))}, r"uv has shape \(2, 2\)"),
-        ({"triangles": [[0, 1, 3]]}, r"triangles\[0, 2\] is 3"),
-        ({"triangles": [[0, 1]]}, r"triangles has shape \(1, 2\)"),
-        ({"triangles": [[0.0, 1.0, 2.0]]}, "triangles .*whole numbers"),
-    ],
-)
-def test_bad_surface_is_named(changes, message):
-    good = {"particle": [0, 1, 2], "uv": 0.0, "triangles": [[0, 1, 2]]}
-    with pytest.raises(ValueError, match=message):
-        Surface(**(good | changes))
 
 
 def test_surface_must_lie_on_the_particles():

@@ -53,7 +53,7 @@ def test_translate_moves_positions_only():
     np.testing.assert_array_equal(system.position[0], 0)  # the first is as it was
 
 
-def test_rotate_in_three_dimensions():
+def test_rotate():
     system = System(position=[[1.0, 0, 0], [-1.0, 0, 0]], velocity=[0, 1.0, 0])
     # A quarter turn about z takes x to y and y to −x; cos(π/2) = 6e-17 is not quite 0.
     turned = system.rotate(math.pi / 2)
@@ -62,23 +62,12 @@ def test_rotate_in_three_dimensions():
     # A third of a turn about (1, 1, 1), of any length, takes x to y.
     turned = system.rotate(2 * math.pi / 3, axis=(5, 5, 5))
     np.testing.assert_allclose(turned.position, [[0, 1, 0], [0, -1, 0]], rtol=0, atol=1e-15)
+    # In the plane, about the centre of mass (2, 0).
+    turned = System(position=[[1.0, 0.0], [3.0, 0.0]]).rotate(math.pi / 2)
+    np.testing.assert_allclose(turned.position, [[2, -1], [2, 1]], rtol=0, atol=1e-15)
     # About another point.
     turned = system.rotate(math.pi, about=(1.0, 0.0, 0.0))
     np.testing.assert_allclose(turned.position, [[1, 0, 0], [3, 0, 0]], rtol=0, atol=1e-15)
-
-
-def test_rotate_in_two_dimensions():
-    system = System(position=[[1.0, 0.0], [3.0, 0.0]])
-    turned = system.rotate(math.pi / 2)  # about the centre of mass (2, 0)
-    np.testing.assert_allclose(turned.position, [[2, -1], [2, 1]], rtol=0, atol=1e-15)
-
-
-def test_rotation_keeps_lengths_and_centre_of_mass():
-    system = box((3, 2, 2), mass=np.linspace(1, 2, 12)).translate((5, 6, 7))
-    turned = system.rotate(1.234, axis=(1, -2, 3))
-    np.testing.assert_allclose(turned.length, system.length, rtol=0, atol=1e-14)  # ε × 10 m, a few times
-    np.testing.assert_allclose(turned.centre_of_mass, system.centre_of_mass, rtol=0, atol=1e-14)
-    assert np.abs(turned.position - system.position).max() > 0.5
 
 
 def test_centre_of_mass_weighs_and_leaves_out_pinned_particles():
@@ -100,10 +89,7 @@ def test_spin_adds_a_rigid_rotation_without_momentum():
     found = np.cross(arm, m * (spun.velocity - system.velocity)).sum(axis=0)
     np.testing.assert_allclose(found, inertia @ omega, rtol=1e-12)  # rounding of sums
     np.testing.assert_array_equal(spun.position, system.position)
-
-
-def test_spin_in_two_dimensions_is_counter_clockwise():
-    spun = System(position=[[1.0, 0.0], [-1.0, 0.0]]).spin(2.0)
+    spun = System(position=[[1.0, 0.0], [-1.0, 0.0]]).spin(2.0)  # in the plane counter-clockwise
     np.testing.assert_array_equal(spun.velocity, [[0, 2], [0, -2]])
 
 
@@ -123,11 +109,6 @@ def test_pinned_particles_stay_still():
         assert moving.velocity[1:].any(axis=1).all()
 
 
-def test_with_velocity_replaces():
-    system = triangle(velocity=(5.0, 5.0)).with_velocity((1.0, 0.0))
-    np.testing.assert_array_equal(system.velocity, [[1, 0]] * 3)
-
-
 def test_freeze_makes_the_present_shape_the_rest_shape():
     stretched = sheet((3, 3)).replace(position=sheet((3, 3)).position * (2, 1, 1))
     assert stretched.strain.any()
@@ -137,17 +118,11 @@ def test_freeze_makes_the_present_shape_the_rest_shape():
     np.testing.assert_array_equal(frozen.rest_length, stretched.length)
 
 
-def test_replace_keeps_the_rest_and_validates():
-    system = sheet((3, 3), stiffness=7.0)
-    changed = system.replace(damping=0.5)
-    assert (changed.damping == 0.5).all()
-    assert (changed.stiffness == 7.0).all()
-    assert changed.surface is system.surface
-    np.testing.assert_array_equal(changed.rest_length, system.rest_length)
+def test_replace_validates():
     with pytest.raises(ValueError, match=r"damping is -1"):
-        system.replace(damping=-1.0)
+        triangle().replace(damping=-1.0)
     with pytest.raises(TypeError, match="colour"):
-        system.replace(colour="red")
+        triangle().replace(colour="red")
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
@@ -184,13 +159,6 @@ def test_adding_where_one_has_no_surface():
     np.testing.assert_array_equal((bare + covered).surface.triangles, covered.surface.triangles)
 
 
-def test_adding_three_keeps_the_directions_of_each():
-    three = sheet((2, 2)) + chain(4) + sheet((3, 2))
-    assert len(three.directions) == 3
-    i, j = three.connections[three.direction("x-y", body=2)].T
-    np.testing.assert_array_equal(three.position[j] - three.position[i], [[1, -1, 0]] * 2)
-
-
 def test_adding_needs_as_many_coordinates():
     with pytest.raises(ValueError, match="2 coordinates to one of 3"):
         chain(2, dim=3) + chain(2, dim=2)
@@ -215,6 +183,7 @@ def test_adding_needs_as_many_coordinates():
         (lambda s: chain(2).rotate(1.0, axis=(0, 0, 0)), r"axis is \(0, 0, 0\)"),
         (lambda s: chain(2).rotate(1.0, axis=(0, NAN, 0)), r"axis is \(0, nan, 0\)"),
         (lambda s: chain(2).rotate(1.0, axis=(1, 0)), r"axis has shape \(2,\)"),
+        *((lambda s, wrong=wrong: chain(2).rotate(wrong), "angle is") for wrong in (NAN, INF, "a", [1, 2, 3])),
         (lambda s: chain(2, dim=1).rotate(1.0), "one-dimensional system cannot be rotated"),
         (lambda s: chain(2, dim=1).spin(1.0), "one-dimensional system cannot spin"),
     ],
@@ -229,9 +198,3 @@ def test_two_that_never_yielded_share_their_lengths_when_added():
     assert pair.original_length is pair.rest_length
     yielded = triangle().replace(rest_length=2.0, original_length=1.0)
     np.testing.assert_array_equal((triangle() + yielded).original_length[3:], 1.0)
-
-
-@pytest.mark.parametrize("angle", [float("nan"), float("inf"), "a", [1, 2, 3]])
-def test_an_angle_is_one_finite_number(angle):
-    with pytest.raises(ValueError, match="angle is"):
-        box((2, 2, 2)).rotate(angle)

@@ -7,56 +7,9 @@ import numpy as np
 import problems
 import pytest
 
-from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, sheet
+from msdwarp import Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box, sheet
 
 G = 9.82
-
-
-# Time that runs backwards
-
-
-def test_leapfrog_goes_back_with_a_negative_step():
-    system, h, steps = problems.tumbling_box(), 1 / 200, 200
-    forth = modes.Run(system, Leapfrog(), h)
-    forth.step(steps)
-    there = system.replace(position=forth.state.x.numpy(), velocity=forth.velocity().numpy())
-    assert np.abs(there.position - system.position).max() > 0.5
-    back = modes.Run(there, Leapfrog(), -h)
-    back.step(steps)
-    # 400 substeps round numbers of up to 25, and the motion stretches a rounding a hundredfold in 1 s.
-    atol = 400 * 25 * problems.EPS64 * 100
-    np.testing.assert_allclose(back.state.x.numpy(), system.position, rtol=0, atol=atol)
-    np.testing.assert_allclose(back.velocity().numpy(), system.velocity, rtol=0, atol=25 * atol)
-
-
-def test_symplectic_euler_does_not_go_back():
-    # Its reverse is the other order of kick and drift: the way back misses by a share of hω/2 or so.
-    system, h = problems.tumbling_box(), 1 / 200
-    run = modes.Run(system, SymplecticEuler(), h)
-    run.step(200)
-    run.h = -h
-    run.step(200)
-    assert np.abs(run.state.x.numpy() - system.position).max() > 1e-4
-
-
-@pytest.mark.slow
-def test_a_damper_feeds_energy_where_time_runs_backwards():
-    pair = problems.Oscillator(b=1.0)
-    h, t = -1 / 1000, -1.0
-    run = modes.Run(pair.system(), RK4(), h)
-    energies = [problems.energy(pair.system())]
-    for _ in range(20):
-        run.step(50)
-        now = pair.system().replace(position=run.state.x.numpy(), velocity=run.state.v.numpy())
-        energies.append(problems.energy(now))
-    x, v = pair.exact(t)  # the closed form holds for any sign of t
-    # RK4's (hω)⁴ ωt/120 of an amplitude that has grown by e^γ: 2e-9 · 0.3 m · e²
-    np.testing.assert_allclose(run.state.x.numpy(), x, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(run.state.v.numpy(), v, rtol=0, atol=1e-7)
-    assert (np.diff(energies) > 0).all()
-    # Energy grows as e^{2γ|t|} but for a swing of γ/ω about it.
-    growth = math.log(energies[-1] / energies[0])
-    assert growth == pytest.approx(2 * pair.gamma, abs=2.5 * pair.gamma / pair.omega)
 
 
 # Large motions near the limit
@@ -100,8 +53,7 @@ def test_large_undamped_motion_blows_up_short_of_the_linear_limit():
 # Springs without an axis
 
 
-@pytest.mark.parametrize("integrator", [SymplecticEuler(), Leapfrog(), RK4()], ids=["euler", "leapfrog", "rk4"])
-def test_particles_that_start_in_one_place_stay_finite(integrator):
+def test_particles_that_start_in_one_place_stay_finite():
     # The first two coincide and feel each other only once the third has drawn them apart.
     position = [[0.0, 0, 0], [0, 0, 0], [1.5, 0, 0.2]]
     system = System(
@@ -111,7 +63,7 @@ def test_particles_that_start_in_one_place_stay_finite(integrator):
         stiffness=100.0,
         damping=1.0,
     )
-    simulation = Simulation(system, gravity=0.0, integrator=integrator, device="cpu", precision="float64")
+    simulation = Simulation(system, gravity=0.0, device="cpu", precision="float64")
     assert simulation.measure().largest_strain == 1.0
     simulation.step(600)
     now = simulation.snapshot()
@@ -181,24 +133,18 @@ def test_box_with_6_neighbours_shears_line_by_line(shape):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dim", [2, 3])
-def test_block_without_diagonals_collapses(dim):
-    # The report's figures 7 and 8, a little askew so that it has a side to fall to.
+def test_block_without_diagonals_collapses():
+    # The report's figure 8, a little askew so that it has a side to fall to.
     heights = {}
-    for diagonals in (False, True):
-        if dim == 2:
-            body = sheet((4, 4), neighbours=8 if diagonals else 4, dim=2, stiffness=2000.0, damping=5.0)
-            body = body.rotate(0.02).translate((0, 1.6))
-        else:
-            body = box((4, 4, 4), neighbours=26 if diagonals else 6, stiffness=2000.0, damping=20.0)
-            body = body.rotate(0.02, axis=(1, 2, 0.5)).translate((0, 0, 1.6))
-        floor = Plane((0.0,) * (dim - 1) + (1.0,))
-        simulation = Simulation(body, colliders=[floor], device="cpu", precision="float64")
+    for neighbours in (6, 26):
+        body = box((4, 4, 4), neighbours=neighbours, stiffness=2000.0, damping=20.0)
+        body = body.rotate(0.02, axis=(1, 2, 0.5)).translate((0, 0, 1.6))
+        simulation = Simulation(body, colliders=[Plane()], device="cpu", precision="float64")
         simulation.step(300)
-        heights[diagonals] = float(np.ptp(simulation.frame().position[:, -1]))
-    assert heights[False] < 0.5 * 3.0
+        heights[neighbours] = float(np.ptp(simulation.frame().position[:, -1]))
+    assert heights[6] < 0.5 * 3.0
     # Its columns alone carry the weight of 3 + 2 + 1 particles, each through a spring of 2000 N/m.
-    assert 3.0 - 6 * G / 2000 - 1e-3 <= heights[True] <= 3.0
+    assert 3.0 - 6 * G / 2000 - 1e-3 <= heights[26] <= 3.0
 
 
 def test_inverted_cell_is_as_content_as_an_upright_one():

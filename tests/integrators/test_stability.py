@@ -5,7 +5,6 @@ import math
 import numpy as np
 import problems
 import pytest
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from msdwarp import SymplecticEuler, System, box, chain, sheet
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
@@ -67,30 +66,10 @@ def test_bound_is_exact_for_an_endless_chain():
     assert np.linalg.eigvalsh(matrix)[-1] == pytest.approx(omega**2, rel=ROUNDING)
 
 
-def largest_eigenvalue(system: System) -> float:
-    """Return λ_max of the stiffness matrix by SciPy's Lanczos method, of unit k and m and at rest."""
-    i, j = system.connections.T
-    d = system.position[i] - system.position[j]
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-
-    def multiply(x: np.ndarray) -> np.ndarray:
-        x = x.reshape(-1, 3)
-        pull = ((x[i] - x[j]) * d).sum(axis=1)[:, None] * d
-        out = np.zeros_like(x)
-        np.add.at(out, i, pull)
-        np.add.at(out, j, -pull)
-        return out.ravel()
-
-    size = 3 * system.particle_count
-    operator = LinearOperator((size, size), matvec=multiply, dtype=float)
-    return eigsh(operator, k=1, which="LA", return_eigenvectors=False, v0=np.cos(np.arange(size)))[0]
-
-
 @pytest.mark.parametrize(
     ("shape", "value"),
     [
         ((20, 7, 2), 12.282),
-        ((3, 12, 20), 14.802),
         ((3, 3, 3), 10.956),
         ((5, 5, 5), 14.468),
         ((7, 7, 7), 15.736),
@@ -99,7 +78,7 @@ def largest_eigenvalue(system: System) -> float:
 def test_known_lattices(shape, value):
     # λ m/k of the lattices of the report's scenes.
     system = box(shape, stiffness=1.0, mass=1.0)
-    truth = largest_eigenvalue(system)
+    truth = np.linalg.eigvalsh(problems.rate_matrix(system, system.stiffness))[-1]
     assert truth == pytest.approx(value, abs=5e-4)  # the digits given
     assert truth <= rate_bounds(system)[0] <= 2 * truth
 
