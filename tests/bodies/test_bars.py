@@ -26,27 +26,6 @@ def test_a_bar_of_any_width_stretches_exactly(across):
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-10 * 0.3 * strain)
 
 
-@pytest.mark.parametrize("shape", [(2, 2, 5), (3, 3, 6)])
-def test_a_hanging_bar_stretches_by_its_weight(shape):
-    # Its top slides on a ceiling; the mean of its bottom sinks by ρ g L²/(2E). By reciprocity with the bar that
-    # is pulled, which is exact, so is this.
-    system = box(shape, 0.1, material=SOLID)
-    x, length, g = system.position, 0.1 * (shape[2] - 1), 9.82
-    force = np.zeros(x.shape)
-    force[:, 2] = -g * system.mass
-    conditions = []
-    for p in np.flatnonzero(np.isclose(x[:, 2], length / 2)):
-        condition = np.zeros(x.shape)
-        condition[p, 2] = 1.0
-        conditions.append(condition)
-    turns = rigid_motions(x, system.mass)
-    u = displacement(system, force, [*conditions, turns[0], turns[1], turns[3]])  # x, y, and the turn about z
-    bottom = np.isclose(x[:, 2], -length / 2)
-    sunk = -np.average(u[bottom, 2], weights=system.mass[bottom])
-    expected = SOLID.density * g * length**2 / (2 * SOLID.youngs_modulus)
-    assert sunk == pytest.approx(expected, rel=1e-10)  # a linear system of condition about 1e4
-
-
 def bar(dim: int, cells: int, ratio: int) -> System:
     """Return a bar along x of so many cells in height, 1 m high and wide (or thick) and `ratio` times as long."""
     a = 1 / cells
@@ -121,20 +100,6 @@ def longitudinal_mode(system: System) -> tuple[float, np.ndarray]:
     wanted[:, 2] = np.sin(np.pi * x[:, 2] / np.ptp(x[:, 2]))
     k = int(np.argmax(np.abs((wanted.ravel() * root) @ shapes)))
     return math.sqrt(squares[k]), (shapes[:, k] / root).reshape(x.shape)
-
-
-@pytest.mark.parametrize("shape", [(2, 2, 9), (2, 2, 17), pytest.param((3, 3, 17), marks=pytest.mark.slow)])
-def test_a_free_bar_rings_at_half_a_wave_length(shape):
-    a = 0.1
-    system = box(shape, a, material=SOLID)
-    length = a * (shape[2] - 1)
-    omega, _ = longitudinal_mode(system)
-    # A thick bar is slower than c: by the inertia of its contraction, ν² q² r²/2 (Rayleigh), r² the mean square of
-    # the distance from its axis. The lattice is slower still, by (q a)²/24 at most; 1e-4 is for the next order.
-    q = np.pi / length
-    r2 = np.average((system.position[:, :2] ** 2).sum(axis=1), weights=system.mass)
-    slow = 1 - q**2 * r2 / 32 - omega / (q * SOLID.wave_speed)
-    assert 0.5 < slow / ((q * a) ** 2 / 24) < 1  # measured: 0.63 to 0.68
 
 
 def settled(system: System, device: str, material: Material) -> np.ndarray:

@@ -79,18 +79,6 @@ def test_it_bears_a_few_springs_that_are_much_stiffer(device):
     assert energies[-1] < energies[0] - 0.1
 
 
-def test_a_pinned_particle_stays():
-    body = chain(3, 1.0, stiffness=50.0).pin(0)
-    simulation = Simulation(
-        body, integrator=LinearlyImplicitEuler(), substeps=2, device="cpu", precision="float64"
-    )
-    simulation.step(30)
-    frame = simulation.frame()
-    np.testing.assert_array_equal(frame.position[0], body.position[0])
-    np.testing.assert_array_equal(frame.velocity[0], 0.0)
-    assert frame.position[1, 2] < -0.1  # the others fall
-
-
 def test_iterations_must_be_a_count():
     with pytest.raises(ValueError, match="iterations is 0"):
         LinearlyImplicitEuler(iterations=0)

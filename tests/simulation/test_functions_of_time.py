@@ -15,6 +15,7 @@ from msdwarp.engine import LOOK
 BRIEF = 2e-3  # [s], an eighth of a frame
 HOW: dict[str, Any] = {"precision": "float64", "device": "cpu"}
 FREE: dict[str, Any] = {**HOW, "gravity": 0.0}
+PARTICLE = msd.System(position=[(0, 0, 0)], mass=1.0)
 SHEET = msd.sheet((3, 3), 0.1, mass=0.001, stiffness=10.0)
 
 
@@ -56,30 +57,24 @@ def hollow(x: Any, v: Any, t: Any, i: int):
 def test_a_pulse_shorter_than_a_substep_gives_its_impulse(begin):
     # 20 substeps fall into it, of which one more or fewer counts: 5 %.
     one, along = pulse(begin), pulse(begin, 1e-3)
+    cloud = msd.System(position=np.eye(3), mass=1.0)
     loads = [
         msd.Force(lambda t: (one(t), 0, 0), on=[0]),
         msd.Wind(lambda t: (one(t), 0, 0), on=[1], area=1.0, drag=2.0, density=1.0),  # pushes by u²
     ]
-    run = msd.Simulation(msd.System(position=np.eye(3), mass=1.0), loads=loads, **FREE)
-    run.step(12)
-    np.testing.assert_allclose(run.frame().velocity[:2, 0] / BRIEF, 1.0, rtol=0.05)
-    run = msd.Simulation(msd.System(position=np.eye(3), mass=1.0), gravity=along, **HOW)
-    run.step(12)
-    np.testing.assert_allclose(run.frame().velocity[:, 2] / BRIEF, -1e-3, rtol=0.05)
+    own = [msd.Force(own_pulse, on=[0]), msd.Wind(own_gust, on=[1], area=1.0, drag=2.0, density=1.0)]
+    for given in (loads, own):
+        run = msd.Simulation(cloud, loads=given, gravity=along, **HOW)
+        run.step(12)
+        np.testing.assert_allclose(run.frame().velocity[:2, 0] / BRIEF, 1.0, rtol=0.05)
+        np.testing.assert_allclose(run.frame().velocity[:, 2] / BRIEF, -1e-3, rtol=0.05)
     run = msd.Simulation(SHEET, loads=[msd.Pressure(along)], **FREE)
     run.step(12)
     momentum = 0.001 * run.frame().velocity.sum(axis=0)
     assert np.linalg.norm(momentum) / BRIEF == pytest.approx(1e-3 * 0.04, rel=0.05)  # 0.04 m²
 
 
-def test_a_pulse_of_a_function_on_the_device_gives_its_impulse():
-    loads = [msd.Force(own_pulse, on=[0]), msd.Wind(own_gust, on=[1], area=1.0, drag=2.0, density=1.0)]
-    run = msd.Simulation(msd.System(position=np.eye(3), mass=1.0), loads=loads, **FREE)
-    run.step(12)
-    np.testing.assert_allclose(run.frame().velocity[:2, 0] / BRIEF, 1.0, rtol=0.05)
-
-
-@pytest.mark.parametrize("hertz", [55.0, 59.0, 60.0, 61.0, 120.0])
+@pytest.mark.parametrize("hertz", [55.0, 60.0, 120.0])
 def test_a_drive_at_the_frame_rate_has_not_diverged(hertz):
     # At the ends of frames the drive is at rest in the middle, and all energies are nearly 0; within they are not.
     drive = msd.PrescribedMotion([0], lambda t: (1e-3 * math.sin(2 * math.pi * hertz * t), 0, 0))
@@ -103,7 +98,7 @@ def test_the_work_of_a_drive_is_kept_when_substeps_change():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hertz", [59.0, 60.0, 61.0, 120.0])
+@pytest.mark.parametrize("hertz", [59.0, 60.0, 120.0])
 @pytest.mark.parametrize("held", ["drive", "carrier"])
 def test_a_driven_oscillator_has_the_amplitude_of_the_steady_state(held, hertz):
     own, damping, size, w = 2 * math.pi * 40, 6.0, 1e-3, 2 * math.pi * hertz
@@ -135,7 +130,7 @@ def test_a_floor_that_moves_at_the_frame_rate_throws_a_bead():
     # It leaves the floor, which has v = Aω then, where this slows by more than gravity: at once.
     size, w = 1e-3, 2 * math.pi * 60
     floor = msd.Plane(motion=lambda t: (0, 0, size * math.sin(w * t)), restitution=0.0)
-    run = msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), colliders=[floor], **HOW)
+    run = msd.Simulation(PARTICLE, colliders=[floor], **HOW)
     run.step(2)
     turn = math.asin(9.82 / (size * w**2))
     left, height, speed = turn / w, size * math.sin(turn), size * w * math.cos(turn)
@@ -181,10 +176,8 @@ def test_no_period_hides_in_that_of_frames(around, name):
 def test_slow_functions_take_no_more_substeps():
     slow = [lambda t: (1, 0, 0), lambda t: (3 * t, 0, 0), lambda t: (np.sin(3 * t), 4 + np.cos(5 * t), 0 * t)]
     for one in slow:
-        free = msd.System(
-            position=[(0, 0, 0)], mass=1.0
-        )  # without a limit of energy, functions alone are followed
-        run = msd.Simulation(free, loads=[msd.Force(one)], energy_limit=math.inf, **FREE)
+        # Without a limit of energy, functions alone are followed.
+        run = msd.Simulation(PARTICLE, loads=[msd.Force(one)], energy_limit=math.inf, **FREE)
         run.step(2 * LOOK)
         assert max(count for _, count in run.substep_history) <= 2
         with warnings.catch_warnings():
@@ -194,7 +187,7 @@ def test_slow_functions_take_no_more_substeps():
 
 def test_given_substeps_are_warned_of_once_and_the_load_is_named():
     loads = [msd.Force((0, 0, 1)), msd.Force(lambda t: (pulse(0.4)(t), 0, 0))]
-    run = msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=loads, substeps=2, **FREE)
+    run = msd.Simulation(PARTICLE, loads=loads, substeps=2, **FREE)
     said = r"loads\[1\].force changes too fast for substeps=2 between 0.3333 s and 0.5 s; 1[56]\d would resolve it"
     with pytest.warns(msd.StepWarning, match=said) as found:
         run.step(40)
@@ -202,7 +195,7 @@ def test_given_substeps_are_warned_of_once_and_the_load_is_named():
 
 
 def test_a_particle_that_stands_still_at_each_frame_has_not_gained_energy():
-    run = msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=[msd.Force(shaken)], **FREE)
+    run = msd.Simulation(PARTICLE, loads=[msd.Force(shaken)], **FREE)
     run.step(30)
     assert run.substep_history == [(0.0, 20)]
 
@@ -213,37 +206,31 @@ def test_functions_may_end_before_the_look_does():
             raise ValueError("no data")
         return (hum(t), 0 * t, 0 * t)
 
-    run = msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=[msd.Force(ends)], **FREE)
+    run = msd.Simulation(PARTICLE, loads=[msd.Force(ends)], **FREE)
     assert run.substeps > 15
     run.step(12)
     with pytest.raises(ValueError, match="no data"):
         run.step()
 
 
-def assert_it_resumes(begun, first_part: int, frames: int) -> msd.Simulation:
-    """Assert that a run whose substeps rise goes on from a checkpoint to the last bit; return the whole run."""
-    whole, first, rest = begun(), begun(), begun()
-    whole.step(frames)
-    first.step(first_part)
+@pytest.mark.parametrize("later", [False, True], ids=["from the start", "brought by a change"])
+def test_substeps_of_a_pulse_repeat_and_resume(later):
+    given = {"loads": [msd.Force(lambda t: (pulse(0.21)(t), 0, 0))]}
+    if later:
+        given = {"schedule": [msd.at(0.1, gravity=pulse(0.21))]}
+    whole, first, rest = (msd.Simulation(PARTICLE, **given, **FREE) for _ in range(3))
+    whole.step(25)
+    first.step(10)
     rest.restore(*first.checkpoint())
-    rest.step(frames - first_part)
+    rest.step(15)
     assert max(count for _, count in whole.substep_history) > 100
     assert rest.substep_history == whole.substep_history
     np.testing.assert_array_equal(rest.frame().velocity, whole.frame().velocity)
-    return whole
-
-
-def test_substeps_of_a_pulse_repeat_and_resume():
-    def begun():
-        loads = [msd.Force(lambda t: (pulse(0.21)(t), 0, 0))]
-        return msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=loads, **FREE)
-
-    whole = assert_it_resumes(begun, 14, 25)
-    assert whole.substeps < 10  # and they end with it
+    assert whole.substeps < 10  # they end with it
 
 
 def test_worlds_follow_functions_of_time_as_single_runs_do():
-    system, loads = msd.System(position=[(0, 0, 0)], mass=1.0), [msd.Force(lambda t: (pulse(0.21)(t), 0, 0))]
+    system, loads = PARTICLE, [msd.Force(lambda t: (pulse(0.21)(t), 0, 0))]
     worlds = msd.Ensemble(system, 2, loads=loads, mass=[1.0, 2.0], **FREE)
     worlds.step(25)
     for k, mass in enumerate((1.0, 2.0)):
@@ -255,10 +242,9 @@ def test_worlds_follow_functions_of_time_as_single_runs_do():
         assert mass * worlds.frame().velocity[k, 0, 0] / BRIEF == pytest.approx(1.0, rel=0.05)
 
 
-@pytest.mark.parametrize("method", [msd.SymplecticEuler(), msd.Leapfrog()], ids=str)
-def test_worlds_follow_a_force_to_where_it_is_steep(method):
+def test_worlds_follow_a_force_to_where_it_is_steep():
     system = msd.System(position=[(0, 0, 0)], velocity=[(1, 0, 0)], mass=1.0)
-    worlds = msd.Ensemble(system, 2, loads=[msd.Force(hollow)], mass=[1.0, 0.5], integrator=method, **FREE)
+    worlds = msd.Ensemble(system, 2, loads=[msd.Force(hollow)], mass=[1.0, 0.5], **FREE)
     begun = worlds.substeps
     worlds.step(60)
     frame, mass = worlds.frame(), np.array([1.0, 0.5])
@@ -270,16 +256,7 @@ def test_worlds_follow_a_force_to_where_it_is_steep(method):
     assert worlds.substeps > 2 * begun
 
 
-def test_a_function_that_a_change_brings_is_followed_after_a_restore():
-    def begun():
-        later = [msd.at(0.1, gravity=pulse(0.6))]
-        system = msd.System(position=[(0, 0, 0)], mass=1.0)
-        return msd.Simulation(system, **FREE, schedule=later)
-
-    assert_it_resumes(begun, 18, 45)
-
-
-def test_noise_asks_for_no_substeps_and_is_named_once():
+def test_noise_asks_for_no_substeps_and_is_named_once_or_with_given_ones():
     random = np.random.default_rng(1)
     noise = msd.Force(lambda t: (0.01 * random.normal(), 0, 0), on=[0])
     # What is resolved beside it is followed: 20 substeps to a period of a frame.
@@ -293,13 +270,8 @@ def test_noise_asks_for_no_substeps_and_is_named_once():
         warnings.simplefilter("error")
         run.step(LOOK + 1)
     assert run.substep_history == [(0.0, 20)]
-
-
-def test_noise_is_named_with_given_substeps_too():
-    random = np.random.default_rng(1)
-    noise = msd.Force(lambda t: (0.01 * random.normal(), 0, 0))
     with pytest.warns(msd.StepWarning, match="too fast for substeps=30 between .* no number would resolve it"):
-        msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=[noise], substeps=30, **FREE)
+        msd.Simulation(system, loads=[noise], substeps=30, **FREE)
 
 
 @pytest.mark.parametrize(
@@ -316,5 +288,5 @@ def test_forces_below_the_rounding_of_weights_ask_for_nothing(force):
 @pytest.mark.parametrize("hertz", [5e3, 1e4])
 def test_a_fast_sinusoid_is_not_taken_for_noise(hertz):
     load = msd.Force(lambda t: (np.sin(2 * math.pi * hertz * t), 0 * t, 0 * t))
-    run = msd.Simulation(msd.System(position=[(0, 0, 0)], mass=1.0), loads=[load], **FREE)
+    run = msd.Simulation(PARTICLE, loads=[load], **FREE)
     assert run.substeps == pytest.approx(20 * hertz / 60, rel=0.1)  # chords between 25 values a period are flatter

@@ -172,20 +172,6 @@ def test_a_force_moves_by_what_is_left_of_the_time(plain_device):
 
 
 @pytest.mark.slow
-def test_a_constant_counts_as_much_beside_a_function_of_time(plain_device):
-    # From a later start by Leapfrog what the wind was before is past, and what the drag was is not.
-    wind = msd.Wind(lambda t: (3.0 + 10 * t, 0.0, 1.0), drag=0.5, area=0.04)
-    body = System(position=[[0.0, 0, 0]], mass=0.001)
-    how = {"loads": [wind], "precision": "float64", "substeps": 20, "device": plain_device}
-    run = Simulation(body, integrator=Leapfrog(), **how)
-    run.step(2)
-    found = [run.gradient(at_end(0), 3, by=["loads[0].drag", *more]) for more in ([], ["loads[0].velocity"])]
-    assert found[1]["loads[0].drag"] == pytest.approx(
-        found[0]["loads[0].drag"], rel=1e-13
-    )  # sums in another order
-
-
-@pytest.mark.slow
 def test_a_turn_in_the_plane_moves_a_point_along_its_circle(plain_device):
     # x = u + cos θ / 2 at the end, with u and θ then: ∂x/∂u = 1, and ∂x/∂θ = −sin θ / 2.
     body = System(position=[[0.0, 5.0], [0.0, 0.0], [1.0, 0.0]], mass=1.0)

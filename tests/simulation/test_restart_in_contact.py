@@ -82,31 +82,23 @@ def untouched(rows: list[wp.array]) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("threads", [1, 2])
-def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, threads):
+@pytest.mark.parametrize("made", [1, 2, "worlds"])
+def test_nothing_recorded_writes_into_lists_that_were_replaced(plain_device, made):
     # On a GPU that memory may be another's by then.
-    if threads > 1 and plain_device != "cpu":
+    if made == 2 and plain_device != "cpu":
         pytest.skip("a GPU has threads of its own")
-    simulation = Simulation.from_scene(sheets(0.15), device=plain_device, threads=threads)
-    simulation.step(2)
-    nearby = nearby_in(simulation)
-    old = marked(nearby)
-    nearby._give_room(64, 2)
-    simulation.stepping.balance()
-    assert nearby.data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
-    assert untouched(old)
-    simulation.step()
-    assert untouched(old)
-
-
-@pytest.mark.slow
-def test_no_frame_of_an_ensemble_writes_into_lists_that_were_replaced(plain_device):
-    ensemble = Ensemble(sheets(0.15), 2, device=plain_device)
-    ensemble.step(2)
-    nearby = nearby_in(ensemble)
+    if made == "worlds":
+        run = Ensemble(sheets(0.15), 2, device=plain_device)
+    else:
+        run = Simulation.from_scene(sheets(0.15), device=plain_device, threads=made)
+    run.step(2)
+    nearby = nearby_in(run)
     old = marked(nearby)
     nearby._give_room(256, 4)
-    ensemble.step()
+    if made != "worlds":
+        run.stepping.balance()
+        assert untouched(old)
+    run.step()
     assert nearby.data.candidate_count.numpy().any(), "nothing is listed: the test is of nothing"
     assert untouched(old)
 

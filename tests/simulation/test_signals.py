@@ -99,28 +99,20 @@ def test_a_frame_that_is_repeated_can_end_at_any_line(usr1):
 
 
 @needs_signals
-def test_a_turn_ends_whenever_a_signal_comes(usr1):
+@pytest.mark.parametrize("call", ["frame", "step"])
+def test_a_turn_ends_and_ctrl_c_is_handled_as_before_whenever_a_signal_comes(call, usr1):
     simulation = thrown()
     where = sys.setprofile, ("call", "c_return"), turns.__file__
-    count = signalled(simulation.frame, 0, *where)
+    count = signalled(getattr(simulation, call), 0, *where)
     assert count > 4
     for nth in range(1, count + 1):
-        signalled(simulation.frame, nth, *where)
+        signalled(getattr(simulation, call), nth, *where)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, f"after event {nth} of {count}"
         found = []
         other = threading.Thread(target=lambda found=found: found.append(simulation.frame()), daemon=True)
         other.start()
         other.join(60)
         assert len(found) == 1, f"the turn was kept after event {nth} of {count}"
-
-
-@needs_signals
-def test_ctrl_c_is_handled_as_before_whenever_a_signal_comes(usr1):
-    simulation = thrown()
-    where = sys.setprofile, ("call", "c_return"), turns.__file__
-    count = signalled(simulation.step, 0, *where)
-    for nth in range(1, count + 1):
-        signalled(simulation.step, nth, *where)
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, f"after event {nth} of {count}"
 
 
 COLLECTS = """

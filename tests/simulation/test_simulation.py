@@ -132,16 +132,6 @@ def test_reset_repeats_bit_for_bit():
         np.testing.assert_array_equal(run.velocity, runs[0].velocity)
 
 
-def test_snapshot_is_the_system_as_it_is_now(device):
-    simulation = Simulation(block(), device=device, precision="float64")
-    simulation.step(5)
-    now, frame = simulation.snapshot(), simulation.frame()
-    np.testing.assert_array_equal(now.position, frame.position)
-    np.testing.assert_array_equal(now.velocity, frame.velocity)
-    np.testing.assert_array_equal(now.rest_length, block().rest_length)
-    assert now.surface is simulation.system.surface
-
-
 @every_integrator
 def test_a_frame_equals_its_substeps_one_by_one(device, integrator):
     # By a recorded graph, and launched by hand.
@@ -282,16 +272,6 @@ def test_automatic_substeps_are_the_least_within_the_margin(integrator, damping)
         limit = max(np.roots([stiffness_rate, 2 * damping_rate, -4]))
     assert simulation.substeps == math.ceil(1 / (fps * 0.8 * limit))
     assert simulation.dt == 1 / (fps * simulation.substeps)
-
-
-def test_system_without_connections(device):
-    simulation = Simulation(System(position=[[0.0, 0, 2.0], [1, 0, 2]]), colliders=[Plane()], device=device)
-    assert simulation.substeps == 1
-    simulation.step(600)
-    # It has come to rest on the ground: contact puts particles there, and slow ones do not bounce.
-    now = simulation.frame()
-    np.testing.assert_array_equal(now.position, [[0, 0, 0], [1, 0, 0]])
-    assert not now.velocity.any()
 
 
 @pytest.mark.parametrize(

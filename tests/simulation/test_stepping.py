@@ -16,8 +16,7 @@ def squeezed(dim: int = 2):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*turned inside out:msdwarp.InvertedWarning")
-@pytest.mark.parametrize("refresh", [False, True])
-@pytest.mark.parametrize("integrator", [Leapfrog(), SymplecticEuler()], ids=repr)
+@pytest.mark.parametrize(("integrator", "refresh"), [(Leapfrog(), True), (SymplecticEuler(), False)], ids=repr)
 def test_growth_counts_since_the_start_though_substeps_change(integrator, refresh):
     # Nothing is a source of energy here, and the steps chosen for the sheet as it is at each frame's start are too
     # long for what comes within it: energy grew by 167 times in 600 frames while each new number of substeps began
@@ -90,16 +89,3 @@ def test_a_simulation_says_what_it_is():
     for word in ("27 particles", "158 connections", "Plane", "SymplecticEuler", "12 substeps", "float32", "cpu"):
         assert word in said
     assert "array" not in said
-
-
-def test_the_simulation_of_a_scene_is_that_of_its_parts():
-    import msdwarp as msd
-
-    scene = msd.Scene(
-        system=box((3, 3, 3), 0.1, mass=0.01).translate((0, 0, 0.3)), colliders=[Plane()], gravity=3.0
-    )
-    whole = Simulation.from_scene(scene, device="cpu", substeps=20)
-    parts = Simulation(scene.system, colliders=scene.colliders, gravity=3.0, device="cpu", substeps=20)
-    for simulation in (whole, parts):
-        simulation.step(5)
-    np.testing.assert_array_equal(whole.frame().position, parts.frame().position)

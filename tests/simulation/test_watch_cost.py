@@ -145,9 +145,13 @@ TRAY = Box((0, 0, -0.5), (2, 2, 1), motion=shaken)
 CHANGES = [at(0.1, damping=0.1), at(0.1, gravity=3.0), at(0.4, velocity=(0, 0, 1.0))]
 SCENES = {
     "refined": (swinging(), {"gravity": 0.0}),
-    "pushed": (swinging(), {"loads": [Force(lambda t: (math.sin(9.0 * t), 0.0, 0.5))]}),
-    "on what moves": (box((3, 3, 3), 0.1, damping=1.0).translate((0, 0, 0.1)), {"colliders": [TRAY]}),
-    "driven": (box((3, 3, 3), 0.1, damping=1.0), {"loads": [PrescribedMotion([0, 1, 2], shaken)]}),
+    "pushed and driven, on what moves": (
+        swinging() + box((3, 3, 3), 0.1, damping=1.0).translate((1.0, 0, 0.1)),
+        {
+            "colliders": [TRAY],
+            "loads": [Force(lambda t: (math.sin(9.0 * t), 0.0, 0.5)), PrescribedMotion([64, 65], shaken)],
+        },
+    ),
     "torn": (swinging().replace(break_strain=0.52), {}),
     "changed on the way": (swinging(), {"schedule": CHANGES}),
     "refreshed": (swinging(), {"refresh": True}),
@@ -201,13 +205,18 @@ def test_what_diverges_in_a_batch_is_named_as_in_single_frames(limit, as_on_a_gp
     with pytest.raises(SimulationDiverged) as alone:
         one_by_one(runs[1], 300)
     assert str(in_batch.value) == str(alone.value)
-    assert runs[0].frame_index == runs[1].frame_index > 1
-    for one, other in zip(runs[0].frame(), runs[1].frame(), strict=True):
-        np.testing.assert_array_equal(one, other)
+    same_frame(*runs)
     if limit < math.inf:  # where numbers end, positions are beyond those that a system may have
         for run in runs:
             run.change(stiffness=1.0)
         same(*runs)
+
+
+def same_frame(one, other):
+    """Assert that two runs have the same frame, and are past the first."""
+    assert one.frame_index == other.frame_index > 1
+    for found, expected in zip(one.frame(), other.frame(), strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_what_a_function_of_time_raises_ends_the_batch_where_it_begins(as_on_a_gpu):
@@ -217,13 +226,10 @@ def test_what_a_function_of_time_raises_ends_the_batch_where_it_begins(as_on_a_g
         return math.sin(time), 0.0, 0.0
 
     runs = [Simulation(swinging(), loads=[Force(fails)], **WATCHED, device="cpu") for _ in range(2)]
-    with pytest.raises(ValueError, match="no more"):
-        runs[0].step(60)
-    with pytest.raises(ValueError, match="no more"):
-        one_by_one(runs[1], 60)
-    assert runs[0].frame_index == runs[1].frame_index > 1
-    np.testing.assert_array_equal(runs[0].frame().position, runs[1].frame().position)
-    np.testing.assert_array_equal(runs[0].frame().velocity, runs[1].frame().velocity)
+    for call in (lambda: runs[0].step(60), lambda: one_by_one(runs[1], 60)):
+        with pytest.raises(ValueError, match="no more"):
+            call()
+    same_frame(*runs)
 
 
 def test_what_is_raised_between_frames_leaves_none_on_its_way(as_on_a_gpu, monkeypatch):
@@ -240,5 +246,4 @@ def test_what_is_raised_between_frames_leaves_none_on_its_way(as_on_a_gpu, monke
         runs[0].step(FRAMES)
     monkeypatch.undo()
     runs[1].step(5)
-    np.testing.assert_array_equal(runs[0].frame().position, runs[1].frame().position)
-    np.testing.assert_array_equal(runs[0].frame().velocity, runs[1].frame().velocity)
+    same_frame(*runs)
