@@ -95,35 +95,6 @@ def test_mass_is_density_times_volume(name):
     assert BODIES[name].mass.sum() == pytest.approx(SOLID.density * VOLUMES[name], rel=1e-14)
 
 
-@pytest.mark.parametrize("name", BODIES)
-def test_constants_are_shared_by_whole_cells(name):
-    # Cell by cell in a loop, from the positions alone.
-    system = BODIES[name]
-    dim, a = system.dim, 0.1
-    x = np.round((system.position - system.position.min(axis=0)) / a).astype(int)
-    number = {tuple(map(int, point)): p for p, point in enumerate(x)}
-    section = {3: 1.0, 2: THICKNESS, 1: AREA}[dim]
-    unit = SOLID.youngs_modulus * section * a ** (dim - 2)
-    if len(np.unique(system.rest_length)) == 1:
-        inner = [unit]
-    else:
-        inner = {3: [unit / 2, 3 / 10 * unit, 3 / 40 * unit], 2: [3 / 4 * unit, 3 / 8 * unit]}[dim]
-    mass, stiffness = np.zeros(len(x)), dict.fromkeys(map(frozenset, system.connections.tolist()), 0.0)
-    for cell in itertools.product(*[range(n) for n in x.max(axis=0)]):
-        corners = [tuple(map(sum, zip(cell, c, strict=True))) for c in itertools.product((0, 1), repeat=dim)]
-        if all(corner in number for corner in corners):
-            for corner in corners:
-                mass[number[corner]] += SOLID.density * section * a**dim / 2**dim
-            for p, q in itertools.combinations(corners, 2):
-                along = sum(map(abs, np.subtract(p, q)))
-                if along <= len(inner):
-                    stiffness[frozenset((number[p], number[q]))] += inner[along - 1] / 2 ** (dim - along)
-    found = {frozenset(pair): k for pair, k in zip(system.connections.tolist(), system.stiffness, strict=True)}
-    assert found == pytest.approx(stiffness, rel=1e-14)
-    assert min(stiffness.values()) > 0
-    np.testing.assert_allclose(system.mass, mass, rtol=1e-14)
-
-
 @pytest.mark.parametrize("spacing", [0.1, 0.05])
 def test_damping_is_that_of_the_slowest_mode_at_any_resolution(spacing):
     material = Material(900.0, 2e5, 0.03)

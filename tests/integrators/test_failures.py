@@ -118,18 +118,16 @@ def zero_modes(system: System) -> int:
     return int((rates < 1e-10 * rates[-1]).sum())  # 0 is rounded to 1e-14 of the largest
 
 
-@pytest.mark.parametrize("shape", [(2, 2), (3, 3), (5, 4), (6, 2)])
-def test_sheet_with_4_neighbours_shears_row_by_row(shape):
-    # Rows keep their lengths iff each moves as one along itself: a row is free in x, a column in y.
-    assert zero_modes(sheet(shape, neighbours=4, dim=2)) == sum(shape)
-    assert zero_modes(sheet(shape, neighbours=8, dim=2)) == 3  # two translations and a rotation
-
-
-@pytest.mark.parametrize("shape", [(2, 2, 2), (3, 3, 3), (4, 3, 2), (5, 3, 4)])
-def test_box_with_6_neighbours_shears_line_by_line(shape):
-    a, b, c = shape
-    assert zero_modes(box(shape, neighbours=6)) == a * b + b * c + c * a
-    assert zero_modes(box(shape, neighbours=26)) == 6
+@pytest.mark.parametrize("shape", [(3, 3), (5, 4), (6, 2), (3, 3, 3), (4, 3, 2)])
+def test_a_lattice_without_diagonals_shears_line_by_line(shape):
+    # Lines keep their lengths iff each moves as one along itself: in a sheet a row is free in x, a column in y.
+    if len(shape) == 2:
+        assert zero_modes(sheet(shape, neighbours=4, dim=2)) == sum(shape)
+        assert zero_modes(sheet(shape, neighbours=8, dim=2)) == 3  # two translations and a rotation
+    else:
+        a, b, c = shape
+        assert zero_modes(box(shape, neighbours=6)) == a * b + b * c + c * a
+        assert zero_modes(box(shape, neighbours=26)) == 6
 
 
 @pytest.mark.slow
@@ -163,20 +161,3 @@ def test_float32_stalls_far_out_and_compensation_cures_it():
     # h v rounds once, by ε/2, the same each time; what is lost is kept to ε of itself, at most 3e-5 m.
     error = problems.EPS32 * (speed + 3e-5)
     assert moved["float32-compensated"] == pytest.approx(speed, abs=2 * error)
-
-
-def test_compensated_float32_follows_float64_far_from_the_origin():
-    worm = box((40, 2, 2), stiffness=1e4, damping=20.0).rotate(0.3, axis=(0, 1, 0)).translate((400, 0, 21))
-    found = {}
-    for precision in ("float32", "float32-compensated", "float64"):
-        simulation = Simulation(
-            worm, fps=60, substeps=60, integrator=Leapfrog(), device="cpu", precision=precision
-        )
-        simulation.step(60)
-        found[precision] = simulation.frame().position
-    plain, compensated = (
-        np.abs(found[precision] - found["float64"]).max() for precision in ("float32", "float32-compensated")
-    )
-    # 3600 substeps of roundings of 400 m by 1.5e-5 m, which a lattice averages, against the same few once.
-    assert compensated < np.spacing(np.float32(400)) / 2
-    assert compensated < plain / 10

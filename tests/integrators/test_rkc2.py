@@ -35,14 +35,6 @@ def test_stages_make_the_polynomial(stages):
 
 
 @every_number
-def test_polynomial_is_the_exponential_to_order_two(stages):
-    z = 1e-3 * np.exp(1j * np.linspace(0, 2 * math.pi, 7))
-    for each in z:
-        # What is left is (1/6 − c) z³ with 0 < c < 1/6.
-        assert abs(polynomial(stages, each) - (1 + each + each**2 / 2)) < 1e-9 / 6
-
-
-@every_number
 def test_real_reach_is_right(stages):
     reach = real_reach(stages)
     inside = -reach * np.linspace(0.001, 1, 1000)
@@ -106,16 +98,6 @@ def test_stable_step_is_the_smaller_of_both_reaches(stages):
     assert method.stable_step(Rates(q / r, q, r)) == min(real_reach(stages) / q, disc_reach(stages) * r)
     assert method.stable_step(Rates(100.0, 0.0, 0.0)) == 0.0  # without dampers no step is stable
     assert method.stable_step(Rates(0.0, q, math.inf)) == real_reach(stages) / q
-
-
-@pytest.mark.parametrize("ratio", [1.0, 0.1, 0.01])
-def test_no_mode_of_proportional_damping_grows_at_the_stable_step(ratio):
-    p = 400.0
-    for stages in (2, 3, 6):
-        method = RKC2(stages)
-        h = method.stable_step(Rates(p, ratio * p, ratio))
-        slower = p * np.linspace(0.002, 1, 500)  # every slower mode of the body is on the same circle
-        assert max(modes.radius(method, h, each, ratio * each) for each in slower) <= 1 + 1e-10
 
 
 def test_stages_left_open_are_the_fewest_that_are_stable():

@@ -112,57 +112,46 @@ def test_what_fails_in_a_function_leaves_everything(call):
     assert one.frame_index == {"restore": 3, "reset": 0, "change": 9}[call]
 
 
-def test_a_change_that_fails_at_its_end_is_undone():
-    # The last to call gravity is the sum of energies, when everything has been uploaded.
-    counted = [0, 10**9]
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "raised", "told"),
+    [
+        ({"stiffness": 300.0}, KeyError("no data"), ValueError),
+        ({"velocity": (0.0, 0.0, 1.0)}, KeyboardInterrupt(), KeyboardInterrupt),
+    ],
+)
+def test_a_change_that_fails_at_any_call_of_a_function_is_undone(changes, raised, told):
+    # Velocities stayed, and the energies to compare with did not: the next step diverged.
+    calls, last = [0], [math.inf]
+
+    def counted():
+        calls[0] += 1
+        if calls[0] > last[0]:
+            raise raised
 
     def gravity(t):
-        counted[0] += 1
-        if counted[0] > counted[1]:
-            raise KeyError("no data")
+        counted()
         return (0.0, 0.0, -9.82 + 0.1 * math.sin(5 * float(np.max(t))))
 
-    one = Simulation(BODY, gravity=gravity, colliders=[Plane()], device="cpu")
-    one.step(4)
-    before, counted[0] = one.frame(), 0
-    kept = one.checkpoint()
-    one.change(stiffness=300.0)
-    calls = counted[0]
-    assert calls > 1
-    one.restore(*kept)
-    for limit in range(calls):
-        counted[:] = [0, limit]
-        with pytest.raises(ValueError, match="no data"):
-            one.change(stiffness=200.0)
-        assert one.snapshot().stiffness.max() == 400.0
-    counted[1] = 10**9
-    np.testing.assert_array_equal(one.frame().position, before.position)
-
-
-@pytest.mark.slow
-def test_velocities_that_an_interrupt_leaves_half_changed_are_undone():
-    # The velocities stayed, the energies to compare with did not: the next step diverged.
-    called, last = [], [math.inf]
-
     def wind(t):
-        called.append(t)
-        if len(called) > last[0]:
-            raise KeyboardInterrupt
+        counted()
         return (4.0, 0.0, 0.0)
 
-    one, usual = (Simulation(BODY, loads=[Wind(wind)], integrator=Leapfrog(), device="cpu") for _ in range(2))
-    one.step(2)
-    usual.step(2)
+    how = {"gravity": gravity, "loads": [Wind(wind)], "colliders": [Plane()], "integrator": Leapfrog()}
+    one, usual = (Simulation(BODY, device="cpu", **how) for _ in range(2))
+    for each in (one, usual):
+        each.step(2)
     kept = one.checkpoint()
-    called.clear()
-    one.change(velocity=(0.0, 0.0, 1.0))
-    calls = len(called)
-    assert calls > 1
+    calls[0] = 0
+    one.change(**changes)
+    needed = calls[0]
+    assert needed > 1
     one.restore(*kept)
-    for last[0] in range(calls):
-        called.clear()
-        with pytest.raises(KeyboardInterrupt):
-            one.change(velocity=(0.0, 0.0, 1.0))
+    for last[0] in range(needed):
+        calls[0] = 0
+        with pytest.raises(told):
+            one.change(**changes)
+        assert one.snapshot().stiffness.max() == 400.0
         np.testing.assert_array_equal(one.frame().velocity, usual.frame().velocity)
     last[0] = math.inf
     for each in (one, usual):

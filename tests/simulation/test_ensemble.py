@@ -31,7 +31,6 @@ METHODS = {
     "explicit": ExplicitEuler(),
     "rk4": RK4(),
 }
-ALGORITHMS = ("scatter", "gather")
 
 
 def block(n: int = 3):
@@ -86,54 +85,58 @@ def test_worlds_move_as_alone(plain_device, force_algorithm, method, precision, 
     assert_each_is_as_alone(Ensemble(block(), WORLDS, **how, **own), 60)
 
 
+def random(*choices: float) -> np.ndarray:
+    """Return a stiffness of each connection of a block in each of three worlds."""
+    draw, shape = np.random.default_rng(2), (3, block().connection_count)
+    return draw.choice(choices, shape) if choices else draw.uniform(500, 2e3, shape)
+
+
+def differing(system, **surroundings) -> tuple:
+    """Return a body and what it has in worlds of other stiffness and gravity."""
+    stiffness = np.linspace(0.5, 1.5, WORLDS)[:, None] * system.stiffness
+    own = {"stiffness": stiffness, "gravity": np.linspace(5.0, 15.0, 3), "substeps": 40}
+    return system, own | surroundings
+
+
+RESTING = block().replace(velocity=0.0)
 CASES = {
-    "each connection its own": lambda n: {"stiffness": np.random.default_rng(2).uniform(500, 2e3, (3, n))},
-    "few kinds": lambda n: {"stiffness": np.random.default_rng(2).choice([700.0, 1500.0], (3, n))},
-    "scaled": lambda n: {"rest_length": np.linspace(0.9, 1.1, 6)[:, None] * block().rest_length},
-    "alike but for the start": lambda n: {"position": block().position + np.linspace(0, 1, 6)[:, None, None]},
-    "nothing": lambda n: {},
-    "pinned in some": lambda n: {"mass": np.where(np.arange(27) == np.array([5, 40, 26])[:, None], np.inf, 0.7)},
+    "each connection its own": ("scatter", RESTING, {"stiffness": random()}),
+    "few kinds": ("gather", RESTING, {"stiffness": random(700.0, 1500.0)}),
+    "scaled": ("scatter", RESTING, {"rest_length": np.linspace(0.9, 1.1, 6)[:, None] * RESTING.rest_length}),
+    "alike but for the start": (
+        "gather",
+        RESTING,
+        {"position": RESTING.position + np.linspace(0, 1, 6)[:, None, None]},
+    ),
+    "nothing": ("stencil", RESTING, {}),
+    "pinned in some": (
+        "gather",
+        RESTING,
+        {"mass": np.where(np.arange(27) == np.array([5, 40, 26])[:, None], np.inf, 0.7)},
+    ),
+    "a flat rope": (
+        "gather",
+        *differing(chain(10, 0.1, stiffness=1e3, damping=1.0, dim=2).pin(0), colliders=[Plane(offset=-9.0)]),
+    ),
+    "a cloth": (
+        "scatter",
+        *differing(sheet((7, 7), 0.1, stiffness=300.0, damping=0.5).translate((0.0, 0.0, 0.6)).pin([0, 6])),
+    ),
+    "two blocks": (
+        "stencil",
+        *differing(block() + box((2, 4, 3), 0.1, stiffness=2e3).translate((1.0, 0.0, 0.5))),
+    ),
+    "other dampers": ("gather", *differing(block().replace(damper=QuadraticDamper()))),
 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("force_algorithm", "case"),
-    [*zip(ALGORITHMS * 3, CASES, strict=False), ("stencil", "few kinds"), ("stencil", "nothing")],
-)
-def test_parameters_of_any_shape(plain_device, force_algorithm, case):
+@pytest.mark.parametrize("case", CASES)
+def test_parameters_and_bodies_of_any_shape(plain_device, case):
+    force_algorithm, system, own = CASES[case]
     in_order(plain_device, force_algorithm)
-    body = block().replace(velocity=0.0)
-    own = CASES[case](body.connection_count)
-    how = {"colliders": [Plane()], "device": plain_device, "substeps": 20}
-    if force_algorithm == "stencil" and case in ("each connection its own", "few kinds"):
-        with pytest.raises(ValueError, match="stiffness differs among the connections of a direction"):
-            Ensemble(body, WORLDS, **how, **own, force_algorithm=force_algorithm)
-        return
-    assert_each_is_as_alone(Ensemble(body, WORLDS, **how, **own, force_algorithm=force_algorithm))
-
-
-BODIES = {
-    "flat rope": lambda: chain(10, 0.1, stiffness=1e3, damping=1.0, dim=2).pin(0),
-    "cloth": lambda: sheet((7, 7), 0.1, stiffness=300.0, damping=0.5).translate((0.0, 0.0, 0.6)).pin([0, 6]),
-    "two blocks": lambda: block() + box((2, 4, 3), 0.1, stiffness=2e3).translate((1.0, 0.0, 0.5)),
-    "dampers": lambda: block().replace(damper=QuadraticDamper()),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "force_algorithm"),
-    [("flat rope", "gather"), ("cloth", "scatter"), ("two blocks", "stencil"), ("dampers", "gather")],
-)
-def test_worlds_of_other_bodies(plain_device, name, force_algorithm):
-    in_order(plain_device, force_algorithm)
-    system = BODIES[name]()
-    own = {"stiffness": np.linspace(0.5, 1.5, WORLDS)[:, None] * system.stiffness}
-    own["gravity"] = np.linspace(5.0, 15.0, 3)
-    how = {"colliders": [Plane(offset=-9.0)] if system.dim == 2 else [Plane()]}
-    how |= {"substeps": 40, "device": plain_device, "force_algorithm": force_algorithm}
-    assert_each_is_as_alone(Ensemble(system, WORLDS, **how, **own), 15)
+    how = {"colliders": [Plane()], "substeps": 20, "device": plain_device, "force_algorithm": force_algorithm}
+    assert_each_is_as_alone(Ensemble(system, WORLDS, **(how | own)), 15)
 
 
 def test_a_scene_brings_its_surroundings(plain_device):
@@ -232,6 +235,10 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
         (
             {"stiffness": np.ones((6, 3))},
             r"stiffness has shape \(6, 3\); it must be of shape \[rows\] or \[rows, 158\]",
+        ),
+        (
+            {"scene": RESTING, "stiffness": random(), "force_algorithm": "stencil"},
+            "stiffness differs among the connections of a direction",
         ),
         ({"stiffness": [1.0, -2.0]}, r"stiffness.* -2.*at least 0"),
         ({"mass": [1.0, 0.0]}, "mass.* 0.*above 0"),

@@ -208,37 +208,6 @@ def test_a_gradient_from_the_middle_has_the_frames_of_the_run_which_goes_on_as_b
     np.testing.assert_allclose(found.frames.position[-1], first.frame().position, rtol=0, atol=1e-13)
 
 
-@pytest.mark.slow
-def test_derivatives_from_a_later_start_are_those_of_runs_that_are_restored_there(plain_device):
-    def at_end(frames: msd.Frames) -> tuple[float, np.ndarray, np.ndarray]:
-        by_x, by_v = np.zeros((2, *frames.position.shape))
-        by_x[-1], by_v[-1] = frames.position[-1], 0.02 * frames.velocity[-1]
-        return 0.5 * (frames.position[-1] ** 2).sum() + 0.01 * (frames.velocity[-1] ** 2).sum(), by_x, by_v
-
-    def run(pull: float, contraction: float) -> Simulation:
-        loads = [
-            Force(lambda t: (pull * math.sin(40 * t + 1), 0, 0)),
-            Actuator(lambda t: contraction * math.cos(40 * t)),
-        ]
-        return simulation(block(), loads=loads, integrator=Leapfrog(), device=plain_device)
-
-    simulated = run(1.0, 0.1)
-    simulated.step(3)
-    start, found = simulated.checkpoint(), simulated.gradient(at_end, FRAMES, by=("loads[0].force", "strain"))
-    waves = (np.sin(40 * found.times["loads[0].force"] + 1), np.cos(40 * found.times["strain"]))
-    for k, by in enumerate((found["loads[0].force"][:, 0], found["strain"][:, 0])):
-        values = []
-        for sign in (1, -1):
-            other = run(*np.array((1.0, 0.1)) + sign * STEP * np.eye(2)[k])
-            other.restore(*start)
-            other.step(FRAMES)
-            frame = other.frame()
-            values.append(0.5 * (frame.position**2).sum() + 0.01 * (frame.velocity**2).sum())
-        # As in `differences.check`. Half a substep too little of the first value would be 5e-3 of it.
-        tolerance = 1e-6 * np.abs(by).max() + 4 * EPS64 * values[0] / STEP
-        assert by @ waves[k] == pytest.approx((values[0] - values[1]) / (2 * STEP), rel=0, abs=tolerance)
-
-
 @pytest.mark.parametrize(("share", "states"), [(1.0, 100 - 25), (0.0, 19 - 9)])
 def test_memory_grows_with_the_root_of_frames_that_do_not_fit(share, states, monkeypatch):
     made, make = [0], Model.vectors_together
@@ -285,34 +254,29 @@ def test_a_run_that_diverges_is_told():
 
 def test_unknown_names_and_shapes_are_told():
     run = simulation(block(), device="cpu")
-    with pytest.raises(ValueError, match=r"by\[1\] is 'colour'; it must be one of 'position'"):
-        run.gradient(loss, 2, by=("position", "colour"))
-    with pytest.raises(ValueError, match="∂/∂position of the loss"):
-        run.gradient(lambda frames: (0.0, np.zeros((2, 2)), None), 2)
-    with pytest.raises(ValueError, match="∂/∂position of the loss has shape"):  # of the last frame alone
-        run.gradient(lambda frames: (0.0, frames.position[-1], None), 2)
-    with pytest.raises(
-        ValueError, match=r"loss returned 1\.0; it must return a tuple of its value, and its deriv"
-    ):
-        run.gradient(lambda frames: 1.0, 2)
-    assert run.gradient(loss, 2, by=iter(["position"]))["position"].shape == (len(block().position), 3)
-    with pytest.raises(ValueError, match="loss returned None for both of its derivatives; one of them must"):
-        run.gradient(lambda frames: (frames.position[-1].sum(), None, None), 2)
-    with pytest.raises(ValueError, match="the value of loss is nan; it must be finite"):
-        run.gradient(lambda frames: (np.nan, None, None), 2)
-    for value, message in (([1.0, 2.0], r"of shape \(2,\); it must be a number"), ("x", "must be .* not 'x'")):
-        with pytest.raises(ValueError, match=message):
-            run.gradient(lambda frames, value=value: (value, None, None), 2)
-    with pytest.raises(ValueError, match=r"∂/∂velocity of the loss\[0, 0, 0\] is nan; it must be finite"):
-        run.gradient(lambda frames: (0.0, None, frames.velocity * np.nan), 2)
-    with pytest.raises(ValueError, match="frames is 0"):
-        run.gradient(loss, 0)
-    with pytest.raises(ValueError, match="there must be an Actuator"):
-        run.gradient(loss, 2, by=("strain",))
-    with pytest.raises(ValueError, match="no connection has a damper"):
-        simulation(block().replace(damping=0.0), device="cpu").gradient(loss, 2, by=("damping",))
+    undamped = simulation(block().replace(damping=0.0), device="cpu")
     falling = simulation(block(), gravity=lambda t: 9.8, device="cpu")
-    with pytest.raises(ValueError, match="by has 'mass', and gravity is a function of time here"):
-        falling.gradient(loss, 2, by=("mass",))
+    for one, of, given, message in (
+        (run, loss, {"by": ("position", "colour")}, r"by\[1\] is 'colour'; it must be one of 'position'"),
+        (run, loss, {"by": ("strain",)}, "there must be an Actuator"),
+        (run, loss, {"frames": 0}, "frames is 0"),
+        (undamped, loss, {"by": ("damping",)}, "no connection has a damper"),
+        (falling, loss, {"by": ("mass",)}, "by has 'mass', and gravity is a function of time here"),
+        (run, lambda frames: (0.0, frames.position[-1], None), {}, "∂/∂position of the loss has shape"),
+        (run, lambda frames: 1.0, {}, r"loss returned 1\.0; it must return a tuple of its value, and its deriv"),
+        (run, lambda frames: (1.0, None, None), {}, "loss returned None for both of its derivatives; one of them"),
+        (run, lambda frames: (np.nan, None, None), {}, "the value of loss is nan; it must be finite"),
+        (run, lambda frames: ([1.0, 2.0], None, None), {}, r"of shape \(2,\); it must be a number"),
+        (run, lambda frames: ("x", None, None), {}, "must be .* not 'x'"),
+        (
+            run,
+            lambda frames: (0.0, None, frames.velocity * np.nan),
+            {},
+            r"∂/∂velocity of the loss\[0, 0, 0\] is nan; it must be finite",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            one.gradient(of, **({"frames": 2} | given))
+    assert run.gradient(loss, 2, by=iter(["position"]))["position"].shape == (len(block().position), 3)
     with pytest.raises(KeyError, match="was not asked for"):
         run.gradient(loss, 2, by=())["mass"]

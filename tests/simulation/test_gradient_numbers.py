@@ -157,12 +157,14 @@ def test_a_wind_on_no_area_has_derivatives_of_zero(plain_device):
     assert found["loads[1].drag"] == 0.0
 
 
-def test_a_force_moves_by_what_is_left_of_the_time(plain_device):
-    # By symplectic Euler, F of substep n adds F h/m to the velocities of the N − n substeps that follow.
+@pytest.mark.parametrize("method", [msd.SymplecticEuler(), Leapfrog()], ids=str)
+def test_a_force_moves_by_what_is_left_of_the_time(method, plain_device):
+    # F of substep n adds F h/m to the velocities of the N − n substeps that follow. At a later start Leapfrog's
+    # velocity of half a substep ago is past, too: its first kick is a whole one.
     force = msd.Force(lambda t: (0.0, 0.0, 1.0 + t), on=[0, 1], total=True)
     body = System(position=[[0.0, 0, 0], [1.0, 0, 0]], mass=2.0)
     how = {"loads": [force], "precision": "float64", "substeps": 10, "device": plain_device}
-    run = Simulation(body, integrator=msd.SymplecticEuler(), **how)
+    run = Simulation(body, integrator=method, **how)
     run.step(2)
     found, h = run.gradient(at_end(2), 3, by=["loads[0].force"]), 1 / 600
     np.testing.assert_allclose(found.times["loads[0].force"], h * np.arange(20, 51), rtol=1e-14)

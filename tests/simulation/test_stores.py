@@ -137,26 +137,15 @@ def test_worlds_go_on_with_what_they_store(store):
     assert set(ensemble.status) == {"running"}
 
 
-@pytest.mark.parametrize("worlds", [None, 2])
-def test_energy_of_attachments_that_grows_is_found(worlds):
+def test_energy_of_attachments_that_grows_is_found():
     # Steps of 1.1 times the limit 2/ω: (hω)² is 4.84, and amplitudes grow by 2.4 in each substep.
-    holds = [Attachment(to=(1e-5, 0, 0), stiffness=STIFFNESS)]
-    how = {
-        "loads": holds,
-        "gravity": 0.0,
-        "precision": "float64",
-        "device": "cpu",
-        "fps": OMEGA / 2.2,
-        "substeps": 1,
-    }
-    how |= {"integrator": SymplecticEuler(), "allow_unstable": True}
-    if worlds is None:
-        with pytest.raises(SimulationDiverged):
-            Simulation(loose([[0.0, 0, 0]]), **how).step(10)
-    else:
-        ensemble = Ensemble(loose([[0.0, 0, 0]]), worlds=worlds, **how)
-        ensemble.step(10)
-        assert set(ensemble.status) == {"energy"}
+    how = {"loads": [Attachment(to=(1e-5, 0, 0), stiffness=STIFFNESS)], "gravity": 0.0, "precision": "float64"}
+    how |= {"fps": OMEGA / 2.2, "substeps": 1, "allow_unstable": True, "device": "cpu"}
+    with pytest.raises(SimulationDiverged):
+        Simulation(loose([[0.0, 0, 0]]), **how).step(10)
+    ensemble = Ensemble(loose([[0.0, 0, 0]]), worlds=2, **how)
+    ensemble.step(10)
+    assert set(ensemble.status) == {"energy"}
 
 
 @pytest.mark.parametrize("depth", [1e-5, 5e-4])

@@ -119,21 +119,6 @@ def test_a_first_frame_that_is_refined_starts_from_the_start():
     np.testing.assert_array_equal(simulation.frame().position, fixed.frame().position)
 
 
-def test_refining_in_the_first_frame_adds_no_energy():
-    simulation = Simulation(shaken(), **OPTIONS)
-    fixed = Simulation(shaken(), substeps=60, **OPTIONS)
-    start, energy = simulation.measure().energy, []
-    assert start == pytest.approx(fixed.measure().energy, rel=1e-12)
-    for _ in range(120):
-        for one in (simulation, fixed):
-            one.step()
-        energy.append([one.measure().energy / start for one in (simulation, fixed)])
-    automatic, exact = np.mean(energy, axis=0)
-    assert exact == pytest.approx(1.0, abs=0.01)
-    # It may rise by 2 % of its scale before more substeps are taken, and by as much again after that.
-    assert automatic == pytest.approx(exact, abs=0.04)
-
-
 def test_it_is_the_same_again_and_from_a_checkpoint_in_between():
     runs = [Simulation(stretched(), **OPTIONS) for _ in range(3)]
     runs[0].step(90)

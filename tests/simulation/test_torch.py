@@ -35,20 +35,6 @@ def test_gradients_of_worlds_pass_gradcheck(plain_device):
     assert torch.autograd.gradcheck(run, tensors, eps=1e-6, atol=1e-6, rtol=1e-5)  # as above
 
 
-def test_one_number_for_all_has_the_sum_of_derivatives():
-    how = {"device": "cpu", **HOW}
-    found = []
-    for shape in ((), (2,)):
-        stiffness = torch.full(shape, 60.0, dtype=torch.float64, requires_grad=True)
-        position, _ = simulate_torch(CHAIN, 4, stiffness=stiffness, **how)
-        position[-1].sum().backward()
-        found.append(stiffness.grad)
-    assert found[0].shape == ()
-    assert float(found[0]) == pytest.approx(float(found[1].sum()), rel=1e-12)
-    with pytest.raises(ValueError, match="gravity has shape"):
-        simulate_torch(CHAIN, 4, gravity=torch.tensor([0.0, 9.82]), **how)
-
-
 def test_a_loss_of_pytorch_has_the_derivatives_that_it_finds():
     def loss(frames):  # frames are arrays when it is called first, and tensors then
         return (torch.as_tensor(frames.position)[-1] ** 2).sum()
