@@ -6,6 +6,7 @@ import numpy as np
 import problems
 import pytest
 from problems import EPS64
+from springs import simulate
 
 from msdwarp import (
     RK4,
@@ -37,14 +38,8 @@ def sliding(law: Damper, *, b: float, speed: float, m: float = 0.5, k: float = 0
     return pair.with_velocity([[0.0, 0.0], [speed, 0.0]])
 
 
-def simulate(system: System, device: str, *, h: float, steps: int = 1, **options) -> Simulation:
-    """Return a float64 simulation without gravity, with frames of `steps` substeps of h."""
-    options = {"gravity": 0.0, "precision": "float64", "allow_unstable": True} | options
-    return Simulation(system, fps=1 / (h * steps), substeps=steps, device=device, **options)
-
-
 def speed_after(system: System, device: str, time: float, steps: int, **options) -> float:
-    simulation = simulate(system, device, h=time / steps, steps=steps // 10, **options)
+    simulation = simulate(system, device, h=time / steps, substeps=steps // 10, allow_unstable=True, **options)
     simulation.step(10)  # short frames, as each launch of a frame is recorded
     return float(simulation.frame().velocity[1, 0])
 
@@ -71,22 +66,6 @@ def test_quadratic_drag_slows_by_its_law(device, integrator, order):
     assert math.log2(abs(coarse / fine)) == pytest.approx(order, abs=0.25)  # with 0.1 and 0.2, not yet nothing
 
 
-@pytest.mark.slow
-def test_quadratic_drag_is_linear_above_its_most_speed(device):
-    # Down to s exponentially at the rate b s/m, from then on by the law.
-    b, m, s, v = 0.6, 0.5, 0.7, 2.0
-    system = sliding(QuadraticDamper(s), b=b, speed=v, m=m)
-    until = math.log(v / s) / (b * s / m)
-    for time, exact in (
-        (0.5 * until, v * math.exp(-0.5 * b * s / m * until)),
-        (2.0 * until, s / (1 + b * s / m * until)),
-    ):
-        # RK4 does not see the bend of the law within a step: b s/m (h v')², times the 1/6 of a stage.
-        h = time / 1000
-        bend = (b * s / m * h) ** 2 * s / 6
-        assert speed_after(system, device, time, 1000, integrator=RK4()) == pytest.approx(exact, abs=bend + 1e-12)
-
-
 @pytest.mark.parametrize("integrator", [one for one, _ in ORDERS[:-1]], ids=str)
 def test_dry_friction_slows_evenly(device, integrator):
     # v0 − b t/m whatever the step or the method, as long as it slides: 500 roundings of 2 m/s.
@@ -95,25 +74,13 @@ def test_dry_friction_slows_evenly(device, integrator):
     assert found == pytest.approx(2.0 - 0.6 / 0.5, abs=500 * 2 * EPS64)
 
 
-def test_dry_friction_is_viscous_below_its_sliding_speed(device):
-    # From s on v = s exp(−(b/m s)(t − t1)).
-    b, m, s, v = 0.6, 0.5, 0.2, 1.0
-    system = sliding(CoulombDamper(s), b=b, speed=v, m=m)
-    until, rate = (v - s) * m / b, b / (m * s)
-    h = (until + 1.0) / 4000
-    # RK4 does not see the bend of the law within a step: (b/m s) h · (b/m) h/6 of speed, which then decays.
-    bend = rate * h * b / m * h / 6
-    found = speed_after(system, device, until + 1.0, 4000, integrator=RK4())
-    assert found == pytest.approx(s * math.exp(-rate), abs=bend)
-
-
 def test_dry_friction_takes_its_share_of_every_swing(device):
     # Amplitudes fall by 2 F/k a half swing, 4 F/k a swing, whatever they are.
     m, k, F, start, s = 0.5, 50.0, 0.4, 0.2, 1e-3
     system = sliding(CoulombDamper(s), b=F, speed=0.0, m=m, k=k)
     system = system.replace(position=[[-0.5, 0.0], [0.5 + start, 0.0]], rest_length=1.0)
     h, half = 1e-4, math.pi * math.sqrt(m / k)
-    simulation = simulate(system, device, h=h, steps=round(half / h), integrator=RK4())
+    simulation = simulate(system, device, h=h, substeps=round(half / h), integrator=RK4())
     for n in range(1, 6):
         simulation.step()
         # Below s friction is not whole: for the time 2 s/(ω² A) about each turn, in which it moves by less

@@ -6,36 +6,21 @@ import numpy as np
 import pytest
 from problems import EPS64
 
-from msdwarp import (
-    RK4,
-    RKC2,
-    Contact,
-    Force,
-    Leapfrog,
-    LinearlyImplicitEuler,
-    Plane,
-    PrescribedMotion,
-    Simulation,
-    SymplecticEuler,
-    System,
-    Wind,
-    at,
-    box,
-)
+import msdwarp as msd
 
 METHODS = [
-    SymplecticEuler(),
-    Leapfrog(),
-    Leapfrog(damper_extrapolation=0.5),
-    RK4(),
-    RKC2(),
-    LinearlyImplicitEuler(iterations=2),  # of a spring that hardly pulls
+    msd.SymplecticEuler(),
+    msd.Leapfrog(),
+    msd.Leapfrog(damper_extrapolation=0.5),
+    msd.RK4(),
+    msd.RKC2(),
+    msd.LinearlyImplicitEuler(iterations=2),  # of a spring that hardly pulls
 ]
 
 
-def free(mass=(1.0, 2.5)) -> System:
+def free(mass=(1.0, 2.5)) -> msd.System:
     """Return two particles that nothing joins, with a connection that hardly pulls, so that RKC2 has a step."""
-    return System(
+    return msd.System(
         position=[[0.0, 0, 0], [1.0, 0, 0]], mass=mass, connections=[(0, 1)], stiffness=1e-14, damping=1e-14
     )
 
@@ -44,10 +29,10 @@ def options(device, **more):
     return {"precision": "float64", "fps": 10.0, "substeps": 20, "device": device, "allow_unstable": True, **more}
 
 
-@pytest.mark.parametrize("method", [SymplecticEuler(), RK4()], ids=str)
+@pytest.mark.parametrize("method", [msd.SymplecticEuler(), msd.RK4()], ids=str)
 def test_gravity_of_time_is_integrated_twice(device, method):
     # x'' = g(t) = (sin 2t, 0, −3t), from rest: v = ((1 − cos 2t)/2, 0, −3t²/2), x = ((2t − sin 2t)/4, 0, −t³/2).
-    simulation = Simulation(
+    simulation = msd.Simulation(
         free(), gravity=lambda t: (np.sin(2 * t), 0 * t, -3 * t), integrator=method, **options(device)
     )
     simulation.step(10)
@@ -65,7 +50,7 @@ def test_gravity_of_time_is_integrated_twice(device, method):
     # It can be a size, and leaves what is pinned.
     system = free(mass=(1.0, np.inf))
     constant, of_time = (
-        Simulation(system, gravity=g, integrator=method, **options(device)) for g in (4.0, lambda t: 4.0)
+        msd.Simulation(system, gravity=g, integrator=method, **options(device)) for g in (4.0, lambda t: 4.0)
     )
     for one in (constant, of_time):
         one.step(10)
@@ -78,16 +63,16 @@ def test_gravity_of_time_is_integrated_twice(device, method):
 def test_gravity_changes_in_flight(method, plain_device):
     # Half a second under g, then half of one under g'. Symplectic Euler starts at v rather than at v − h a/2: h/2
     # times v' too far in each half.
-    simulation = Simulation(free(), gravity=8.0, integrator=method, **options(plain_device))
+    simulation = msd.Simulation(free(), gravity=8.0, integrator=method, **options(plain_device))
     simulation.step(5)
     simulation.change(gravity=(3.0, 0.0, 2.0))
     simulation.step(5)
     g, other = np.array([0, 0, -8.0]), np.array([3.0, 0.0, 2.0])
     v = 0.5 * g + 0.5 * other
     x = 0.125 * g + 0.25 * g + 0.125 * other
-    exact = isinstance(method, Leapfrog | RK4 | RKC2)
+    exact = isinstance(method, msd.Leapfrog | msd.RK4 | msd.RKC2)
     atol = 200 * 20 * EPS64 if exact else 8.0 * 0.5 / 200
-    if isinstance(method, RKC2):
+    if isinstance(method, msd.RKC2):
         atol = 1e-10  # of 1 m: its coefficients add up to 1 to fewer digits
     np.testing.assert_allclose(simulation.frame().velocity, np.tile(v, (2, 1)), rtol=0, atol=atol)
     np.testing.assert_allclose(
@@ -95,16 +80,16 @@ def test_gravity_changes_in_flight(method, plain_device):
     )
 
 
-def bouncing(device, **more) -> Simulation:
-    block = box((3, 3, 3), 0.1, stiffness=2000.0, damping=5.0)
-    return Simulation(block, colliders=[Plane(offset=-0.3)], precision="float64", device=device, **more)
+def bouncing(device, **more) -> msd.Simulation:
+    block = msd.box((3, 3, 3), 0.1, stiffness=2000.0, damping=5.0)
+    return msd.Simulation(block, colliders=[msd.Plane(offset=-0.3)], precision="float64", device=device, **more)
 
 
 @pytest.mark.slow
 def test_a_change_of_gravity_is_what_building_anew_a_schedule_and_a_checkpoint_give(device):
     # Bit for bit: the kernels are the same, and so are the velocities that they start from.
     quick, anew, resumed = (bouncing(device) for _ in range(3))
-    schedule = bouncing(device, schedule=[at(0.2, gravity=(0, 3.0, 5.0))])
+    schedule = bouncing(device, schedule=[msd.at(0.2, gravity=(0, 3.0, 5.0))])
     for one in (quick, anew):
         one.step(12)
     quick.change(gravity=(0, 3.0, 5.0))
@@ -132,21 +117,21 @@ def test_gravity_turned_about_again_and_again_is_no_divergence(device):
 
 def test_another_force_takes_over_in_place_and_a_drive_does_not_begin_anew(device):
     group = [1]
-    loads = [Force((0.0, 1.0, 0.0)), Force((2.0, 0.0, 0.0), on=group)]
-    simulation = Simulation(free(), gravity=0.0, loads=loads, **options(device))
+    loads = [msd.Force((0.0, 1.0, 0.0)), msd.Force((2.0, 0.0, 0.0), on=group)]
+    simulation = msd.Simulation(free(), gravity=0.0, loads=loads, **options(device))
     simulation.step(5)
     stepping, graph = simulation.stepping, simulation.stepping.graph
-    simulation.change(loads=[loads[0], Force((0.0, 0.0, 5.0), on=group)])
+    simulation.change(loads=[loads[0], msd.Force((0.0, 0.0, 5.0), on=group)])
     assert simulation.stepping is stepping
     assert stepping.graph is graph
     simulation.step(5)
     expected = np.array([[0.0, 1.0, 0.0], [1.0 / 2.5, 1.0 / 2.5, 2.5 / 2.5]])
     # Exact for what is constant; symplectic Euler's velocities are half a substep old.
     np.testing.assert_allclose(simulation.frame().velocity, expected, rtol=0, atol=200 * 8 * EPS64)
-    drive = PrescribedMotion([0], lambda t: (t, 0.0, 0.0))
-    driven = Simulation(free(), gravity=0.0, loads=[drive], **options(device))
+    drive = msd.PrescribedMotion([0], lambda t: (t, 0.0, 0.0))
+    driven = msd.Simulation(free(), gravity=0.0, loads=[drive], **options(device))
     driven.step(5)
-    driven.change(loads=[drive, Force((0.0, 1.0, 0.0))])
+    driven.change(loads=[drive, msd.Force((0.0, 1.0, 0.0))])
     driven.step(5)
     np.testing.assert_allclose(driven.frame().position[0], [1.0, 0.0, 0.0], rtol=0, atol=1e-12)
 
@@ -154,15 +139,15 @@ def test_another_force_takes_over_in_place_and_a_drive_does_not_begin_anew(devic
 @pytest.mark.slow
 def test_other_wind_takes_over_in_place_and_other_loads_altogether(device):
     group = [0]
-    how = {"gravity": 0.0, "integrator": RK4(), **options(device)}
-    wind = Wind((3.0, 0.0, 0.0), area=0.1, on=group)
-    simulation = Simulation(free(), loads=[wind], **how)
+    how = {"gravity": 0.0, "integrator": msd.RK4(), **options(device)}
+    wind = msd.Wind((3.0, 0.0, 0.0), area=0.1, on=group)
+    simulation = msd.Simulation(free(), loads=[wind], **how)
     simulation.step(2)
     stepping, before = simulation.stepping, simulation.snapshot()
-    stronger = Wind((9.0, 0.0, 0.0), area=0.1, on=group, drag=2.0)
+    stronger = msd.Wind((9.0, 0.0, 0.0), area=0.1, on=group, drag=2.0)
     simulation.change(loads=[stronger])
     assert simulation.stepping is stepping
-    anew = Simulation(before, loads=[stronger], **how)
+    anew = msd.Simulation(before, loads=[stronger], **how)
     for one in (simulation, anew):
         one.step(3)
     np.testing.assert_allclose(simulation.frame().velocity, anew.frame().velocity, rtol=1e-13, atol=1e-15)
@@ -170,34 +155,34 @@ def test_other_wind_takes_over_in_place_and_other_loads_altogether(device):
     rest = simulation.frame().velocity
     simulation.step(3)
     np.testing.assert_allclose(simulation.frame().velocity, rest, rtol=0, atol=1e-12)  # the faint spring
-    simulation.change(loads=[Force(lambda t: (0.0, 1.0, 0.0))])
+    simulation.change(loads=[msd.Force(lambda t: (0.0, 1.0, 0.0))])
     simulation.step(1)
     np.testing.assert_allclose(simulation.frame().velocity[:, 1], [0.1, 0.04], rtol=1e-12)
 
 
-def meeting() -> System:
+def meeting() -> msd.System:
     """Return two particles that come towards each other along x, and would meet in the middle after 0.5 s."""
     position, velocity = [[-0.5, 0, 0], [0.5, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]]
-    return System(position=position, velocity=velocity, mass=1.0, connections=np.zeros((0, 2), int))
+    return msd.System(position=position, velocity=velocity, mass=1.0, connections=np.zeros((0, 2), int))
 
 
-CONTACT = Contact(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
+CONTACT = msd.Contact(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
 
 
 @pytest.mark.slow
 def test_bodies_begin_and_cease_to_touch_by_a_change_and_touch_still_when_loads_change(device):
     # They bounce by 0.45 s, or pass through each other.
-    how = {"gravity": 0.0, "loads": [Force((0.0, 1.0, 0.0))], **options(device, fps=100.0)}
-    bouncing, passing, pushed = (Simulation(meeting(), contact=one, **how) for one in (None, CONTACT, CONTACT))
+    how = {"gravity": 0.0, "loads": [msd.Force((0.0, 1.0, 0.0))], **options(device, fps=100.0)}
+    bouncing, passing, pushed = (msd.Simulation(meeting(), contact=one, **how) for one in (None, CONTACT, CONTACT))
     for simulation in (bouncing, passing, pushed):
         simulation.step(15)
     bouncing.change(contact=CONTACT)
     passing.change(contact=())
     effects = pushed.assembly.all
-    pushed.change(loads=[Force((0.0, 2.0, 0.0))])
+    pushed.change(loads=[msd.Force((0.0, 2.0, 0.0))])
     assert pushed.assembly.all is effects
     pushed.step(5)
-    pushed.change(loads=[Wind((0.0, 0.0, 0.0), area=1e-3)])
+    pushed.change(loads=[msd.Wind((0.0, 0.0, 0.0), area=1e-3)])
     assert pushed.assembly.all is not effects
     for simulation in (bouncing, passing, pushed):
         simulation.step(65)
@@ -206,7 +191,7 @@ def test_bodies_begin_and_cease_to_touch_by_a_change_and_touch_still_when_loads_
     assert passing.frame().velocity[0, 0] == 1.0
     for simulation in (bouncing, passing):  # the force has gone on: y = t²/2, to h/2 of the speed
         np.testing.assert_allclose(simulation.frame().position[:, 1], 0.32, rtol=0, atol=0.8 / 2000)
-    pushed.change(loads=[Contact(exclude=True)])  # what stands among the loads counts as before
+    pushed.change(loads=[msd.Contact(exclude=True)])  # what stands among the loads counts as before
     pushed.change(loads=[])
     assert not any(type(one).__name__ == "BodyContact" for one in pushed.assembly.all)
     bouncing.reset()
@@ -217,7 +202,7 @@ def test_bodies_begin_and_cease_to_touch_by_a_change_and_touch_still_when_loads_
 @pytest.mark.parametrize("what", [{"loads": []}, {"contact": CONTACT}], ids=["loads", "contact"])
 def test_a_schedule_says_that_it_holds_no_loads(what):
     with pytest.raises(ValueError, match="is given to a schedule, which cannot hold it"):
-        at(1.0, **what)
+        msd.at(1.0, **what)
 
 
 @pytest.mark.parametrize(
@@ -227,21 +212,21 @@ def test_a_schedule_says_that_it_holds_no_loads(what):
         ({"gravity": np.inf}, "gravity is inf; it must be finite"),
         ({"gravity": lambda t: (1.0, 2.0)}, "gravity has 2 numbers; it must have 3"),
         ({"loads": [3]}, r"loads\[0\] is 3; it must be a Load"),
-        ({"loads": [Force((1.0, 2.0))]}, r"loads\[0\].*force"),
+        ({"loads": [msd.Force((1.0, 2.0))]}, r"loads\[0\].*force"),
         ({"loads": [], "mass": 2.0}, "loads takes the place of all loads; nothing but loads and contact may"),
         (
-            {"contact": Contact(), "mass": 2.0},
+            {"contact": msd.Contact(), "mass": 2.0},
             "contact takes the place of all rules of contact; nothing but loads and",
         ),
         ({"contact": 3}, r"contact\b.*must be"),
-        ({"contact": Contact(groups=("one", "other"))}, "a name in contact.groups is 'one'"),
-        ({"contact": CONTACT, "integrator": RKC2()}, "where bodies touch it must be another"),
+        ({"contact": msd.Contact(groups=("one", "other"))}, "a name in contact.groups is 'one'"),
+        ({"contact": CONTACT, "integrator": msd.RKC2()}, "where bodies touch it must be another"),
     ],
 )
 def test_bad_changes_are_refused_by_name_and_change_nothing(changes, message):
     changes, method = dict(changes), changes.get("integrator")
     changes.pop("integrator", None)
-    simulation = Simulation(free(), loads=[Force((0.0, 1.0, 0.0))], integrator=method, **options("cpu"))
+    simulation = msd.Simulation(free(), loads=[msd.Force((0.0, 1.0, 0.0))], integrator=method, **options("cpu"))
     simulation.step(2)
     before, acting = simulation.frame(), simulation.assembly.all
     with pytest.raises(ValueError, match=message):

@@ -9,23 +9,6 @@ import warp as wp
 from differences import FRAMES, METHODS, NAMES, SOFT, block, check, loss, simulation, soft_floor
 
 import msdwarp as msd
-from msdwarp import (
-    Actuator,
-    CoulombDamper,
-    ExponentialSpring,
-    Force,
-    LimitedSpring,
-    Material,
-    OwnDamper,
-    OwnSpring,
-    Plane,
-    PrescribedMotion,
-    QuadraticDamper,
-    System,
-    TensionOnlySpring,
-    box,
-    join,
-)
 from msdwarp.bodies import LINEAR, LINEAR_SPRING
 
 
@@ -44,7 +27,7 @@ def whirl(x: wp.vec3d, t: wp.float64) -> wp.vec3d:
     return wp.vec3d(-wp.float64(9.0) * x[1], wp.float64(5.0) * x[0], wp.float64(3.0) * wp.cos(x[0] + t))
 
 
-CARRIER = Plane((0, 0, 1), -9.0, motion=lambda t: (0.1 * math.sin(40 * t), 0.0, 0.0))
+CARRIER = msd.Plane((0, 0, 1), -9.0, motion=lambda t: (0.1 * math.sin(40 * t), 0.0, 0.0))
 
 
 # Effects act side by side: a derivative is right to a millionth of all only if each of them is.
@@ -52,24 +35,27 @@ EFFECTS = {
     "no dampers": (lambda body: tied(body).replace(damping=0.0), {}),
     "laws": (
         lambda body: body.replace(
-            spring=kinds(msd.SpringKinds, ExponentialSpring(8.0), LINEAR_SPRING, LimitedSpring(0.02, 4.0)),
-            damper=kinds(msd.DamperKinds, LINEAR, QuadraticDamper(0.5), CoulombDamper(5.0)),
+            spring=kinds(msd.SpringKinds, msd.ExponentialSpring(8.0), LINEAR_SPRING, msd.LimitedSpring(0.02, 4.0)),
+            damper=kinds(msd.DamperKinds, LINEAR, msd.QuadraticDamper(0.5), msd.CoulombDamper(5.0)),
         ),
         {},
     ),
-    "laws of one's own": (lambda body: body.replace(spring=OwnSpring(cubic), damper=OwnDamper(taut, 4.0)), {}),
+    "laws of one's own": (
+        lambda body: body.replace(spring=msd.OwnSpring(cubic), damper=msd.OwnDamper(taut, 4.0)),
+        {},
+    ),
     "loads on particles": (
         lambda body: body,
         {
             "loads": [
-                Actuator(lambda t: 0.1 * math.sin(40 * t)),
-                Force((1.0, 0, 0)),
-                Force(lambda t: (0.0, 40 * t, 0.0)),
+                msd.Actuator(lambda t: 0.1 * math.sin(40 * t)),
+                msd.Force((1.0, 0, 0)),
+                msd.Force(lambda t: (0.0, 40 * t, 0.0)),
                 msd.Wind((3.0, 1.0, -2.0), area=0.01),
                 msd.Attachment([5, 9], (0.1, 0.0, 0.3), stiffness=40.0, damping=0.3, rest_length=0.2),
                 msd.Attachment([7, 9], (0.0, 0.1, 0.2), carried_by=CARRIER, stiffness=30.0, damping=0.2),
-                PrescribedMotion([30, 35], lambda t: (0.02 * math.sin(30 * t), 0.1 * t, 0.0)),
-                Force(soft_floor),
+                msd.PrescribedMotion([30, 35], lambda t: (0.02 * math.sin(30 * t), 0.1 * t, 0.0)),
+                msd.Force(soft_floor),
             ]
         },
     ),
@@ -77,7 +63,7 @@ EFFECTS = {
         lambda body: body,
         {
             "colliders": [
-                Plane((0.1, 0, 1), -0.1, **SOFT),
+                msd.Plane((0.1, 0, 1), -0.1, **SOFT),
                 msd.Sphere((0, 0, -0.4), 0.33, **SOFT),
                 msd.Box((0.3, 0, -0.25), (0.4, 0.5, 0.32), turn=(0, 0.2, 0), **SOFT),
                 msd.Capsule((-0.3, 0.05, -0.1), (-0.12, 0.05, -0.12), 0.06, **SOFT),
@@ -87,9 +73,9 @@ EFFECTS = {
     ),
     "cells and angles": (
         lambda body: beside(
-            elastic(box, (4, 3, 3), 0.4),
-            elastic(box, (3, 3, 3), 0.1),  # as cork
-            strained(msd.rod(8, 0.1, radius=0.01, material=Material(200.0, 1e5, 0.2))),
+            elastic(msd.box, (4, 3, 3), 0.4),
+            elastic(msd.box, (3, 3, 3), 0.1),  # as cork
+            strained(msd.rod(8, 0.1, radius=0.01, material=msd.Material(200.0, 1e5, 0.2))),
         ),
         {},
     ),
@@ -114,9 +100,9 @@ EFFECTS = {
 }
 
 
-def tied(body: System) -> System:
+def tied(body: msd.System) -> msd.System:
     """Return a block and another one beside it, joined by springs."""
-    return join(body, body.translate((0.45, 0, 0)), pairs=[(35, 0), (32, 4)], stiffness=200.0, damping=0.1)
+    return msd.join(body, body.translate((0.45, 0, 0)), pairs=[(35, 0), (32, 4)], stiffness=200.0, damping=0.1)
 
 
 def kinds(of: Any, *laws: Any) -> Any:
@@ -124,30 +110,30 @@ def kinds(of: Any, *laws: Any) -> Any:
     return of(laws, np.arange(block().connection_count) % len(laws))
 
 
-def beside(*bodies: System) -> System:
+def beside(*bodies: msd.System) -> msd.System:
     """Return bodies that stand beside each other."""
     placed = [body.translate((float(k), 0, 0)) for k, body in enumerate(bodies)]
     return sum(placed[1:], placed[0])
 
 
-def elastic(shape: Any, size: tuple[int, ...], poissons_ratio: float | None) -> System:
+def elastic(shape: Any, size: tuple[int, ...], poissons_ratio: float | None) -> msd.System:
     """Return a body of a material."""
     thickness = {"thickness": 0.02} if shape is msd.sheet else {}
-    return strained(shape(size, 0.1, material=Material(20.0, 2e3, 0.2, poissons_ratio), **thickness))
+    return strained(shape(size, 0.1, material=msd.Material(20.0, 2e3, 0.2, poissons_ratio), **thickness))
 
 
-def strained(body: System) -> System:
+def strained(body: msd.System) -> msd.System:
     """Return a body pinned at two particles, a little strained, with a velocity of each particle."""
     noise = np.random.default_rng(0).normal(size=(2, body.particle_count, 3))
     return body.replace(position=body.position + 0.004 * noise[0], velocity=0.1 * noise[1]).pin([0, 1])
 
 
 KINKS = [
-    (TensionOnlySpring(), LINEAR),
-    (TensionOnlySpring(), CoulombDamper(0.1)),
-    (LimitedSpring(0.05, 4.0), LINEAR),
-    (LINEAR_SPRING, QuadraticDamper(0.5)),
-    (LINEAR_SPRING, CoulombDamper(0.2)),
+    (msd.TensionOnlySpring(), LINEAR),
+    (msd.TensionOnlySpring(), msd.CoulombDamper(0.1)),
+    (msd.LimitedSpring(0.05, 4.0), LINEAR),
+    (LINEAR_SPRING, msd.QuadraticDamper(0.5)),
+    (LINEAR_SPRING, msd.CoulombDamper(0.2)),
 ]
 """Laws of springs and dampers with a kink, each of a pair of particles; the motion below crosses each of them."""
 
@@ -163,7 +149,7 @@ def test_derivatives_across_a_kink_are_those_of_differences(own, plain_device):
     springs, dampers = zip(*KINKS, strict=True)
     laws = {"spring": in_turn(msd.SpringKinds, springs), "damper": in_turn(msd.DamperKinds, dampers)}
     if own:
-        laws = {"spring": TensionOnlySpring(), "damper": OwnDamper(taut, 4.0)}
+        laws = {"spring": msd.TensionOnlySpring(), "damper": msd.OwnDamper(taut, 4.0)}
     start = {"velocity": -1.0, "stiffness": 100.0, "damping": 3.0, "rest_length": 1.0}
     pairs = len(KINKS)
     position = np.array([[0.0, k, 0.0] for k in range(pairs)] + [[1.05, k, 0.0] for k in range(pairs)])
@@ -175,7 +161,7 @@ def test_derivatives_across_a_kink_are_those_of_differences(own, plain_device):
         ends |= {"connections": [(k, k + pairs) for k in range(pairs)]}
         ends |= {"velocity": np.where(still, 0.0, (now.pop("velocity"), 0.0, 0.0))}
         how = {"substeps": 50, "precision": "float64", "fps": 100.0, "device": plain_device}
-        return msd.Simulation(System(**ends, **now), gravity=(3.0, 0, 0), **how)
+        return msd.Simulation(msd.System(**ends, **now), gravity=(3.0, 0, 0), **how)
 
     def end(frames: msd.Frames) -> tuple[float, np.ndarray, None]:
         by_x = np.zeros(frames.position.shape)

@@ -58,28 +58,18 @@ def test_a_frame_in_several_launches_is_the_same_to_the_last_bit(name, request):
         np.testing.assert_array_equal(one, other)
 
 
-def test_worlds_in_several_launches_are_the_same_to_the_last_bit(request):
+def test_worlds_and_a_gradient_in_several_launches_are_the_same_to_the_last_bit(request):
     def run():
         worlds = Ensemble(BODY, 3, stiffness=[800.0, 1000.0, 1200.0], **FLOOR)
         worlds.step(4)
-        return worlds.frame()
-
-    whole, found = run(), request.getfixturevalue("divided")
-    for one, other in zip(whole, run(), strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert len(found) == 4 * 6
-
-
-def test_a_gradient_over_several_launches_is_the_same_to_the_last_bit(request):
-    def run():
         simulation = Simulation(BODY, device="cpu", substeps=13)
         found = simulation.gradient(lambda frames: (0.0, np.ones_like(frames.position), None), 3, ["velocity"])
-        return found.value, found["velocity"]
+        return [*worlds.frame(), found.value, found["velocity"]]
 
     whole, found = run(), request.getfixturevalue("divided")
     for one, other in zip(whole, run(), strict=True):
         np.testing.assert_array_equal(one, other)
-    assert len(found) == 3 * 6
+    assert len(found) == (4 + 3) * 6
 
 
 @pytest.mark.parametrize("make", [Simulation, lambda body, **options: Ensemble(body, 2, **options)])

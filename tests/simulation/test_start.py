@@ -6,31 +6,16 @@ import warnings
 import numpy as np
 import pytest
 
-from msdwarp import (
-    Box,
-    Capsule,
-    Cone,
-    Contact,
-    Plane,
-    Simulation,
-    SimulationDiverged,
-    Sphere,
-    StartWarning,
-    System,
-    at,
-    box,
-    chain,
-    sheet,
-)
+import msdwarp as msd
 
 
-def simulate(system: System, *colliders, **options) -> Simulation:
-    return Simulation(system, colliders=colliders, device="cpu", **options)
+def simulate(system: msd.System, *colliders, **options) -> msd.Simulation:
+    return msd.Simulation(system, colliders=colliders, device="cpu", **options)
 
 
-def cube(height: float = 0.0, **options) -> System:
+def cube(height: float = 0.0, **options) -> msd.System:
     """Return a cube of 0.2 m on a spacing of 0.1 m, whose lowest particles are at this height [m]."""
-    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=100.0, **options)
+    body = msd.box((3, 3, 3), 0.1, mass=0.01, stiffness=100.0, **options)
     return body.translate((0, 0, height - body.position[:, 2].min()))
 
 
@@ -40,20 +25,20 @@ def cube(height: float = 0.0, **options) -> System:
 @pytest.mark.parametrize(
     ("collider", "depth"),
     [
-        (Plane(), 0.05),
-        (Sphere((0, 0, -0.45), 0.5), 0.1),
-        (Box((0, 0, -0.45), (1, 1, 1)), 0.1),
-        (Capsule((-1, 0, -0.45), (1, 0, -0.45), 0.5), 0.1),
-        (Cone((0, 0, -1), (0, 0, 0), 2.0), 0.05),
-        (Box((5, 0, -0.45), (1, 1, 1), motion=lambda t: (-5, 0, 0)), 0.1),
-        (Box((0, 0, -0.45), (1, 1, 1), motion=lambda t: ((0, 0, 0), (math.pi / 2, 0, 0))), 0.1),
+        (msd.Plane(), 0.05),
+        (msd.Sphere((0, 0, -0.45), 0.5), 0.1),
+        (msd.Box((0, 0, -0.45), (1, 1, 1)), 0.1),
+        (msd.Capsule((-1, 0, -0.45), (1, 0, -0.45), 0.5), 0.1),
+        (msd.Cone((0, 0, -1), (0, 0, 0), 2.0), 0.05),
+        (msd.Box((5, 0, -0.45), (1, 1, 1), motion=lambda t: (-5, 0, 0)), 0.1),
+        (msd.Box((0, 0, -0.45), (1, 1, 1), motion=lambda t: ((0, 0, 0), (math.pi / 2, 0, 0))), 0.1),
     ],
     ids=lambda one: type(one).__name__ if not isinstance(one, float) else "",
 )
 def test_what_starts_inside_is_named(collider, depth):
     told = rf"starts {depth:g} m inside colliders\[1\], a {type(collider).__name__} .*deepest.*strain its.*or pin"
-    with pytest.warns(StartWarning, match=told) as all_told:
-        simulate(cube(-0.05), Plane(offset=-9), collider)
+    with pytest.warns(msd.StartWarning, match=told) as all_told:
+        simulate(cube(-0.05), msd.Plane(offset=-9), collider)
     assert len(all_told) == 1
     assert all_told[0].filename == __file__  # where the simulation is made, at least by a function of the user's
 
@@ -61,23 +46,23 @@ def test_what_starts_inside_is_named(collider, depth):
 @pytest.mark.parametrize(
     "collider",
     [
-        Box((0, 0, 0.1), (1, 1, 1)),
-        Box((0, 0, 0.1), (9, 9, 0.4)),  # a wall, out of which half of it would go up and half of it down
-        Sphere((0, 0, 0.1), 0.5),
-        Box((5, 0, 0.1), (1, 1, 1), motion=lambda t: (-5, 0, 0)),
+        msd.Box((0, 0, 0.1), (1, 1, 1)),
+        msd.Box((0, 0, 0.1), (9, 9, 0.4)),  # a wall, out of which half of it would go up and half of it down
+        msd.Sphere((0, 0, 0.1), 0.5),
+        msd.Box((5, 0, 0.1), (1, 1, 1), motion=lambda t: (-5, 0, 0)),
     ],
     ids=["box", "wall", "sphere", "moving"],
 )
 def test_a_body_that_would_be_torn_on_its_way_out_is_refused(collider):
     told = rf"the body of particle 4 starts wholly inside colliders\[1\], a {type(collider).__name__}: .*tear it"
     with pytest.raises(ValueError, match=told):
-        simulate(System(position=np.full((4, 3), 3.0)) + cube(), Plane(offset=-9), collider)
+        simulate(msd.System(position=np.full((4, 3), 3.0)) + cube(), msd.Plane(offset=-9), collider)
 
 
 @pytest.mark.slow
 def test_a_body_near_one_side_of_a_box_is_led_out_whole():
-    with pytest.warns(StartWarning, match=r"starts 0.25 m inside colliders\[0\], a Box"):
-        simulation = simulate(cube(-0.25, damping=1.0), Box((0, 0, -1), (4, 4, 2), restitution=0.0))
+    with pytest.warns(msd.StartWarning, match=r"starts 0.25 m inside colliders\[0\], a Box"):
+        simulation = simulate(cube(-0.25, damping=1.0), msd.Box((0, 0, -1), (4, 4, 2), restitution=0.0))
     simulation.step(45)  # half as long again as it is led out
     position = simulation.frame().position
     assert position[:, 2].min() > -0.001  # what counts as touching is a hundredth of the spacing
@@ -88,57 +73,57 @@ def test_a_body_near_one_side_of_a_box_is_led_out_whole():
 @pytest.mark.parametrize(
     ("thick", "warned"), [(0.1, True), (0.15, True), (0.6, False)], ids=["one cell", "a cell and a half", "thick"]
 )
-@pytest.mark.parametrize("contact", [None, Contact(surface_colliders=True)], ids=["particles", "surface"])
+@pytest.mark.parametrize("contact", [None, msd.Contact(surface_colliders=True)], ids=["particles", "surface"])
 def test_a_plate_through_a_body_is_told_when_it_is_put_there(thick, warned, contact):
     # A cube of 0.2 m on a floor: a plate from 0.05 m on that is thinner than the rest of it has particles on both
     # sides, and a thick one leads all of them down.
-    simulation = simulate(cube(), Plane(), contact=contact)
+    simulation = simulate(cube(), msd.Plane(), contact=contact)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        simulation.change(colliders=[Plane(), Box((0, 0, 0.05 + thick / 2), (1, 1, thick))])
-    assert [one.category for one in told] == [StartWarning] * warned
+        simulation.change(colliders=[msd.Plane(), msd.Box((0, 0, 0.05 + thick / 2), (1, 1, thick))])
+    assert [one.category for one in told] == [msd.StartWarning] * warned
     if warned:
         assert "leave colliders[1], a Box, on opposite sides" in str(told[0].message)
         assert told[0].filename == __file__
     pinned = simulate(cube().pin(slice(None)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        pinned.change(colliders=[Box((0, 0, 0.05 + thick / 2), (1, 1, thick))])
+        pinned.change(colliders=[msd.Box((0, 0, 0.05 + thick / 2), (1, 1, thick))])
 
 
 def test_particle_and_depth_are_those_of_the_deepest():
-    points = System(position=[[0.0, 0.3], [0.0, -0.2], [0.0, 0.5]])
+    points = msd.System(position=[[0.0, 0.3], [0.0, -0.2], [0.0, 0.5]])
     with pytest.warns(
-        StartWarning, match=r"^particle 1 starts 0.2 m inside colliders\[0\], a Plane: if it"
+        msd.StartWarning, match=r"^particle 1 starts 0.2 m inside colliders\[0\], a Plane: if it"
     ) as told:
-        simulate(points, Plane())
+        simulate(points, msd.Plane())
     assert "connections" not in str(told[0].message)  # there are none
-    with pytest.warns(StartWarning, match=r"^particle 0 starts 0.3 m inside colliders\[0\], a Box: "):
-        simulate(System(position=[[0.2], [0.9]]), Box((0.0,), (1.0,)))
+    with pytest.warns(msd.StartWarning, match=r"^particle 0 starts 0.3 m inside colliders\[0\], a Box: "):
+        simulate(msd.System(position=[[0.2], [0.9]]), msd.Box((0.0,), (1.0,)))
 
 
 @pytest.mark.parametrize("depth", [0.0, 1e-7, 0.9e-3], ids=lambda depth: f"{depth:g} m")
 def test_what_touches_is_not_inside(depth):
     # A hundredth of the shortest rest length, 0.1 m, is what putting back may stretch a connection by.
-    simulate(cube(-depth), Plane()).step()
-    simulate(System(position=[[0.0, 0.0, -depth]]), Plane()).step()
+    simulate(cube(-depth), msd.Plane()).step()
+    simulate(msd.System(position=[[0.0, 0.0, -depth]]), msd.Plane()).step()
     # Far from the origin it is as exact as places are.
-    simulate(System(position=[[1e4, 0.0, 1e4 - 1e-3]]), Plane(offset=1e4)).step()
+    simulate(msd.System(position=[[1e4, 0.0, 1e4 - 1e-3]]), msd.Plane(offset=1e4)).step()
 
 
 @pytest.mark.slow
 def test_what_is_pinned_may_be_inside():
-    row = chain(3, spacing=0.1).pin(0).translate((0.0, 0.0, 0.05))
-    simulate(row, Sphere(tuple(row.position[0]), 0.05)).step()
-    simulate(row.pin([0, 1, 2]), Plane(offset=9)).step()
+    row = msd.chain(3, spacing=0.1).pin(0).translate((0.0, 0.0, 0.05))
+    simulate(row, msd.Sphere(tuple(row.position[0]), 0.05)).step()
+    simulate(row.pin([0, 1, 2]), msd.Plane(offset=9)).step()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        simulate(cube().pin(slice(None)), Box((0, 0, 0.1), (1, 1, 1)))
+        simulate(cube().pin(slice(None)), msd.Box((0, 0, 0.1), (1, 1, 1)))
 
 
 def test_what_was_said_is_not_said_again():
-    with pytest.warns(StartWarning) as told:
-        simulation = simulate(cube(-0.05), Plane(), schedule=[at(0.02, stiffness=200.0)], refresh=True)
+    with pytest.warns(msd.StartWarning) as told:
+        simulation = simulate(cube(-0.05), msd.Plane(), schedule=[msd.at(0.02, stiffness=200.0)], refresh=True)
     assert len(told) == 1
     simulation.step(3)
     simulation.change(stiffness=100.0)
@@ -147,10 +132,10 @@ def test_what_was_said_is_not_said_again():
 
 
 def test_a_divergence_of_what_started_inside_says_so():
-    with pytest.warns(StartWarning):
-        simulation = simulate(cube(-0.15), Plane(), substeps=1, allow_unstable=True)
+    with pytest.warns(msd.StartWarning):
+        simulation = simulate(cube(-0.15), msd.Plane(), substeps=1, allow_unstable=True)
     with pytest.raises(
-        SimulationDiverged, match=r"particle \d+ starts 0.15 m inside colliders\[0\], a Plane"
+        msd.SimulationDiverged, match=r"particle \d+ starts 0.15 m inside colliders\[0\], a Plane"
     ) as told:
         simulation.step(30)
     assert "stretching" not in str(told.value)
@@ -166,17 +151,17 @@ def test_a_divergence_of_what_started_inside_says_so():
 )
 def test_bodies_in_each_other_and_in_themselves_are_named(apart, self_contact, told):
     if apart is None:  # a strip whose ends lie in each other
-        system = sheet((7, 3), 0.1, stiffness=100.0)
+        system = msd.sheet((7, 3), 0.1, stiffness=100.0)
         folded = system.position.copy()
         middle = folded[:, 0].mean()
         folded[:, 2] = 0.01 * (folded[:, 0] > middle)
         folded[:, 0] = abs(folded[:, 0] - middle)
         system = system.replace(position=folded)
     else:
-        body = box((2, 2, 2), 0.1, stiffness=100.0)
+        body = msd.box((2, 2, 2), 0.1, stiffness=100.0)
         system = body + body.translate((apart, 0.0, 0.0))
-    with pytest.warns(StartWarning, match=told):
-        Simulation(system, contact=Contact(self_contact=self_contact), device="cpu")
+    with pytest.warns(msd.StartWarning, match=told):
+        msd.Simulation(system, contact=msd.Contact(self_contact=self_contact), device="cpu")
 
 
 # Far from the origin
@@ -188,7 +173,7 @@ def test_a_body_far_away_is_named_in_float32(far, apart):
     told = (
         rf"reaches to {abs(far):.3g} m from the origin, where numbers of float32 are {apart:g} m apart .*float64"
     )
-    with pytest.warns(StartWarning, match=told.replace("+", r"\+")) as all_told:
+    with pytest.warns(msd.StartWarning, match=told.replace("+", r"\+")) as all_told:
         simulation = simulate(body)
     simulation.change(stiffness=90.0)
     assert len(all_told) == 1
@@ -200,14 +185,14 @@ def test_what_precision_bears_is_not_named():
         simulate(cube().translate((500.0, 0, 0)))
         simulate(cube().translate((1e6, 0, 0)), precision="float64")
         simulate(cube().translate((1e6, 0, 0)), precision="float32-compensated")
-        simulate(System(position=np.full((1, 3), 1e6)))  # it has no strain
+        simulate(msd.System(position=np.full((1, 3), 1e6)))  # it has no strain
 
 
 @pytest.mark.parametrize("substeps", ["auto", 60])
 def test_what_is_led_out_without_gravity_is_no_divergence(substeps):
     # Where nothing else moves, the energy of being led out is all there is.
-    body = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=1.0).translate((0, 0, -0.15))
-    with pytest.warns(StartWarning):
-        simulation = Simulation(body, colliders=[Plane()], gravity=0.0, substeps=substeps, device="cpu")
+    body = msd.box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=1.0).translate((0, 0, -0.15))
+    with pytest.warns(msd.StartWarning):
+        simulation = msd.Simulation(body, colliders=[msd.Plane()], gravity=0.0, substeps=substeps, device="cpu")
     simulation.step(60)
     assert simulation.frame().position[:, 2].min() > 0

@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -24,7 +23,6 @@ from msdwarp import (
     chain,
 )
 from msdwarp.simulation import Readback
-from msdwarp.simulation.substep_controller import StepController
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*turned inside out:msdwarp.InvertedWarning")
 """Blocks of springs alone that start twice as long as at rest turn some cells inside out, with a warning."""
@@ -272,14 +270,3 @@ def test_what_was_chosen_is_kept_with_each_frame(tmp_path):
     assert len(set(taken)) > 1
     for k, count in enumerate(taken):  # frame k + 1 begins at k/60 s
         assert numbers[np.searchsorted(times, k / 60 + 1e-9) - 1] == count
-
-
-def test_slightly_fewer_substeps_change_nothing():
-    simulation = Simulation(box((3, 3, 3), 0.1, stiffness=1e4), device="cpu", fps=10.0)
-    stepping, controller = simulation.stepping, StepController()
-    now = stepping.choice.substeps
-    assert now >= 10
-    for substeps, expected in ((round(0.95 * now), now), (now + 1, now + 1), (round(0.5 * now), round(0.5 * now))):
-        followed = controller.follow(stepping, replace(stepping.choice, substeps=substeps))
-        assert followed.choice.substeps == expected
-        assert (followed is stepping) == (expected == now)

@@ -5,38 +5,15 @@ import pytest
 import warp as wp
 from alone import assert_each_is_as_alone, simulation_alone
 
-from msdwarp import (
-    RK4,
-    RKC2,
-    Actuator,
-    Attachment,
-    Box,
-    Capsule,
-    Cone,
-    EnclosedGas,
-    Ensemble,
-    ExplicitEuler,
-    Force,
-    Leapfrog,
-    Material,
-    Plane,
-    PrescribedMotion,
-    Pressure,
-    Sphere,
-    SymplecticEuler,
-    Wind,
-    ball,
-    box,
-    sheet,
-)
+import msdwarp as msd
 
 WORLDS = 4
-BLOCK = box((3, 3, 3), 0.1, stiffness=1e3, damping=1.0).translate((0.0, 0.0, 0.25))
+BLOCK = msd.box((3, 3, 3), 0.1, stiffness=1e3, damping=1.0).translate((0.0, 0.0, 0.25))
 BLOCKS = BLOCK + BLOCK.translate((1.0, 0.0, 0.0)) + BLOCK.translate((2.0, 0.0, 0.0))
-CLOTH = sheet((4, 4), 0.1, stiffness=1e3, damping=1.0, mass=0.01).translate((0.0, 0.0, 0.3))
-SKIN = ball(0.2, 0.1, stiffness=1e3, damping=1.0)
-SOFT = Material(density=100.0, youngs_modulus=1e4, damping_ratio=0.1, poissons_ratio=0.4)
-RUBBER = box((3, 3, 3), 0.1, material=SOFT).translate((1.0, 0.0, 0.15))
+CLOTH = msd.sheet((4, 4), 0.1, stiffness=1e3, damping=1.0, mass=0.01).translate((0.0, 0.0, 0.3))
+SKIN = msd.ball(0.2, 0.1, stiffness=1e3, damping=1.0)
+SOFT = msd.Material(density=100.0, youngs_modulus=1e4, damping_ratio=0.1, poissons_ratio=0.4)
+RUBBER = msd.box((3, 3, 3), 0.1, material=SOFT).translate((1.0, 0.0, 0.15))
 
 
 @wp.func
@@ -59,50 +36,52 @@ SCENES = {
         BLOCK,
         {
             "loads": [
-                Force((0.3, 0.0, 0.5)),
-                Force(lambda t: np.array([np.sin(9 * t), 0.0, 0.2]), on=[9, 14]),
-                Force(swirl),
-                Wind(lambda t: np.array([3.0, np.sin(t), 0.0]), area=0.01, on=[3, 4, 5]),
-                Attachment([6, 8], stiffness=50.0, damping=0.5),
-                Attachment([18, 20], stiffness=50.0, damping=0.5, carried_by=Plane(offset=-9.0, motion=lifted)),
-                PrescribedMotion([0, 1, 2], swing),
-                Actuator(lambda t: 0.1 * np.sin(9 * t)),
+                msd.Force((0.3, 0.0, 0.5)),
+                msd.Force(lambda t: np.array([np.sin(9 * t), 0.0, 0.2]), on=[9, 14]),
+                msd.Force(swirl),
+                msd.Wind(lambda t: np.array([3.0, np.sin(t), 0.0]), area=0.01, on=[3, 4, 5]),
+                msd.Attachment([6, 8], stiffness=50.0, damping=0.5),
+                msd.Attachment(
+                    [18, 20], stiffness=50.0, damping=0.5, carried_by=msd.Plane(offset=-9.0, motion=lifted)
+                ),
+                msd.PrescribedMotion([0, 1, 2], swing),
+                msd.Actuator(lambda t: 0.1 * np.sin(9 * t)),
             ],
             "gravity": lambda t: 9.82 + np.sin(20 * t),
         },
     ),
-    "surfaces": (SKIN, {"loads": [Wind((3.0, 1.0, -2.0)), Pressure(50.0), EnclosedGas(200.0)]}),
+    "surfaces": (SKIN, {"loads": [msd.Wind((3.0, 1.0, -2.0)), msd.Pressure(50.0), msd.EnclosedGas(200.0)]}),
     "a sheet that tears in the wind": (
         CLOTH.pin([0, 3]).replace(break_strain=0.001),
-        {"loads": [Wind((3.0, 1.0, -2.0))]},
+        {"loads": [msd.Wind((3.0, 1.0, -2.0))]},
     ),
     "cells, and what yields": (
         BLOCK.replace(yield_strain=0.002, relaxation_time=0.02) + RUBBER,
-        {"colliders": [Plane(friction=0.4, stiffness=300.0, dissipation=0.5)]},
+        {"colliders": [msd.Plane(friction=0.4, stiffness=300.0, dissipation=0.5)]},
     ),
     "solids, some of which move": (
         BLOCKS,
         {
             "colliders": [
-                Sphere((0.0, 0.0, -0.4), 0.5),
-                Box((1.0, 0.0, -0.1), (0.4, 0.4, 0.2), motion=lifted),
-                Capsule((1.9, 0.1, 0.0), (2.4, 0.1, 0.0), 0.1, motion=lifted),
-                Cone((2.1, 0.0, 0.1), (2.1, 0.0, -0.6), 30.0),
-                Plane(friction=0.4, motion=lifted),
+                msd.Sphere((0.0, 0.0, -0.4), 0.5),
+                msd.Box((1.0, 0.0, -0.1), (0.4, 0.4, 0.2), motion=lifted),
+                msd.Capsule((1.9, 0.1, 0.0), (2.4, 0.1, 0.0), 0.1, motion=lifted),
+                msd.Cone((2.1, 0.0, 0.1), (2.1, 0.0, -0.6), 30.0),
+                msd.Plane(friction=0.4, motion=lifted),
             ]
         },
     ),
 }
 METHODS = [
-    Leapfrog(),
-    Leapfrog(damper_extrapolation=0.5),
-    ExplicitEuler(),
-    RK4(),
-    RKC2(stages=4),
+    msd.Leapfrog(),
+    msd.Leapfrog(damper_extrapolation=0.5),
+    msd.ExplicitEuler(),
+    msd.RK4(),
+    msd.RKC2(stages=4),
 ]
 
 
-def assert_worlds_equal_runs(name: str, method, device: str, **more) -> Ensemble:
+def assert_worlds_equal_runs(name: str, method, device: str, **more) -> msd.Ensemble:
     """Compare worlds of other stiffness, damping, mass and gravity with single runs."""
     system, options = SCENES[name]
     draw = np.random.default_rng(3).uniform
@@ -111,7 +90,7 @@ def assert_worlds_equal_runs(name: str, method, device: str, **more) -> Ensemble
     if "gravity" not in options:
         differ |= {"gravity": draw(5.0, 12.0, 2)}
     how = {"device": device, "integrator": method, "force_algorithm": "gather"} | options | more
-    ensemble = Ensemble(system, WORLDS, **how, **differ)
+    ensemble = msd.Ensemble(system, WORLDS, **how, **differ)
     assert_each_is_as_alone(ensemble)
     work = ensemble.assembly.external_work
     if work is not None:  # which energies are judged by
@@ -125,7 +104,7 @@ def assert_worlds_equal_runs(name: str, method, device: str, **more) -> Ensemble
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_worlds_equal_single_runs_with_each_load_and_obstacle(plain_device, name):
-    ensemble = assert_worlds_equal_runs(name, SymplecticEuler(), plain_device)
+    ensemble = assert_worlds_equal_runs(name, msd.SymplecticEuler(), plain_device)
     if name.startswith("a sheet"):
         assert all(ensemble.system_of(world).broken.any() for world in range(WORLDS))
     if name.endswith("yields"):
