@@ -113,32 +113,19 @@ def test_what_fails_in_a_function_leaves_everything(call):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("changes", "raised", "told"),
-    [
-        ({"stiffness": 300.0}, KeyError("no data"), ValueError),
-        ({"velocity": (0.0, 0.0, 1.0)}, KeyboardInterrupt(), KeyboardInterrupt),
-    ],
-)
-def test_a_change_that_fails_at_any_call_of_a_function_is_undone(changes, raised, told):
+@pytest.mark.parametrize("changes", [{"stiffness": 300.0}, {"velocity": (0.0, 0.0, 1.0)}], ids=str)
+def test_a_change_that_fails_at_any_call_of_a_function_is_undone(changes):
     # Velocities stayed, and the energies to compare with did not: the next step diverged.
     calls, last = [0], [math.inf]
 
-    def counted():
+    def counted(t):
         calls[0] += 1
         if calls[0] > last[0]:
-            raise raised
+            raise KeyboardInterrupt
+        return (4.0, 0.0, -9.82 + 0.1 * math.sin(5 * float(np.max(t))))
 
-    def gravity(t):
-        counted()
-        return (0.0, 0.0, -9.82 + 0.1 * math.sin(5 * float(np.max(t))))
-
-    def wind(t):
-        counted()
-        return (4.0, 0.0, 0.0)
-
-    how = {"gravity": gravity, "loads": [Wind(wind)], "colliders": [Plane()], "integrator": Leapfrog()}
-    one, usual = (Simulation(BODY, device="cpu", **how) for _ in range(2))
+    around = {"gravity": counted, "colliders": [Plane()]} if "stiffness" in changes else {"loads": [Wind(counted)]}
+    one, usual = (Simulation(BODY, integrator=Leapfrog(), device="cpu", **around) for _ in range(2))
     for each in (one, usual):
         each.step(2)
     kept = one.checkpoint()
@@ -147,9 +134,9 @@ def test_a_change_that_fails_at_any_call_of_a_function_is_undone(changes, raised
     needed = calls[0]
     assert needed > 1
     one.restore(*kept)
-    for last[0] in range(needed):
+    for last[0] in sorted({0, 1, needed // 4, needed // 2, needed - 2, needed - 1}):
         calls[0] = 0
-        with pytest.raises(told):
+        with pytest.raises(KeyboardInterrupt):
             one.change(**changes)
         assert one.snapshot().stiffness.max() == 400.0
         np.testing.assert_array_equal(one.frame().velocity, usual.frame().velocity)

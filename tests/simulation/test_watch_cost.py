@@ -136,7 +136,7 @@ CHANGES = [at(0.1, damping=0.1), at(0.1, gravity=3.0), at(0.4, velocity=(0, 0, 1
 SCENES = {
     "refined": (swinging(), {"gravity": 0.0}),
     "pushed and driven, on what moves": (
-        swinging() + box((3, 3, 3), 0.1, damping=1.0).translate((1.0, 0, 0.1)),
+        swinging().translate((3.0, 0, 0)) + box((3, 3, 3), 0.1, damping=1.0).translate((0, 0, 0.1)),
         {
             "colliders": [TRAY],
             "loads": [Force(lambda t: (math.sin(9.0 * t), 0.0, 0.5)), PrescribedMotion([64, 65], shaken)],
