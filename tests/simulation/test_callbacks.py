@@ -66,11 +66,11 @@ def test_a_function_of_velocities_is_called_when_its_time_has_come():
     def faster(v):
         return 2.0 * v / np.linalg.norm(v, axis=1, keepdims=True)
 
-    simulation = Simulation(BODY, schedule=[at(0.05, velocity=faster)], precision="float64", device="cpu")
+    simulation = Simulation(BODY, schedule=[at(0.05, velocity=faster)], device="cpu")
     simulation.step(3)
     simulation._apply_scheduled_change()
     speed = np.linalg.norm(simulation.frame().velocity, axis=1)
-    np.testing.assert_allclose(speed, 2.0, rtol=1e-9)  # shifted to the time of the positions and back: rounding
+    np.testing.assert_allclose(speed, 2.0, rtol=1e-6)  # shifted to the time of the positions and back: rounding
     lonely = System(position=np.zeros((1, 3)), mass=[1.0])
     resting = Simulation(lonely, gravity=0.0, schedule=[at(0.05, velocity=faster)], device="cpu")
     message = re.escape("the change at 0.05 s cannot be made: velocity[0, 0] is nan")

@@ -8,14 +8,7 @@ from problems import EPS64
 
 import msdwarp as msd
 
-METHODS = [
-    msd.SymplecticEuler(),
-    msd.Leapfrog(),
-    msd.Leapfrog(damper_extrapolation=0.5),
-    msd.RK4(),
-    msd.RKC2(),
-    msd.LinearlyImplicitEuler(iterations=2),  # of a spring that hardly pulls
-]
+METHODS = [msd.SymplecticEuler(), msd.Leapfrog(), msd.RK4()]  # test_throwing.py has each method
 
 
 def free(mass=(1.0, 2.5)) -> msd.System:
@@ -70,10 +63,7 @@ def test_gravity_changes_in_flight(method, plain_device):
     g, other = np.array([0, 0, -8.0]), np.array([3.0, 0.0, 2.0])
     v = 0.5 * g + 0.5 * other
     x = 0.125 * g + 0.25 * g + 0.125 * other
-    exact = isinstance(method, msd.Leapfrog | msd.RK4 | msd.RKC2)
-    atol = 200 * 20 * EPS64 if exact else 8.0 * 0.5 / 200
-    if isinstance(method, msd.RKC2):
-        atol = 1e-10  # of 1 m: its coefficients add up to 1 to fewer digits
+    atol = 8.0 * 0.5 / 200 if method == msd.SymplecticEuler() else 200 * 20 * EPS64
     np.testing.assert_allclose(simulation.frame().velocity, np.tile(v, (2, 1)), rtol=0, atol=atol)
     np.testing.assert_allclose(
         simulation.frame().position - free().position, np.tile(x, (2, 1)), rtol=0, atol=atol

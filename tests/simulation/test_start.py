@@ -99,7 +99,7 @@ def test_particle_and_depth_are_those_of_the_deepest():
         simulate(points, msd.Plane())
     assert "connections" not in str(told[0].message)  # there are none
     with pytest.warns(msd.StartWarning, match=r"^particle 0 starts 0.3 m inside colliders\[0\], a Box: "):
-        simulate(msd.System(position=[[0.2], [0.9]]), msd.Box((0.0,), (1.0,)))
+        simulate(msd.System(position=[[0.2, 0.0], [0.9, 0.0]]), msd.Box((0.0, 0.0), (1.0, 1.0)))
 
 
 @pytest.mark.parametrize("depth", [0.0, 1e-7, 0.9e-3], ids=lambda depth: f"{depth:g} m")
