@@ -113,7 +113,7 @@ def test_work_is_what_energy_comes_from(plain_device, method, order):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("count", "first"), [(None, 4), (None, 12), (1, 12)], ids=["before the release", "after it", "of a drive alone"]
+    ("count", "first"), [(None, 4), (None, 12), (1, 12)], ids=["before the release", "after it", "of a lone drive"]
 )
 def test_a_run_resumes_to_the_last_bit(device, count, first):
     # Before and after particles are released, and with substeps chosen on the way.

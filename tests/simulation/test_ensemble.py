@@ -271,7 +271,7 @@ def test_worlds_by_number():
 
 def test_a_start_serves_every_second_world():
     starts, speeds = block().position + np.array([0.0, 1.0])[:, None, None], [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
-    ensemble = Ensemble(block(), 4, position=starts, velocity=speeds, device="cpu", precision="float64")
+    ensemble = msd.Ensemble(block(), 4, position=starts, velocity=speeds, device="cpu", precision="float64")
     _, position, velocity = ensemble.frame()
     for world in range(4):
         assert (position[world] == starts[world % 2]).all()
