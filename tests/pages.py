@@ -6,6 +6,9 @@ import msgspec
 import viser
 from viser._messages import ViewerCameraMessage
 
+from msdwarp import Plane, Scene, Simulation, box
+from msdwarp.live import Browser, Running, View, within_reach
+
 SETTLES = 60.0
 """How long a loaded machine may take to do what is asked [s]."""
 OWN = "its own"
@@ -17,6 +20,20 @@ def until(holds, seconds=SETTLES):
     while not holds():
         assert time.monotonic() < end, "it never did"
         time.sleep(0.02)
+
+
+def bouncing(size=4):
+    # Undamped and without a floor that takes anything: it bounces for as long as a test takes.
+    body = box((size, size, size), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.5))
+    scene = within_reach(Scene(system=body, colliders=[Plane(restitution=1.0)], duration=1.0))
+    return Running(scene, Simulation.from_scene(scene, device="cpu"), "bouncing", parameters={"size": size})
+
+
+def served(**options):
+    """Return a view with a page, which runs in a thread of its own until it is closed."""
+    view = View(bouncing(), [Browser(**options)], rebuild=lambda size: bouncing(size))
+    view.start()
+    return view
 
 
 def connected(page, *, origin=OWN, host=None, path="", **options):

@@ -2,6 +2,7 @@
 
 import io
 import os
+import sys
 from contextlib import contextmanager
 from functools import partial
 
@@ -82,6 +83,20 @@ def vtk_frames(path, which=slice(None)):
         reader.SetStep(k)
         reader.Update()
         yield times[k], pv.wrap(reader.GetOutput()).copy()
+
+
+@contextmanager
+def largest_file(size):
+    """Let no file grow beyond a size [bytes], as on a disk that is full."""
+    resource = pytest.importorskip("resource")
+    before, without_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = without_bytecode
 
 
 class Disk(io.RawIOBase):

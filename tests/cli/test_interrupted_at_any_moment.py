@@ -85,12 +85,11 @@ def judged(folder, code, out, err):
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path):
-    assert ended(begun(tmp_path, *RUN, "--out", "whole"))[0] == 0  # compiles kernels
     began = time.monotonic()
-    assert ended(begun(tmp_path, *RUN, "--out", "again"))[0] == 0
+    assert ended(begun(tmp_path, *RUN, "--out", "whole"))[0] == 0
     whole, chance = time.monotonic() - began, random.Random(2026)
     for k in range(int(os.environ.get("MSDWARP_INTERRUPTIONS", "2"))):
-        after = chance.uniform(0.0, 1.1 * whole)
+        after = chance.uniform(0.0, whole)
         wrong = interrupted(tmp_path / f"run{k}", after)
         assert not wrong, f"after {after:.3f} s: {wrong}"
         results = tmp_path / f"run{k}" / "out" / "cube"
@@ -100,17 +99,16 @@ def test_a_run_interrupted_at_any_moment_ends_with_a_word_and_can_go_on(tmp_path
 
 @posix
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_run_ends_within_a_frame_that_takes_long(tmp_path, number):
+def test_a_run_ends_within_a_frame_that_takes_long(tmp_path):
     long = ["--size", "20", "--substeps", "60000", "--frames", "none", "--video", "none"]  # half a minute a frame
     process = begun(tmp_path, "run", "cube", "--duration", "0.1", "--device", "cpu", *long)
     started = tmp_path / "out" / "cube" / "restart.h5"
     while not started.exists() and process.poll() is None:
         time.sleep(0.05)
     time.sleep(1.0)
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     code, _, err = ended(process)
-    assert code == 128 + number, err
+    assert code == 143, err
     assert "at 0 s, after frame 0 of 6: `msdwarp resume out/cube` goes on" in err  # not after frame 1
     with Trajectory(started.parent / "trajectory.vtkhdf") as found:
         assert len(found) == 1
@@ -174,10 +172,7 @@ sys.meta_path.insert(0, Finder())
 
 @pytest.mark.slow
 @posix
-@pytest.mark.parametrize(
-    ("module", "resumable"),
-    [("cyclopts", False), ("warp.config", False), ("h5py._hl", True), ("isal", False)],
-)
+@pytest.mark.parametrize(("module", "resumable"), [("warp.config", False), ("h5py._hl", True)])
 def test_an_import_is_a_safe_moment(tmp_path, module, resumable):
     # A module that Python imports as it starts sends the signal in the midst of another import.
     (tmp_path / "own").mkdir()
@@ -201,11 +196,10 @@ def test_sigterm_while_the_command_is_imported_has_its_word(tmp_path):
 
 @posix
 @pytest.mark.slow
-@pytest.mark.parametrize("module", ["h5py._hl", "pyvista.core"])
-def test_an_import_of_export_is_a_safe_moment(tmp_path, module):
+def test_an_import_of_export_is_a_safe_moment(tmp_path):
     write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 200)  # which takes longer than a signal is put off
     (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module=module, name="SIGINT"))
+    (tmp_path / "own" / "sitecustomize.py").write_text(HEARD.format(module="pyvista.core", name="SIGINT"))
     path = os.pathsep.join([str(tmp_path / "own"), str(ROOT)])
     done = ended(begun(tmp_path, "export", "a.vtkhdf", "--to", "obj", env={"PYTHONPATH": path}))
     assert done == (130, "", "interrupted\n")

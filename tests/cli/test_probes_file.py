@@ -59,12 +59,3 @@ def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
     assert steps.dtype.names == ("time_s", *(f"top_velocity_{axis}_m_s" for axis in "xyz"))
     assert len(steps) >= 2 * len(table)
     np.testing.assert_allclose(steps["time_s"][-1], 0.4, rtol=1e-8)
-
-
-@pytest.mark.slow
-def test_another_file_in_its_place_is_not_gone_on_with(msdwarp, probed):
-    assert msdwarp("run", "own.py", *UNDRAWN, "--out", "parts", "--duration", "0.1")[0] == 0
-    (probed.parent / "parts" / "probes.csv").write_text("time_s\n1\n")
-    code, out, err = msdwarp("resume", "parts", "--duration", "0.4")
-    assert code == 1
-    assert "probes.csv, which is not what the run had written there" in out + err

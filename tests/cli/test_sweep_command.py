@@ -127,8 +127,8 @@ def is_alive(pid):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-@pytest.mark.parametrize(("number", "jobs"), [(signal.SIGKILL, "2"), (signal.SIGINT, "2"), (signal.SIGTERM, "1")])
-def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path, heard, number, jobs):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path, heard, number):
     # However late this is to end it, it is not done: the second half of the points waits.
     hold = tmp_path / "hold"
     hold.touch()
@@ -141,7 +141,7 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
         "    return Scene(system=box((3, 3, 3), 0.1, stiffness=stiffness), duration=0.2)\n"
     )
     words = ["own.py", "--stiffness", "100:108", "--keep", "summary", "--device", "cpu", "-o", "out"]
-    command = [sys.executable, "-m", "msdwarp", "sweep", *words, "--jobs", jobs]
+    command = [sys.executable, "-m", "msdwarp", "sweep", *words, "--jobs", "2"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         while len(list(tmp_path.glob("out/runs/[0-9a-f]*"))) < 3 and process.poll() is None:
             time.sleep(0.02)
@@ -152,17 +152,14 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
             hold.unlink()
     assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
     if number != signal.SIGKILL:
-        word = "interrupted" if number == signal.SIGINT else "terminated"
-        at_once = jobs == "1" and said == f"{word}\n"  # while a simulation is made, in this very process
-        assert at_once or said == f"{word}: done points are kept; the same command continues\n"
-        assert at_once or {one["status"] for one in lines(tmp_path / "out")} == {"done", "missing"}
+        assert said == "interrupted: done points are kept; the same command continues\n"
+        assert {one["status"] for one in lines(tmp_path / "out")} == {"done", "missing"}
     workers = [int(path.name.partition("-")[2]) for path in tmp_path.glob("pid-*")]
-    for _ in range(500):  # ten seconds, for ending a process on a busy machine
-        if not any(map(is_alive, workers)):
-            break
-        time.sleep(0.02)
     assert workers
-    assert not any(map(is_alive, workers))
+    end = time.monotonic() + 60.0  # for ending a process on a busy machine
+    while any(map(is_alive, workers)):
+        assert time.monotonic() < end
+        time.sleep(0.02)
     there = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("out/runs/[0-9a-f]*")}
     assert 3 <= len(there) < 8
     code, out, err = msdwarp("sweep", *words, "--jobs", "1")

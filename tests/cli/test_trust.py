@@ -59,14 +59,6 @@ def forget(folder, *names):
         group["attributes"] = json.dumps(about)
 
 
-def set_scene(path, **changes):
-    """Let a trajectory say something else of what made it."""
-    with h5py.File(path, "r+") as file:
-        about = json.loads(file["msdwarp/attributes"][()]) | changes
-        del file["msdwarp/attributes"]
-        file["msdwarp/attributes"] = json.dumps(about)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["render", "plot", "rerun"])
 def test_a_received_file_runs_no_script(msdwarp, tmp_path, command):

@@ -22,17 +22,13 @@ finally:
     ("words", "needed"),
     [
         ("--help", []),
-        pytest.param("--version", [], marks=pytest.mark.slow),
         ("list", []),
-        pytest.param("render --help", [], marks=pytest.mark.slow),
         ("runn cube", []),
         pytest.param("run no-scene", [], marks=pytest.mark.slow),
         pytest.param("export a.vtkhdf --to jpg", [], marks=pytest.mark.slow),
         ("run cube --help", ["numpy"]),  # which the scene's own annotations ask for
-        pytest.param("view --help", [], marks=pytest.mark.slow),
         pytest.param("view cube --help", ["numpy"], marks=pytest.mark.slow),
         pytest.param("tune cube --help", ["numpy"], marks=pytest.mark.slow),
-        pytest.param("fit cube --help", ["numpy"], marks=pytest.mark.slow),
         pytest.param("run cube --fps many", ["numpy"], marks=pytest.mark.slow),
     ],
 )

@@ -1,12 +1,10 @@
 """Export: what other programs would read is what was simulated."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from trajectories import drawing_of
+from trajectories import drawing_of, largest_file
 
 from msdwarp import Scene, System, Trajectory, ball, box, chain, sheet
 from msdwarp.files.export import export
@@ -41,26 +39,6 @@ def shown(trajectory, k):
     spatial = np.zeros((len(points), 3))
     spatial[:, [0, 2] if system.dim == 2 else [0, 1, 2]] = points
     return spatial.astype(np.float32)[cells]
-
-
-def corners(mesh):
-    """Return corners of the cells of a PolyData, or what can be made one."""
-    if isinstance(mesh, pv.MultiBlock):
-        mesh = mesh.combine().extract_surface(algorithm=None)
-    return mesh.points[mesh.faces.reshape(-1, 4)[:, 1:]]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf"])
-def test_a_sequence_of_files(tmp_path, trajectory, to):
-    draw = drawing_of(trajectory)
-    paths = export(trajectory, tmp_path / "deep" / f"b.{to}", to, slice(1, None, 2), draw=draw)
-    assert [path.name for path in paths] == [f"b_{k:04d}.{to}" for k in (1, 3, 5)]
-    for path, k in zip(paths, (1, 3, 5), strict=True):
-        expected = shown(trajectory, k)
-        if to == "gltf":
-            expected = np.stack([expected[..., 0], expected[..., 2], -expected[..., 1]], axis=-1)  # y is up
-        np.testing.assert_allclose(corners(pv.read(path)), expected, atol=1e-6)
 
 
 def test_one_frame_has_the_name_as_it_is(tmp_path, trajectory):
@@ -131,33 +109,14 @@ def test_particles_alone_hold_nothing_to_draw(tmp_path):
         assert export(found, tmp_path / "b.npz", "npz")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("to", ["obj", *(to for to in ("stl", "ply", "gltf", "npz"))])
+@pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf", "npz"])
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, to):
-    code = """
-import resource, sys
-sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
-from msdwarp import Scene, Trajectory, TrajectoryWriter, box
-from msdwarp.cli.draw import drawn
-from msdwarp.cli.options import Pictures
-from msdwarp.files.export import export
-from msdwarp.runtime import start_warp
-system = box((12, 12, 12))
-with TrajectoryWriter("a.vtkhdf", system, fps=30) as writer:
-    writer.write((0.0, system.position, system.velocity))
-start_warp()
-with Trajectory("a.vtkhdf") as trajectory:
-    frames, _ = drawn(Scene(system=system), trajectory, Pictures(), [0], False)
-    frames = list(frames)  # before kernels that are compiled find no room
-    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
-    try:
-        export(trajectory, f"b.{sys.argv[1]}", sys.argv[1], 0, draw=lambda *_: (frames, {}))
-    except OSError as error:
-        print(error)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code, to], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=True
-    )
-    assert done.stdout.startswith(f"b.{to} could not be written: ")
-    assert done.stderr == ""
+    system, path = box((12, 12, 12)), tmp_path / f"b.{to}"
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", system, fps=30) as writer:
+        writer.write((0.0, system.position, system.velocity))
+    with Trajectory(writer.path) as trajectory:
+        drawn, _ = drawing_of(trajectory)([0], False)
+        drawn = list(drawn)  # before kernels that are compiled find no room
+        with largest_file(8192), pytest.raises(OSError, match=rf"b\.{to} could not be written: "):
+            export(trajectory, path, to, 0, draw=lambda *_: (drawn, {}))
     assert [path.name for path in tmp_path.iterdir()] == ["a.vtkhdf"]

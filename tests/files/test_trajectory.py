@@ -10,9 +10,7 @@ import pytest
 from trajectories import KINDS, SYSTEMS, assert_same, frames, in_space, vtk_frames, write
 
 from msdwarp import CoulombDamper, QuadraticDamper, Simulation, System, Trajectory, TrajectoryWriter, ball, box
-from msdwarp.cli.scene_files import find_scene, scene_names
 from msdwarp.files import vtkhdf
-from msdwarp.simulation.readback import Readback
 
 pv = pytest.importorskip("pyvista")
 
@@ -184,30 +182,6 @@ def test_a_simulation_is_read_bit_for_bit(tmp_path, precision, vtk_output):
     for (when, mesh), frame in zip(vtk_frames(writer.path), kept, strict=True):
         assert when == frame.time
         np.testing.assert_array_equal(mesh.points, frame.position)
-    assert vtk_output.GetOutput() == ""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", scene_names())
-def test_vtk_reads_every_scene(tmp_path, name, vtk_output):
-    scene = find_scene(name).scene()
-    simulation = Simulation.from_scene(scene, device="cpu", fps=480.0)
-    expected, readback = [], Readback(simulation)
-    with TrajectoryWriter(tmp_path / "a.vtkhdf", scene.system, fps=480.0) as writer:
-        for _ in range(3):
-            expected.append(simulation.frame())
-            writer.write_pending(readback.take())
-            simulation.step()
-    reader = pv.get_reader(tmp_path / "a.vtkhdf")
-    n = scene.system.particle_count
-    for k, (frame, (when, mesh)) in enumerate(zip(expected, vtk_frames(writer.path), strict=True)):
-        assert when == frame.time == k / 480.0
-        reader.reader.SetStep(k)
-        for read in (mesh, reader.read()):
-            np.testing.assert_array_equal(read.points[:n], in_space(frame.position))
-            np.testing.assert_array_equal(read.point_data["velocity"][:n], in_space(frame.velocity))
-            assert read.points.dtype == np.float32
-            assert len(read.cell_data["strain"]) == read.n_cells
     assert vtk_output.GetOutput() == ""
 
 

@@ -3,7 +3,6 @@
 import errno
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import threading
@@ -12,7 +11,7 @@ import time
 import h5py
 import numpy as np
 import pytest
-from trajectories import SYSTEMS, assert_same, beginnings, frames, recorded_writes, vtk_frames, write
+from trajectories import SYSTEMS, assert_same, beginnings, frames, largest_file, recorded_writes, vtk_frames, write
 
 from msdwarp import Trajectory, TrajectoryWriter, box
 from msdwarp.files import growing_file, vtkhdf
@@ -42,12 +41,9 @@ def until(condition, seconds=100):
         time.sleep(0.001)
 
 
-# Long enough that the tables of frames grow several times.
-LONG = [(True, 40, True), (False, 40, False)]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("compress", "count", "known"), [(False, 8, True), (True, 8, False), *LONG])
+# Of 40 frames the tables grow several times.
+@pytest.mark.parametrize(("compress", "count", "known"), [(False, 8, True), (True, 40, False)])
 def test_after_each_single_write_to_disk_every_frame_is_there(
     tmp_path, monkeypatch, compress, count, known, vtk_output
 ):
@@ -95,7 +91,7 @@ import h5py, numpy as np
 from msdwarp import box
 from msdwarp.files.writer import TrajectoryWriter
 system, children = box((6, 6, 6)), {}
-for k in range(20):
+for k in range(8):
     child = os.fork()
     if child == 0:
         with TrajectoryWriter(f"{sys.argv[1]}/{k}.vtkhdf", system, fps=60, compress=k % 2 == 1) as writer:
@@ -115,10 +111,10 @@ for child, k in children.items():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_killed_at_random_twenty_times(tmp_path, vtk_output):
+def test_killed_at_random_it_has_its_frames(tmp_path, vtk_output):
     subprocess.run([sys.executable, "-W", "ignore", "-c", WRITE_FOR_EVER, tmp_path], check=True, timeout=600)
     system, paths = box((6, 6, 6)), list(tmp_path.glob("[0-9]*.vtkhdf"))
-    assert len(paths) >= 10  # a file appears with its first frame
+    assert len(paths) >= 4  # a file appears with its first frame
     for path in paths:
         with Trajectory(path) as found:
             assert len(found) > 0
@@ -135,40 +131,25 @@ def test_killed_at_random_twenty_times(tmp_path, vtk_output):
     assert vtk_output.GetOutput() == ""
 
 
-FILL_THE_DISK = """
-import resource, sys
-sys.dont_write_bytecode = True  # of what is imported late: it would be cut off too
-import numpy as np
-from msdwarp import box
-from msdwarp.files.writer import TrajectoryWriter
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
-system = box((10, 10, 10))
-random = np.random.default_rng(0)
-try:
-    with TrajectoryWriter(sys.argv[1], system, fps=60, compress=sys.argv[3] == "True") as writer:
-        for n in range(10_000):
-            writer.write((n / 60, (n * system.position).astype(np.float32), random.normal(size=(1000, 3))))
-except OSError as error:
-    print(error)
-    sys.exit(3)
-"""
-
-
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit to the size of files")
 @pytest.mark.parametrize(("limit", "compress"), [(3_000_000, True), (100_000, False)])
 def test_a_full_disk_ends_with_a_message_and_a_file_that_opens(tmp_path, limit, compress):
-    path = tmp_path / "a.vtkhdf"
-    arguments = [sys.executable, "-W", "error", "-c", FILL_THE_DISK, path, str(limit), str(compress)]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=600)
-    assert (done.returncode, done.stderr) == (3, "")
-    assert done.stdout.startswith(f"{path} could not be written further: File too large; ")
+    system, random, path = box((10, 10, 10)), np.random.default_rng(0), tmp_path / "a.vtkhdf"
+    said = r"a\.vtkhdf could not be written further: File too large; "
+
+    def fill_the_disk():
+        with TrajectoryWriter(path, system, fps=60, compress=compress) as writer:
+            for n in range(10_000):
+                writer.write((n / 60, (n * system.position).astype(np.float32), random.normal(size=(1000, 3))))
+
+    with largest_file(limit), pytest.raises(OSError, match=said) as told:
+        fill_the_disk()
     if limit < 1_000_000:
-        assert "nothing was kept" in done.stdout
+        assert "nothing was kept" in str(told.value)
         assert not list(tmp_path.iterdir())
         return
     with Trajectory(path) as found:
-        assert f"its first {len(found)} frames are kept" in done.stdout
+        assert f"its first {len(found)} frames are kept" in str(told.value)
         assert len(found) > 10
         assert len(found.system.connections) == found.strains.shape[1]
         for k, frame in enumerate(found):
@@ -303,11 +284,11 @@ from msdwarp import box
 from msdwarp import Trajectory
 from msdwarp.files.writer import TrajectoryWriter
 system, peak = box((10, 10, 10)), []
-with TrajectoryWriter(sys.argv[1], system, fps=60, frame_count=2_000) as writer:
-    for n in range(2_000):
+with TrajectoryWriter(sys.argv[1], system, fps=60, frame_count=1_000) as writer:
+    for n in range(1_000):
         position = (system.position * (1 + n / 1024)).astype(np.float32)
         writer.write((n / 60, position, -position))
-        if n in (499, 1999):
+        if n in (249, 999):
             peak.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 with Trajectory(sys.argv[1]) as found:
     for frame in found[::10]:
@@ -318,9 +299,7 @@ print(*peak)
 """
     arguments = [sys.executable, "-c", code, tmp_path / "a.vtkhdf"]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=600, check=True)
-    early, late, read = map(
-        int, done.stdout.split()
-    )  # in KiB on Linux; the file has 50 MB, most of it after the first
+    early, late, read = map(int, done.stdout.split())  # in KiB on Linux; the file has 25 MB
     assert late - early < 10_000
     assert read - late < 30_000
 
@@ -376,10 +355,3 @@ def test_wrong_arguments_are_named(tmp_path):
             writer.write((time, position, velocity), strain=position)
     with pytest.raises(ValueError, match="is closed"):
         writer.write((time, position, velocity))
-
-
-def test_signals_reach_python(tmp_path):
-    # Writing must not install handlers of its own.
-    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    write(tmp_path / "a.vtkhdf", SYSTEMS["chain"])
-    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before

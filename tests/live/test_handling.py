@@ -69,25 +69,12 @@ def test_what_does_not_touch_has_no_friction():
 
 
 @pytest.mark.parametrize(
-    "ends",
-    [
-        lambda v: v.press("r"),
-        lambda v: v.press("1"),
-        lambda v: v.post("parameters", size=2),
-    ],
-    ids=["reset", "scene", "parameters"],
+    "ends", [lambda v: v.press("r"), lambda v: v.press("1"), lambda v: v.post("parameters", size=2)]
 )
 def test_a_recording_ends_where_another_run_begins(tmp_path, ends):
     folder = tmp_path / "kept"
-    view, _ = played(
-        lambda v: v.post("record", folder=folder),
-        *[0.03] * 8,
-        ends,
-        0,
-        0,
-        scenes={"one": running},
-        rebuild=lambda size: running(),
-    )
+    turns = (lambda v: v.post("record", folder=folder), *[0.03] * 8, ends, 0, 0)
+    view, _ = played(*turns, scenes={"one": running}, rebuild=lambda size: running())
     assert view.recording is None
     assert "wrote" in view.notice
     with Trajectory(folder / "trajectory.vtkhdf") as trajectory:
@@ -97,15 +84,8 @@ def test_a_recording_ends_where_another_run_begins(tmp_path, ends):
 
 def test_a_scene_that_is_refused_ends_no_recording(tmp_path):
     seen = []
-    played(
-        lambda v: v.post("record", folder=tmp_path / "kept"),
-        0,
-        lambda v: v.post("scene", number=7),
-        0,
-        lambda v: seen.append(v.recording),
-        0,
-        scenes={"one": running},
-    )
+    turns = [lambda v: v.post("record", folder=tmp_path / "kept"), 0, lambda v: v.post("scene", number=7), 0]
+    played(*turns, lambda v: seen.append(v.recording), 0, scenes={"one": running})
     assert seen[0] is not None
 
 
@@ -132,15 +112,14 @@ def test_a_film_is_drawn_of_what_was_kept(tmp_path):
     assert [one.suffix for one in folder.iterdir() if one.suffix == ".webp"] == [".webp"], told[-1]
 
 
-@pytest.mark.parametrize("name", ["stiffness", "damping", "to"])
-def test_a_hand_beyond_all_numbers_is_refused_and_the_next_one_holds(name):
+def test_a_hand_beyond_all_numbers_is_refused_and_the_next_one_holds():
     source, again = running(), running()
     hold = {"particles": [3], "to": [[0.3, 0.1, 0.9]], "stiffness": [9.0], "damping": [0.1]}
     source.handling.do("hold", **hold)
-    beyond = [[1e39, 0.0, 0.0]] if name == "to" else [1e39]
-    with pytest.raises(ValueError, match=f"{name}.*at most"):
-        source.handling.do("hold", **hold | {name: beyond})
-    assert held(source) == [3]
+    for name, beyond in {"stiffness": [1e39], "damping": [1e39], "to": [[1e39, 0.0, 0.0]]}.items():
+        with pytest.raises(ValueError, match=f"{name}.*at most"):
+            source.handling.do("hold", **hold | {name: beyond})
+        assert held(source) == [3]
     again.handling.do("hold", **hold)
     for one in (source, again):
         for k in range(20):

@@ -138,18 +138,15 @@ class Page(Listener):
     takes_images = True
 
 
-@pytest.mark.parametrize(("sends", "turns_into"), [("auto", True), ("triangles", False)])
-def test_a_slow_link_turns_to_images_unless_triangles_are_asked_for(sends, turns_into):
-    screen = Page(lambda v: v.post("send", value=sends), 0, lambda v: v.post("slow"), 0, 0)
+@pytest.mark.parametrize(
+    ("kind", "sends", "given"),
+    [(Page, "auto", True), (Page, "triangles", False), (Listener, "images", False)],
+)
+def test_a_slow_link_turns_to_images_where_they_are_taken_and_not_refused(kind, sends, given):
+    screen = kind(lambda v: v.post("send", value=sends), 0, lambda v: v.post("slow"), 0, 0)
     view = View(running(), [screen])
     view.run()
-    assert view.images is turns_into
-
-
-def test_a_window_is_never_sent_images():
-    view = View(running(), [Listener(lambda v: v.post("send", value="images"), 0, 0)])
-    view.run()
-    assert not view.images
+    assert view.images is given
 
 
 def test_many_triangles_are_drawn_where_a_gpu_simulates(device, monkeypatch):

@@ -11,18 +11,6 @@ from PIL import Image
 
 pytest.importorskip("viser")
 from pages import SETTLES, runs, until
-from test_browser import source
-
-from msdwarp.live import Browser, View
-
-
-@pytest.fixture
-def view():
-    opened = View(source(), [Browser()])
-    opened.start()
-    yield opened
-    opened.close()
-
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := which(name))), None
@@ -171,7 +159,7 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
         page.mouse.up()
         until(lambda: view.hand.grip is None)
 
-        # The same by images: the middle of the picture has the body's colour, and a drag takes hold of it.
+        # By images the middle of the picture has the body's colour, and a drag takes hold of it.
         view.post("send", value="images")
         until(lambda: view.screens[0]._images is not None and view.screens[0]._images._sent)
         view.post("reset")

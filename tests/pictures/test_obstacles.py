@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from backends import BACKENDS
+from backends import BACKENDS, pixel_of
 
 import msdwarp as msd
 from msdwarp import checks
@@ -60,8 +60,8 @@ def directed_edges(mesh):
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_a_mesh_is_closed_and_faces_outwards(name):
-    mesh = mesh_of(SOLIDS[name], 3)
+def test_a_mesh_is_closed_and_lies_on_the_surface_and_faces_straight_out(name):
+    solid, mesh = SOLIDS[name], mesh_of(SOLIDS[name], 3)
     edges = directed_edges(mesh)
     assert all(a != b and count == 1 for (a, b), count in edges.items())
     assert all((b, a) in edges for a, b in edges)
@@ -74,10 +74,6 @@ def test_a_mesh_is_closed_and_faces_outwards(name):
     # Inscribed: a round section of n corners loses 2π²/3n² of its area, and a round profile about as much again.
     assert -1e-12 < 1 - volume / VOLUMES[name] < 5 * np.pi**2 / 3 / AROUND**2
 
-
-@pytest.mark.parametrize("name", SOLIDS)
-def test_vertices_lie_on_the_surface_and_normals_point_straight_out(name):
-    solid, mesh = SOLIDS[name], mesh_of(SOLIDS[name], 3)
     np.testing.assert_allclose(signed_distance(solid, mesh.points), 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-12)
     used = np.unique(mesh.triangles)
@@ -194,12 +190,6 @@ def test_planes_have_no_mesh(body):
     assert meshes(msd.Scene(system=body, colliders=[msd.Plane(), msd.Plane(normal=(1, 0, 0), offset=-3)])) == []
 
 
-def pixel_of(renderer, point):
-    """Return (row, column) where a point appears."""
-    row, column = renderer.stage.camera.pixels(np.array([point]), renderer.stage.height, renderer.stage.width)
-    return int(row[0]), int(column[0])
-
-
 def shade(colour, normal, camera, height):
     """Return the colour of a matt surface with this normal, 0 … 255; `height` is over the extent of the view."""
     facing = KEY * max(normal @ camera.light, 0) + HEAD * max(-normal @ camera.forward, 0)
@@ -276,6 +266,7 @@ def test_a_moving_obstacle_is_drawn_where_it_is_at_the_time(body, backend):
 
 
 @pytest.mark.slow
+@pytest.mark.each_value
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("textured", ["both", "body", "obstacle"])
 def test_body_and_obstacle_keep_their_own_textures(body, backend, textured):

@@ -8,21 +8,6 @@ import msdwarp as msd
 from msdwarp import textures
 from msdwarp.pictures.drawing import atlas
 
-ALL = {
-    "tiles": lambda: textures.tiles("#e4633f", "#f2b591"),
-    "gingham": lambda: textures.gingham("#2f6f9f", "#f4f1e8"),
-    "tyre_wall": lambda: textures.tyre_wall("#26262a", "#ece8de", "#f2b230"),
-    "rings": lambda: textures.rings("#c9687a", "#f0c4b8", 7),
-    "rings_box": lambda: textures.rings_box("#c9687a", "#f0c4b8", 7),
-    "pips": lambda: textures.pips("#f3ece0", "#1d2530"),
-    "waffle": lambda: textures.waffle("#dca350", "#b9742a"),
-    "waffle, diagonal": lambda: textures.waffle("#dca350", "#b9742a", diagonal=True),
-    "waffle_box": lambda: textures.waffle_box("#dca350", "#b9742a"),
-    "ticking": lambda: textures.ticking("#f2eee4", "#4a6a94"),
-    "scoop": lambda: textures.scoop("#f4b8c0", "#9d2f47", size=128),
-    "jelly": lambda: textures.jelly("#b8142f", "#ff9a86"),
-}
-
 
 def face(image, k):
     """Return face k of a box's texture: three columns of two rows, the lower one first."""
@@ -47,17 +32,6 @@ def test_what_is_painted_once_is_nobodys_to_spoil():
     counts: list = [3, 4]  # a list is no key to what was painted before
     image = textures.waffle("#dca350", "#b9742a", counts=counts, size=16)  # type: ignore[arg-type]
     np.testing.assert_array_equal(image, textures.waffle("#dca350", "#b9742a", counts=(3, 4), size=16))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ALL)
-def test_a_texture_is_an_image_that_is_always_the_same(name):
-    image = ALL[name]()
-    assert image.dtype == np.uint8
-    assert image.ndim == 3
-    assert image.shape[2] == 3
-    assert image.std() > 5
-    np.testing.assert_array_equal(image, ALL[name]())
 
 
 def test_a_die_has_one_to_six_dots_and_opposite_faces_sum_to_seven():

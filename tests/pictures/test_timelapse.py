@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from backends import BACKENDS
+from backends import BACKENDS, pixel_of
 
 import msdwarp as msd
 from msdwarp.pictures.light import SHADOW
@@ -22,12 +22,6 @@ def scene():
 
 def poses(scene):
     return np.array([scene.system.translate(place).position for place in PLACES])
-
-
-def pixel_of(renderer, point):
-    """Return (row, column) where a point appears."""
-    row, column = renderer.stage.camera.pixels(np.array([point]), renderer.stage.height, renderer.stage.width)
-    return int(row[0]), int(column[0])
 
 
 @pytest.mark.slow
