@@ -36,16 +36,16 @@ def crossing_frames(times: int, contact: msd.Contact | None, bending: float = 4e
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("times", "bending", "thickness"),
-    [(10, 4e-3, 0.02), (4, 1e-3, None)],
-    ids=["ten times", "softer, and of its own thickness"],
+    [(4, 4e-3, 0.02), (2, 1e-3, None)],
+    ids=["four times", "softer, and of its own thickness"],
 )
 def test_a_cloth_folded_on_itself_again_and_again_does_not_cross_itself(times, bending, thickness):
     # Its end moves at 0.9 m/s at most. At 1.3 m/s it collapses into creases sharper than its triangles, which
-    # cross (docs/contact.md, benchmarks/accuracy/folding.py).
+    # cross (docs/contact.md). More often, and at other speeds, benchmarks/accuracy/folding.py folds it.
     contact = msd.Contact(friction=0.3, restitution=0.1, self_contact=True, thickness=thickness)
     assert crossing_frames(times, contact, bending) == []
 
 
 @pytest.mark.slow
 def test_without_contact_the_same_folds_go_through_each_other():
-    assert crossing_frames(2, None)
+    assert crossing_frames(1, None)

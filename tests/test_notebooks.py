@@ -36,7 +36,12 @@ def shown(outputs: list, kind: str) -> int:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of Jupyter's own
 def test_methods_are_compared(tmp_path):
-    outputs = executed("methods.ipynb", tmp_path, **{"finer in (1, 2, 4, 8)": "finer in (1, 2)"})
+    shorter = {
+        "finer in (1, 2, 4, 8)": "finer in (1, 2)",
+        "frames(0.5)": "frames(0.1)",
+        "duration=1.0": "duration=0.2",
+    }
+    outputs = executed("methods.ipynb", tmp_path, **shorter)
     assert (shown(outputs, "image/png"), shown(outputs, "text/html")) == (1, 1)  # a plot, and a film alone
     assert len(re.findall(r"[\d.]+ ms +\d+ +[\d.]+ ms", text(outputs))) == 5  # and one method without a limit
 
@@ -44,7 +49,7 @@ def test_methods_are_compared(tmp_path):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_stiffness_is_found_again(tmp_path):
-    outputs = executed("fit.ipynb", tmp_path)
+    outputs = executed("fit.ipynb", tmp_path, **{"duration=1.0": "duration=0.2"})
     assert (shown(outputs, "image/png"), shown(outputs, "text/html")) == (1, 1)
     found = re.findall(r"constant: ([\d.]+) ± ([\d.]+)", text(outputs))
     for (value, error), true in zip(found, (520.0, 1.0), strict=True):
@@ -55,7 +60,8 @@ def test_a_stiffness_is_found_again(tmp_path):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_gradients_throw_find_and_teach(tmp_path):
-    outputs = executed("gradients.ipynb", tmp_path, **{"iterations=60": "iterations=8", "range(60)": "range(8)"})
+    shorter = {"iterations=60": "iterations=8", "range(60)": "range(8)", "seconds=2.7": "seconds=0.5"}
+    outputs = executed("gradients.ipynb", tmp_path, **shorter)
     assert (shown(outputs, "image/png"), shown(outputs, "text/html")) == (3, 1)
     found = text(outputs)
     (missed,) = re.findall(r"misses by (\d+) micrometres", found)

@@ -30,7 +30,7 @@ def test_a_scene_is_a_short_file_that_says_what_it_shows(name):
 )
 def test_a_scene_is_seen(name):
     scene = build(name)
-    position = scene.system.position  # tests/files/test_trajectory.py simulates each scene
+    position = scene.system.position
     image = msd.Renderer(scene, position, resolution=(320, 180)).image(position)
     corner = image[0, 0].astype(int)
     seen = np.abs(image.astype(int) - corner).max(axis=2) > 30

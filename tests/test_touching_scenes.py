@@ -1,19 +1,8 @@
 """Scenes whose bodies touch: what is in the way of something stays in its way."""
 
-import importlib
-
 import numpy as np
 import pytest
-
-import msdwarp as msd
-
-
-def build(name, **parameters):
-    return importlib.import_module(f"msdwarp.scenes.{name}").build(**parameters)
-
-
-def simulate(scene, duration, **options):
-    return list(msd.Simulation.from_scene(scene, **{"device": "cpu", **options}).frames(duration))
+from played import build, simulate
 
 
 def crossings(position, triangles):

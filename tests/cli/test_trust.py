@@ -12,8 +12,7 @@ from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory
 from msdwarp.cli import script_signatures as trust
-from msdwarp.cli.scene_files import find_scene, scene_names
-from msdwarp.world import scene_as_stored, scene_from_stored
+from msdwarp.world import scene_from_stored
 
 SCENE = """
 from pathlib import Path
@@ -175,25 +174,6 @@ def test_a_run_made_longer_says_that_obstacles_stand_still(msdwarp, own, tmp_pat
     code, _, err = msdwarp("render", "out/own", *PICTURE)
     assert code == 0
     assert err.startswith("drawn with moving obstacles that stand still from 0.2 s on: scene is")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", scene_names())
-def test_every_scene_comes_back_by_value(name):
-    scene = find_scene(name).scene()
-    times = np.arange(30) / 60
-    described, arrays = scene_as_stored(scene, times)
-    found = scene_from_stored(scene.system, json.loads(json.dumps(described)), arrays)
-    assert (found.duration, found.look.colour) == (scene.duration, scene.look.colour)
-    for one, other in zip(found.colliders, scene.colliders, strict=True):
-        assert type(one) is type(other)
-        for time in times:
-            for a, b in zip(one.pose(time, scene.system.dim), other.pose(time, scene.system.dim), strict=True):
-                np.testing.assert_array_equal(a, b)
-    for one, other in zip(found.schedule, scene.schedule, strict=True):
-        now, wanted = one.applied_to(scene.system), other.applied_to(scene.system)
-        for field in ("mass", "stiffness", "damping", "rest_length"):
-            np.testing.assert_array_equal(getattr(now, field), getattr(wanted, field))
 
 
 def test_a_damaged_stored_scene_is_told(msdwarp, own):

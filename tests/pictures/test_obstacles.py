@@ -88,17 +88,6 @@ def test_a_mesh_is_closed_and_lies_on_the_surface_and_faces_straight_out(name):
     assert (mesh.uv[used] <= 1).all()
 
 
-def test_a_cone_has_u_around_it_and_v_along_its_slope():
-    mesh = mesh_of(msd.Cone((0, 0, 2.0), (0, 0, 0), 0.5), 3)
-    slope = np.unique(mesh.triangles[(mesh.normals[mesh.triangles][..., 2] > -0.9).all(axis=1)])
-    x, y, z = mesh.points[slope].T
-    u, v = mesh.uv[slope].T
-    np.testing.assert_allclose(v, z / 2, atol=1e-12)
-    off, angle = np.hypot(x, y), 2 * np.pi * u  # at the apex any angle will do
-    np.testing.assert_allclose(off * np.cos(angle), x, atol=1e-9)
-    np.testing.assert_allclose(off * np.sin(angle), y, atol=1e-9)
-
-
 def test_a_box_is_textured_as_a_body_of_that_shape():
     body = msd.box((2, 2, 2))
     mesh = mesh_of(msd.Box(), 3)

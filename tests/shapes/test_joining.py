@@ -6,10 +6,7 @@ from problems import EPS64
 from scipy.spatial import cKDTree
 
 from msdwarp import (
-    Frame,
     System,
-    Trajectory,
-    TrajectoryWriter,
     box,
     chain,
     join,
@@ -99,10 +96,7 @@ REFUSED = [
     (lambda: join(LEFT, RIGHT, within=1.0, on="left", **K), "on is 'left'; it must be two"),
     (lambda: join(LEFT, RIGHT, within=1.0, on=("top", None), **K), r"on\[0\] is 'top'; it must be one of 'left'"),
     (lambda: join(LEFT, RIGHT, pairs=[(0, 0)], on=("left", None), **K), "on is .*; with pairs"),
-    (
-        lambda: join(LEFT, LEFT, within=0.1, **K),
-        "particles 0 and 0 lie in one place, where a spring has no direct",
-    ),
+    (lambda: join(LEFT, LEFT, within=0.1, **K), "particles 0 and 0 lie in one place, where a spring has no"),
     (lambda: join(LEFT, RIGHT, within=1.0, rest_length="then", **K), "rest_length is 'then'"),
     (lambda: join(LEFT, RIGHT, within=1.0, rest_length=0.0, **K), "rest_length is 0; it must be above 0"),
     (lambda: join(LEFT, RIGHT, within=1.0, stiffness=-1.0), "stiffness is -1; it must be at least 0"),
@@ -115,19 +109,3 @@ REFUSED = [
 def test_what_cannot_be_joined_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
-
-
-def test_joined_bodies_go_to_files_and_come_back(tmp_path):
-    made, path = join(LEFT, RIGHT, within=0.6, damping=0.1, **K), tmp_path / "joined.vtkhdf"
-    with TrajectoryWriter(path, made, fps=60.0) as writer:
-        writer.write(Frame(0.0, made.position, made.velocity))
-    with Trajectory(path) as trajectory:
-        np.testing.assert_array_equal(trajectory.system.connections, made.connections)
-        np.testing.assert_array_equal(trajectory.system.stiffness, made.stiffness)
-        assert trajectory.system.directions == made.directions
-
-
-def test_a_joined_body_says_what_it_is():
-    said = repr(join(LEFT, RIGHT, within=0.6, **K)).splitlines()
-    assert said[0] == f"System of 24 particles in 3 dimensions, {2 * LEFT.connection_count + 6} connections"
-    assert said[3].startswith("  stiffness 8 to 30 N/m")

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 from tangles import PRECISIONS, evaluate
 
-from msdwarp import Angles, Force, Leapfrog, Material, Simulation, System, chain, rod
+from msdwarp import Angles, Leapfrog, Material, Simulation, System, chain, rod
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
 WIRE = Material(density=1000.0, youngs_modulus=1e8)
@@ -71,7 +71,7 @@ def test_forces_and_dampers_move_and_turn_nothing(plain_device, dim):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shortening", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("shortening", [0.1, 0.6])
 def test_a_rod_pushed_together_is_the_elastica(plain_device, shortening):
     # With hinged ends: Δ/L = 2 (1 − E/K), w/L = k/K, with elliptic integrals of modulus k (Love, 1927, 263).
     count = 61
@@ -85,21 +85,6 @@ def test_a_rod_pushed_together_is_the_elastica(plain_device, shortening):
     deflection = np.ptp(simulation.frame().position[:, 1])
     # Of second order in the spacing: π²/(24 N²) = 1e-4 of the curvature; it is also shorter by P/(E A) = 4e-5.
     assert deflection == pytest.approx(modulus / ellipk(modulus**2), rel=1e-3)
-
-
-@pytest.mark.slow
-def test_a_cantilever_bends_as_a_beam(device):
-    count, force = 41, 1e-3
-    spacing = LENGTH / (count - 1)
-    clamped = rod(count, spacing, radius=RADIUS, material=WIRE).pin([0, 1])
-    load = Force((0.0, 0.0, -force), on=[count - 1])
-    simulation = Simulation(clamped, gravity=0.0, loads=[load], device=device, precision="float64")
-    simulation.settle(1e-8)
-    sag = -simulation.frame().position[-1, 2]
-    # It is clamped at the second particle, where half an angle's bending still lies within the clamp.
-    span = LENGTH - spacing
-    beam = force * (span**3 / 3 + span**2 * spacing / 2) / RIGIDITY
-    assert sag == pytest.approx(beam, rel=2e-3)  # of second order
 
 
 @pytest.mark.slow
@@ -179,14 +164,8 @@ def test_angles_follow_their_particles():
         (lambda: Angles(particles=[[0, 1, 0]], stiffness=1.0), "three different particles"),
         (lambda: Angles(particles=[[0, 1]], stiffness=1.0), "particles has shape (1, 2)"),
         (lambda: Angles(particles=[[0, 1, 2]], stiffness=-1.0), "stiffness is -1"),
-        (
-            lambda: chain(2).replace(angles=Angles(particles=[[0, 1, 2]], stiffness=1.0)),
-            "angles.particles[0, 2] is 2",
-        ),
-        (
-            lambda: chain(3, dim=1).replace(angles=LINE),
-            "the number of coordinates, with angles, is 1",
-        ),
+        (lambda: chain(2).replace(angles=LINE), "angles.particles[0, 2] is 2"),
+        (lambda: chain(3, dim=1).replace(angles=LINE), "the number of coordinates, with angles, is 1"),
     ],
 )
 def test_what_is_wrong_is_said(make, said):

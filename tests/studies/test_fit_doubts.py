@@ -41,10 +41,6 @@ def test_where_noise_is_larger_steps_stay_as_long_as_is_stable():
     assert found.substeps <= stable.substeps
 
 
-def test_substeps_that_are_given_are_kept():
-    assert fit(hung(*NEAR), tracked(hung(), 0.2), BOTH, substeps=SUBSTEPS, **HOW).substeps == SUBSTEPS
-
-
 def test_a_time_step_that_cannot_be_short_enough_is_told(monkeypatch):
     monkeypatch.setattr(sys.modules["msdwarp.studies.fit"], "MOST_REFINEMENT", 1)
     with pytest.warns(FitWarning, match=r"shorter steps would change .*damping by 0\.\d+ %: \d+ a frame"):

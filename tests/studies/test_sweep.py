@@ -24,12 +24,6 @@ HERE = {"jobs": 1, "device": "cpu"}
 NUMBERS = ["kinetic_J", "elastic_J", "total_J", "largest_strain", "substeps", "tip_position_z_m"]
 
 
-def assert_equal_results(one, other):
-    """Assert that two sweeps found the same to the last bit, whatever time they took."""
-    assert (one["status"] == "done").all()
-    xarray.testing.assert_identical(one.drop_vars("seconds"), other.drop_vars("seconds"))
-
-
 @pytest.mark.slow
 def test_a_sweep_is_so_many_single_runs(tmp_path):
     grid = {"stiffness": [100, 200.0], "count": (3, 4), "fps": "60,30"}
@@ -125,20 +119,14 @@ def nested():
         (("none", GRID), {}, "scene is 'none'; it must be a name"),
         ((3, GRID), {}, "scene is 3; it must be the name of a scene"),
         ((swept.build, {"stifness": [1]}), {}, "a name in grid is 'stifness'; it must be one of 'stiffness'"),
-        ((swept.build, {"stiffness": "1:2:lg:3"}), {}, "grid['stiffness'] is '1:2:lg:3'"),
         ((swept.build, GRID), {"parameters": {"size": 3}}, "a name in parameters is 'size'"),
         ((swept.build, GRID), {"parameters": {"stiffness": 3}}, "stiffness is in grid, and given for all points"),
         ((swept.build, GRID), {"color": 3}, "an option is 'color'; it must be one of 'duration'"),
         ((swept.build, GRID), {"keep": "all"}, "keep is 'all'"),
         ((swept.build, GRID), {"jobs": 0}, "jobs is 0; it must be a whole number of at least 1"),
-        ((swept.build, GRID), {"jobs": "many"}, "jobs is 'many'; it must be a whole number"),
         ((swept.build, GRID), {"executor": 3}, "executor is 3; it must have `submit`"),
         ((nested(), GRID), {}, "scene cannot be given to worker processes"),
-        (
-            (swept.build, GRID),
-            {"observe": {"a": lambda s: 1.0}},
-            "observe['a'] cannot be given to worker processes",
-        ),
+        ((swept.build, GRID), {"observe": {"a": lambda s: 1.0}}, "observe['a'] cannot be given to worker"),
     ],
 )
 def test_what_is_wrong_is_said_before_a_file_is_touched(tmp_path, arguments, options, said):
@@ -172,7 +160,8 @@ def test_two_workers_of_which_one_is_killed_end_complete_and_equal(tmp_path):
     parameters = killing(tmp_path, 100.0)
     found = msd.sweep(swept.build, GRID, tmp_path / "out", parameters=parameters, jobs=2, device="cpu")
     assert not list((tmp_path / "mark").glob("kill-*"))  # it did happen
-    assert_equal_results(found, quiet_sweep(tmp_path, parameters))
+    assert (found["status"] == "done").all()
+    swept.assert_alike(found, quiet_sweep(tmp_path, parameters))
     assert not list((tmp_path / "out" / "runs").glob(".unfinished*"))
 
 
@@ -201,7 +190,7 @@ def test_a_lost_call_fails_alone_and_its_worker_is_replaced():
 
 @pytest.mark.slow
 def test_a_sweep_that_ends_amid_a_run_leaves_no_half_of_it(tmp_path):
-    points = [Point({"k": k}, None) for k in range(1000)]
+    points = [Point({"k": k}, None) for k in range(200)]
     with ThreadPoolExecutor(2) as workers:
         calls = [workers.submit(run_point, lambda *_: {}, point, tmp_path, False) for point in points]
         while not all(call.done() for call in calls):
@@ -221,7 +210,8 @@ def test_dask_loses_a_worker_and_the_sweep_does_not(tmp_path):
             swept.build, GRID, tmp_path / "out", parameters=parameters, executor=client, device="cpu"
         )
     assert not list((tmp_path / "mark").glob("kill-*"))
-    assert_equal_results(found, quiet_sweep(tmp_path, parameters))
+    assert (found["status"] == "done").all()
+    swept.assert_alike(found, quiet_sweep(tmp_path, parameters))
 
 
 @pytest.mark.slow
@@ -237,4 +227,5 @@ def test_submitit_loses_a_job_and_the_sweep_does_not(tmp_path, monkeypatch):
     monkeypatch.setattr(submitit.Job, "_results_timeout_s", 1)  # a killed job writes none
     found = msd.sweep(swept.build, GRID, tmp_path / "out", parameters=parameters, executor=executor, device="cpu")
     assert not list((tmp_path / "mark").glob("kill-*"))
-    assert_equal_results(found, quiet_sweep(tmp_path, parameters))
+    assert (found["status"] == "done").all()
+    swept.assert_alike(found, quiet_sweep(tmp_path, parameters))

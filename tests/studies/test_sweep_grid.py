@@ -44,12 +44,9 @@ def test_ranges_that_share_values_share_them_to_the_last_bit():
     [
         ("1:", "stiffness is '1:'; it must be a value, a list such as 1,2,5"),
         ("1:2:lg:3", "stiffness is '1:2:lg:3'; it must be"),
-        ("1:2:log:x", "it must be a value"),
         ("1,,2", "it must be a value"),
         ("0.5:3", "it must be a value"),
-        ("5:5", "5:5 holds no number"),
         ("5:2", "5:2 holds no number"),
-        ("1:2:1", "must be at least 2 values between two numbers"),
         ("3:3:4", "must be at least 2 values between two numbers"),
         ("-1:1:log:3", "both ends of -1:1:log:3 must be above 0"),
         ("0:1e999:4", "must be at least 2 values between two numbers"),
