@@ -6,18 +6,7 @@ import numpy as np
 import pytest
 from problems import EPS64
 
-from msdwarp import (
-    Box,
-    Capsule,
-    Cone,
-    CoulombDamper,
-    Plane,
-    Simulation,
-    Sphere,
-    System,
-    chain,
-    sheet,
-)
+from msdwarp import Box, Capsule, Cone, CoulombDamper, Plane, Simulation, Sphere, System, chain, sheet
 from msdwarp.engine.device.vector_arrays import ALIGNED
 from msdwarp.engine.model.model import Model
 from msdwarp.engine.model.state import State

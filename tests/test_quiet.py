@@ -85,10 +85,7 @@ def test_errors_and_what_other_threads_say_are_passed_on():
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell's redirection")
-@pytest.mark.parametrize(
-    "state",
-    ["", "os.close(2)", "sys.stderr = None", "sys.stderr.close()"],
-)
+@pytest.mark.parametrize("state", ["", "os.close(2)", "sys.stderr = None", "sys.stderr.close()"])
 def test_it_is_safe_where_standard_error_is_closed_or_replaced(state, tmp_path):
     code = f"import io, os, sys, msdwarp as msd\n{state}\n{START if state else STEP}print('done')\n"
     assert said(code)[0] == "done\n"

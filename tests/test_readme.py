@@ -68,7 +68,14 @@ def test_the_first_ten_minutes_come_out_as_told(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    names = run("docs/howto.md")
+    pieces = "\0".join(snippets("docs/howto.md"))
+    for cases, last in {
+        "(0.005, 0.015, 0.025)": "(0.025,)",
+        "(1.0, 8.0)": "(8.0,)",
+    }.items():  # of which more is said
+        assert pieces.count(cases) == 1, cases
+        pieces = pieces.replace(cases, last)
+    names = run("docs/howto.md", pieces.split("\0"))
     printed = capsys.readouterr().out
     assert "largest contact force" in printed
     dented = names["dented"]

@@ -82,26 +82,6 @@ def test_a_scene_says_what_is_in_it():
     assert repr(msd.Scene(system=BLOCK)).splitlines()[0] == "Scene of 4 s, gravity 9.82 m/s²"
 
 
-def test_a_scene_names_its_muscles_and_its_digest_knows_them():
-    def squeeze(time):
-        return -0.1 * np.sin(time)
-
-    def scene(*loads):
-        return msd.Scene(system=BLOCK, loads=loads)
-
-    muscle = msd.Actuator(squeeze, on=[0, 1, 6], along=("x", "z"), delay=0.1)
-    assert repr(scene(muscle, msd.Actuator(0.1))).splitlines()[-1] == (
-        "  loads: Actuator(squeeze, on=3 particles, along=('x', 'z'), delay=0.1), Actuator(0.1)"
-    )
-    others = [
-        msd.Actuator(squeeze, on=[0, 1, 6], along="x", delay=0.1),
-        msd.Actuator(squeeze, on=[0, 1, 6], along=("x", "z")),
-        msd.Actuator(lambda time: 2 * squeeze(time), on=[0, 1, 6], along=("x", "z"), delay=0.1),
-    ]
-    assert len({digest(scene(*loads)) for loads in ((), (muscle,), *((one,) for one in others))}) == 5
-    assert digest(scene(muscle)) == digest(scene(muscle))
-
-
 def test_surfaces_and_tracked_points_say_how_many_they_are():
     assert repr(msd.sheet((2, 2)).surface) == "Surface of 4 vertices, 2 triangles"
     points = msd.TrackedPoints([0.0, 0.0, 0.5], [3, 4, 3], np.zeros((3, 2)))

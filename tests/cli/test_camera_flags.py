@@ -159,11 +159,3 @@ def test_a_target_and_a_body_to_follow_take_each_other_s_place():
     assert Pictures(follow="ball").aimed(Look(target=(1, 2, 3))).target is None
     assert Pictures(target="1,2,3").aimed(Look(follow="ball")).follow is None
     assert Pictures(azimuth=5).aimed(Look(follow="ball")).follow == "ball"
-
-
-def test_opengl_is_refused_where_there_is_none_before_a_file_is_touched(msdwarp, tmp_path, monkeypatch):
-    monkeypatch.setattr("msdwarp.pictures.renderer.opengl_window", lambda: None)
-    code, out, err = msdwarp("run", "cube", "--size", "3", *SMALL, "--renderer", "opengl")
-    assert (code, out) == (1, "")
-    assert "renderer is opengl, which cannot draw here; it must be another one or auto: no OpenGL library" in err
-    assert not (tmp_path / "out").exists()

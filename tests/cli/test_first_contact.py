@@ -1,5 +1,6 @@
 """What somebody new sees of the command: its errors, what `info` says, where a log goes, completion."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -198,33 +199,13 @@ def test_runs_of_an_earlier_version_go_on_and_are_made_again(msdwarp, tmp_path):
     # Its stored options lacked flags of today, and its log was an absolute path.
     from msdwarp.cli import options
 
-    old = {
-        "device": "cpu",
-        "precision": None,
-        "force_algorithm": "auto",
-        "integrator": None,
-        "substeps": "auto",
-        "allow_unstable": False,
-        "tolerance": None,
-        "duration": 0.1,
-        "fps": 60.0,
-        "out": "parts",
-        "pictures": {
-            "frames": "none",
-            "video": "none",
-            "overlay": None,
-            "resolution": "1280x720",
-            "colour": None,
-        },
-        "trajectory": "plain",
-        "every": 1,
-        "strain": True,
-        "restart": 60.0,
-        "log": str(tmp_path / "e.csv"),
-        "force": False,
-        "quiet": False,
-        "verbose": False,
-    }
+    old = json.loads(
+        """{"device": "cpu", "precision": null, "force_algorithm": "auto", "integrator": null, "substeps": "auto",
+        "allow_unstable": false, "tolerance": null, "duration": 0.1, "fps": 60.0, "out": "parts", "pictures":
+        {"frames": "none", "video": "none", "overlay": null, "resolution": "1280x720", "colour": null},
+        "trajectory": "plain", "every": 1, "strain": true, "restart": 60.0, "force": false, "quiet": false,
+        "verbose": false}"""
+    ) | {"log": str(tmp_path / "e.csv")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(options.Options, "as_stored", lambda self: old)
         assert msdwarp(*SHORT, "--out", "parts", "--log", "./e.csv")[0] == 0

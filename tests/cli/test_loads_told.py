@@ -38,6 +38,9 @@ def test_loads_say_what_they_are():
         "Wind(gust, drag=2)": msd.Wind(gust, drag=2.0),
         "Wind((3, 0, 0), area=4 numbers)": msd.Wind((3, 0, 0), area=np.ones(4)),
         "Pressure(500)": msd.Pressure(500),
+        "Actuator(gust, on=3 particles, along=('x', 'z'), delay=0.1)": msd.Actuator(
+            gust, on=[0, 1, 6], along=("x", "z"), delay=0.1
+        ),
         "EnclosedGas(2000, exponent=1.4)": msd.EnclosedGas(2000.0, exponent=1.4),
     }
     for text, load in said.items():
@@ -62,6 +65,9 @@ def test_the_digest_knows_loads():
         of(msd.Wind((1, 0, 0), area=0.2)),
         of(msd.Attachment([0], stiffness=3.0)),
         of(msd.Attachment([0], stiffness=4.0)),
+        of(msd.Actuator(gust, on=[0, 1], along="x", delay=0.1)),
+        of(msd.Actuator(gust, on=[0, 1], along="x")),
+        of(msd.Actuator(lambda t: 2 * t, on=[0, 1], along="x")),
         of(gravity=lambda t: t),
         of(gravity=lambda t: 2 * t),
     ]

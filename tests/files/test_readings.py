@@ -98,15 +98,6 @@ def test_each_single_write_to_disk_leaves_those_of_the_frames_there_are(tmp_path
         assert_tells(path, 11)
 
 
-def test_a_file_that_grows_has_them_so_far(tmp_path):
-    path = tmp_path / "a.vtkhdf"
-    with TrajectoryWriter(path, SYSTEM, fps=60, readings=COLUMNS) as writer:
-        for k, frame in enumerate(frames(SYSTEM, 5)):
-            writer.write(frame, readings=told(k))
-            writer.flush()
-            assert_tells(path, k)
-
-
 def test_files_of_before_have_none_and_go_on(tmp_path):
     path = write(tmp_path / "a.vtkhdf", SYSTEM, 5)
     record(path, 5, 8)

@@ -103,10 +103,7 @@ def test_sizes_that_the_file_does_not_have_are_not_believed(path):
         file["VTKHDF/Steps"].attrs["NSteps"] = 10**9
 
     whole = path.read_bytes()
-    for change, said in [
-        (mass, r"system/mass' should hold 17179869184 bytes, and 0 are there"),
-        (points, "hold"),
-    ]:
+    for change, said in [(mass, r"system/mass' should hold 17179869184 bytes, and 0 are there"), (points, "hold")]:
         path.write_bytes(whole)
         changed(path, change)
         with pytest.raises(ValueError, match=said):

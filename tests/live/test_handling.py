@@ -11,6 +11,8 @@ from msdwarp.files import TrajectoryWriter
 from msdwarp.live import Played, View
 from msdwarp.pictures import Stage
 
+pytestmark = pytest.mark.usefixtures("clock")
+
 
 @pytest.mark.slow
 def test_friction_and_restitution_are_set_and_done_again_to_the_last_bit():

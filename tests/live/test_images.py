@@ -139,8 +139,7 @@ class Page(Listener):
 
 
 @pytest.mark.parametrize(
-    ("kind", "sends", "given"),
-    [(Page, "auto", True), (Page, "triangles", False), (Listener, "images", False)],
+    ("kind", "sends", "given"), [(Page, "auto", True), (Page, "triangles", False), (Listener, "images", False)]
 )
 def test_a_slow_link_turns_to_images_where_they_are_taken_and_not_refused(kind, sends, given):
     screen = kind(lambda v: v.post("send", value=sends), 0, lambda v: v.post("slow"), 0, 0)

@@ -2,7 +2,6 @@
 
 import sys
 import time
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from msdwarp.live.shown import EASE, Following
 from msdwarp.pictures import Stage
 from msdwarp.world import MouseSpring
 
+pytestmark = pytest.mark.usefixtures("clock")
 CUBE = box((3, 3, 3), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.3))
 
 
@@ -35,35 +35,13 @@ def running(**changes):
     return Running(at, Simulation.from_scene(at, device="cpu"), "cube")
 
 
-class Clock:
-    """Time that passes where a test says so, however long the machine takes."""
-
-    now = 0.0
-
-    def perf_counter(self):
-        return self.now
-
-    def sleep(self, seconds):
-        self.now += seconds
-
-
-@contextmanager
-def by_clock():
-    """Have views go by a clock of their own; yield it."""
-    clock = Clock()
-    with pytest.MonkeyPatch.context() as patch:
-        for module in ("view", "state"):
-            patch.setattr(sys.modules[f"msdwarp.live.{module}"], "time", clock)
-        yield clock
-
-
 class Listener:
     """A screen that notes what it is told, and does or waits for something before each turn of the loop."""
 
     takes_images = False
 
-    def __init__(self, *turns, watched=True, clock=time):
-        self.turns, self.watched, self.clock = list(turns), watched, clock
+    def __init__(self, *turns, watched=True):
+        self.turns, self.watched = list(turns), watched
         self.shown, self.stages, self.told, self.closed, self.opened = [], 0, [], 0, 0
 
     def open(self, view):
@@ -85,7 +63,7 @@ class Listener:
         if callable(turn):
             turn(self.view)
         elif turn:
-            self.clock.sleep(turn)
+            sys.modules["msdwarp.live.view"].time.sleep(turn)  # by the view's clock
         return True
 
     def close(self):
@@ -94,10 +72,9 @@ class Listener:
 
 def played(*turns, source=None, **options):
     """Run a view for these turns; return it and its listener."""
-    with by_clock() as clock:
-        screen = Listener(*turns, clock=clock)
-        view = View(source or running(), [screen], **options)
-        view.run()
+    screen = Listener(*turns)
+    view = View(source or running(), [screen], **options)
+    view.run()
     assert (screen.opened, screen.closed) == (1, 1)
     return view, screen
 
@@ -285,13 +262,12 @@ def test_it_waits_for_the_first_viewer_and_draws_for_nobody():
         times.append(view.source.time)
         screen.watched = not screen.watched
 
-    with by_clock() as clock:
-        screen = Listener(*[0.02] * 10, watched=False, clock=clock)
-        view = View(running(), [screen])
-        view.run()
-        assert view.source.time == 0.0
-        screen.turns = [0.02] * 5 + [look] + [0.02] * 5 + [look] + [0.02] * 5
-        view.run()
+    screen = Listener(*[0.02] * 10, watched=False)
+    view = View(running(), [screen])
+    view.run()
+    assert view.source.time == 0.0
+    screen.turns = [0.02] * 5 + [look] + [0.02] * 5 + [look] + [0.02] * 5
+    view.run()
     assert times[0] == 0.0 < times[1] < view.source.time  # it goes on when the viewer leaves
     assert max(screen.shown) <= times[1]
 

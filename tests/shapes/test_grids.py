@@ -205,10 +205,7 @@ def test_each_box_face_has_a_tile_of_its_own():
         (lambda: box((2, 2, 2), spacing=(1.0, 0.0, 1.0)), r"spacing\[1\] is 0; it must be a number above 0"),
         (lambda: sheet((2, 2), spacing=(1.0, "a")), r"spacing\[1\] is 'a'"),
         (lambda: chain(3, spacing=(1.0,)), r"spacing is \(1.0,\)"),
-        (
-            lambda: box((2, 2, 2), (1.0, 1.0, 2.0), material=RUBBER),
-            "with a material it must be the same along a",
-        ),
+        (lambda: box((2, 2, 2), (1.0, 1.0, 2.0), material=RUBBER), "with a material it must be the same along a"),
         (lambda: box((2, 2, 2), mass=0.0), r"mass is 0"),
         (lambda: box((2, 2, 2), stiffness=-1.0), r"stiffness is -1"),
     ],

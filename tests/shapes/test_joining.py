@@ -5,13 +5,7 @@ import pytest
 from problems import EPS64
 from scipy.spatial import cKDTree
 
-from msdwarp import (
-    System,
-    box,
-    chain,
-    join,
-    sheet,
-)
+from msdwarp import System, box, chain, join, sheet
 from msdwarp.shapes.joining import nearest
 
 LEFT = box((2, 3, 2), 0.5, mass=0.1, stiffness=30.0, damping=0.2).named("left")

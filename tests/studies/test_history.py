@@ -285,10 +285,8 @@ def test_the_plot_shows_the_history_and_its_legends_hide_nothing(net_run, tmp_pa
     for axes in panels:
         legend = axes.get_legend().get_window_extent()
         assert legend.y0 >= axes.get_window_extent().y1
-        assert figure.bbox.x0 <= legend.x0
-        assert legend.x1 <= figure.bbox.x1
+        assert figure.bbox.x0 <= legend.x0 < legend.x1 <= figure.bbox.x1
         assert not legend.overlaps(axes.yaxis.get_offset_text().get_window_extent())
-        assert [text.get_text() for text in axes.get_legend().texts] == [line.get_label() for line in axes.lines]
 
 
 @pytest.fixture

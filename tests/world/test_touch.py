@@ -71,11 +71,7 @@ DICE = box((2, 2, 2)).named("low") + box((2, 2, 2)).translate((0, 0, 3)).named("
 @pytest.mark.parametrize(
     ("system", "contact", "message"),
     [
-        (
-            DICE,
-            Contact(groups=("low", "hihg")),
-            "^a name in contact.groups is 'hihg'; it must be one of 'low'",
-        ),
+        (DICE, Contact(groups=("low", "hihg")), "^a name in contact.groups is 'hihg'; it must be one of 'low'"),
         (sheet((3, 3), dim=2), Contact(), "^contact is requested in 2 dimensions; it exists in three only"),
         (DICE, "all", "contact"),
         (DICE, [Contact(), 0.5], "contact"),
@@ -112,9 +108,6 @@ def test_a_scene_hands_on_how_its_bodies_touch():
     ids=["a touch", "a bare load", "a plane", "nothing"],
 )
 def test_what_loads_cannot_hold_is_refused(loads, message):
-    for refusing in (
-        lambda: Scene(system=DICE, loads=loads),
-        lambda: Simulation(DICE, loads=loads, device="cpu"),
-    ):
+    for refusing in (lambda: Scene(system=DICE, loads=loads), lambda: Simulation(DICE, loads=loads, device="cpu")):
         with pytest.raises(ValueError, match=message):
             refusing()
