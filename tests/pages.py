@@ -9,7 +9,7 @@ from viser._messages import ViewerCameraMessage
 from msdwarp import Plane, Scene, Simulation, box
 from msdwarp.live import Browser, Running, View, within_reach
 
-SETTLES = 60.0
+SETTLES = 180.0
 """How long a loaded machine may take to do what is asked [s]."""
 OWN = "its own"
 

@@ -68,11 +68,8 @@ def test_the_first_ten_minutes_come_out_as_told(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    pieces = "\0".join(snippets("docs/howto.md"))
-    for cases, last in {
-        "(0.005, 0.015, 0.025)": "(0.025,)",
-        "(1.0, 8.0)": "(8.0,)",
-    }.items():  # of which more is said
+    pieces = "\0".join(snippets("docs/howto.md"))  # of several cases only those of which more is said below
+    for cases, last in {"(0.005, 0.015, 0.025)": "(0.025,)", "(1.0, 8.0)": "(8.0,)"}.items():
         assert pieces.count(cases) == 1, cases
         pieces = pieces.replace(cases, last)
     names = run("docs/howto.md", pieces.split("\0"))

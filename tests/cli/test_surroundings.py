@@ -21,7 +21,7 @@ def command(folder, *arguments, env=(), **options):
     """Run the command in a process of its own."""
     words = [sys.executable, "-P", "-m", "msdwarp", *arguments]
     env = {**os.environ, "PYTHONPATH": str(ROOT), **dict(env)}
-    return subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, timeout=100, **options)
+    return subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, timeout=600, **options)
 
 
 @pytest.mark.slow

@@ -136,7 +136,7 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
             time.sleep(0.02)
         process.send_signal(number)
         try:
-            said = process.communicate(timeout=60)[1]  # whoever is left has it open
+            said = process.communicate(timeout=300)[1]  # whoever is left has it open
         finally:
             hold.unlink()
     assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
@@ -145,7 +145,7 @@ def test_a_sweep_that_was_ended_goes_on_and_leaves_no_process(msdwarp, tmp_path,
         assert {one["status"] for one in lines(tmp_path / "out")} == {"done", "missing"}
     workers = [int(path.name.partition("-")[2]) for path in tmp_path.glob("pid-*")]
     assert workers
-    end = time.monotonic() + 60.0  # for ending a process on a busy machine
+    end = time.monotonic() + 300.0  # for ending a process on a busy machine
     while any(map(is_alive, workers)):
         assert time.monotonic() < end
         time.sleep(0.02)

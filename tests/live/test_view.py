@@ -313,7 +313,7 @@ def test_a_thread_of_its_own_ends_when_it_is_closed():
     screen = Listener(*[0.01] * 100_000)
     view = View(running(), [screen])
     view.start()
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 180.0
     while view.source.time == 0 and time.monotonic() < end:
         time.sleep(0.01)
     view.close()

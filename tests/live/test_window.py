@@ -19,7 +19,7 @@ from msdwarp.pictures import no_display
 
 SIZE = (640, 480)
 CUBE = box((5, 5, 5), 0.1, mass=0.01, stiffness=200.0, damping=0.1).translate((0, 0, 0.4))
-LONG = 60.0
+LONG = 180.0
 """When what is waited for does not come any more [s]: other tests may keep all processors busy."""
 
 

@@ -174,7 +174,7 @@ def test_workers_leave_each_other_their_cores(monkeypatch):
     monkeypatch.delenv(THREADS, raising=False)
     monkeypatch.setattr("msdwarp.studies.workers.cores", lambda: 7)
     with Workers(2) as workers:
-        assert workers.submit(os.getenv, THREADS).result(60) == "3"
+        assert workers.submit(os.getenv, THREADS).result(600) == "3"
 
 
 @pytest.mark.slow
