@@ -198,7 +198,7 @@ def test_a_run_that_diverges_leaves_its_good_frames_and_says_why(msdwarp, tmp_pa
         assert len(found) == len(frames)
         assert np.isfinite(found.positions[:]).all()
     assert read_restart(folder / "restart.h5")[1]["checkpoint"]["frame_index"] == len(frames) - 1
-    assert "diverged at" in msdwarp("resume", "out/cube")[2]  # again
+    assert "diverged at" in msdwarp("resume", "out/cube", "--force")[2]  # again
 
 
 @pytest.mark.slow
