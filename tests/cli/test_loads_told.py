@@ -65,9 +65,9 @@ def test_the_digest_knows_loads():
         of(msd.Wind((1, 0, 0), area=0.2)),
         of(msd.Attachment([0], stiffness=3.0)),
         of(msd.Attachment([0], stiffness=4.0)),
-        of(msd.Actuator(lambda t: t, on=[0, 1], along="x", delay=0.1)),
-        of(msd.Actuator(lambda t: t, on=[0, 1], along="x")),
-        of(msd.Actuator(lambda t: 2 * t, on=[0, 1], along="x")),
+        of(msd.Actuator(lambda t: 0.1 * t, on=[0, 1], along="x", delay=0.1)),
+        of(msd.Actuator(lambda t: 0.1 * t, on=[0, 1], along="x")),
+        of(msd.Actuator(lambda t: 0.2 * t, on=[0, 1], along="x")),
         of(gravity=lambda t: t),
         of(gravity=lambda t: 2 * t),
     ]
