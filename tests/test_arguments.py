@@ -116,7 +116,69 @@ SELECTIONS = [
     (lambda: simulate().change(group=[0, 1, 1], mass=2.0), "group holds 0 and 1 for each of 3 particles"),
     (lambda: msd.at(1.0, group=[0], set_rest_shape="no"), "set_rest_shape is 'no'; it must be one of False, True"),
 ]
+WORLD = [
+    (lambda: msd.Sphere(radius=0.0), "radius is 0; it must be a number above 0"),
+    (lambda: msd.Sphere("here"), "position must be an array of numbers, not 'here'"),
+    (lambda: msd.Box(size=(1, 0, 1)), "size is (1, 0, 1)"),
+    (lambda: msd.Box(size=(1, 1)), "size is (1, 1); it must be 3 numbers above 0"),
+    (lambda: msd.Box(turn=(0, 1)), "turn is (0, 1); it must be 3 finite numbers"),
+    (lambda: msd.Box(turn=(0, np.nan, 0)), "turn is (0, nan, 0)"),
+    (lambda: msd.Box((0, 0), (1, 1), np.nan), "turn is [nan]; it must be a finite number"),
+    (lambda: msd.Box((0, 0), (1, 1), (0, 0, 1)), "turn is [(0, 0, 1)]; it must be a finite number"),
+    (lambda: msd.Box((0,), (1,), 0.5), "turn is 0.5; in one dimension nothing turns"),
+    (lambda: msd.Capsule((0, 0, 0), (0, 0, 0)), "end is (0.0, 0.0, 0.0); it must be another point than start"),
+    (
+        lambda: msd.Capsule((0, 0, 0), (0, 1)),
+        "end is (0.0, 1.0); it must be another point than start, with as many",
+    ),
+    (lambda: msd.Cone((0, 0, 0), (0, 0, 0)), "base is (0.0, 0.0, 0.0); it must be another point than apex"),
+    (lambda: msd.Sphere(motion=(0, 0, 1)), "motion is (0, 0, 1); it must be a function of time"),
+    (lambda: msd.Cone(restitution=2.0), "restitution is 2.0"),
+    (lambda: msd.Contact(restitution=0.04), "restitution is 0.04"),
+    (lambda: msd.Contact(restitution=1.1), "restitution is 1.1"),
+    (lambda: msd.Contact(self_contact="some"), "self_contact is 'some'; it must be one of False, True"),
+    (lambda: msd.Contact(thickness=0), "thickness is 0; it must be a number above 0"),
+    (lambda: msd.Contact(stiffness=0.0), "stiffness is 0"),
+    (lambda: msd.Contact(groups="die"), "groups is 'die'; it must be two names of groups"),
+    (lambda: msd.Contact(groups=("die",)), "groups is ('die',); it must be two names"),
+    (lambda: msd.Contact(groups=(1, 2)), "groups is (1, 2); it must be two names"),
+    (lambda: msd.Contact(surface_colliders="no"), "surface_colliders is 'no'; it must be one of False, True"),
+    (lambda: msd.Contact(on="die"), "on is 'die'; the bodies are given by groups"),
+    (lambda: msd.at(-1.0), "time is -1; it must be a number of at least 0, and finite"),
+    (lambda: msd.at(np.nan), "time is nan"),
+    (lambda: msd.at("soon"), "time is 'soon'"),
+    (lambda: msd.at(1.0, colour=1.0), "parameter is 'colour'; it must be one of 'mass', 'velocity', 'stiffness'"),
+    (lambda: msd.at(1.0, set_rest_shape=True, rest_length=1.0), "set_rest_shape sets rest_length"),
+]
 PICTURES = [
+    (lambda: msd.Look(path=[msd.Viewpoint(time=1.0), msd.Viewpoint(time=1.0)]), "path has the times [1.0, 1.0]"),
+    (lambda: msd.Look(path=[msd.Viewpoint(time=np.nan)]), "path[0] is nan; it must be finite"),
+    (lambda: msd.Look(path=[0.0]), "path[0] is 0.0; it must be a Viewpoint"),
+    (
+        lambda: msd.Look(path=[msd.Viewpoint(time=0.0, azimuth=400.0)]),
+        "azimuth is 400.0; it must be from -360 to 360",
+    ),
+    (
+        lambda: msd.Look(follow="a", path=[msd.Viewpoint(time=0.0, target=(0, 0, 1))]),
+        "it must be None where the camera",
+    ),
+    (lambda: msd.Look(field_of_view=0.5), "field_of_view is 0.5; it must be from 1 to 120"),
+    (lambda: msd.Look(colour="red"), "colour is 'red'"),
+    (lambda: msd.Look(texture=np.zeros((4, 4), np.uint8)), "texture has shape (4, 4)"),
+    (lambda: msd.Look(full_strain=0), "full_strain is 0"),
+    (lambda: msd.Look(obstacle="blue"), "obstacle is 'blue'"),
+    (
+        lambda: msd.Look(obstacle_texture=np.zeros((4, 4, 3))),
+        "obstacle_texture has shape (4, 4, 3) and type float64",
+    ),
+    (lambda: msd.Look(strain="yes"), "strain is 'yes'"),
+    (lambda: msd.Look(target=(1, 2)), "target is (1.0, 2.0); it must have 3 coordinates"),
+    (lambda: msd.Look(distance=0), "distance is 0; it must be a number above 0"),
+    (lambda: msd.Look(target=(1, 2, 3), follow="b"), "it must be None where the camera follows 'b'"),
+    (
+        lambda: msd.Scene(system=BODY.named("a"), look=msd.Look(follow="d")),
+        "look.follow is 'd'; it must be one of 'a'",
+    ),
     (lambda: msd.Look(gloss="1"), "gloss is '1'; it must be a number from 0 to 1"),
     (lambda: msd.Look(obstacle_gloss=-1), "obstacle_gloss is -1.0; it must be from 0 to 1"),
     (lambda: msd.Look(finish="wood"), "finish is 'wood'; it must be one of 'matt', 'rubber', 'metal', 'glass'"),
@@ -139,7 +201,7 @@ PICTURES = [
 
 @pytest.mark.parametrize(
     ("call", "message"),
-    [*TEXT, *HUGE_NUMBERS, *TYPES, *ARRAYS, *SELECTIONS, *PICTURES],
+    [*TEXT, *HUGE_NUMBERS, *TYPES, *ARRAYS, *SELECTIONS, *WORLD, *PICTURES],
     ids=lambda one: one[:40] if isinstance(one, str) else "",
 )
 def test_what_is_no_argument_is_named_at_the_call(call, message):

@@ -71,14 +71,3 @@ def test_a_straggler_does_not_widen_the_view():
     pair = CUBE + CUBE.translate((0.3, 0, 0))  # of two bodies neither is the rest
     both = np.array([pair.position, pair.position + np.where(np.arange(16) < 8, 0, 30)[:, None]])
     assert framed(msd.Scene(system=pair), both, range(2), 1.5).max() > 30
-
-
-def test_what_no_camera_can_do_is_refused():
-    with pytest.raises(ValueError, match=r"target is .* it must have 3 coordinates"):
-        msd.Look(target=(1, 2))
-    with pytest.raises(ValueError, match="distance is 0; it must be a number above 0"):
-        msd.Look(distance=0)
-    with pytest.raises(ValueError, match=r"target is .* it must be None where the camera follows 'b'"):
-        msd.Look(target=(1, 2, 3), follow="b")
-    with pytest.raises(ValueError, match=r"look\.follow is 'd'; it must be one of 'a', 'b', 'c'"):
-        scene(follow="d")

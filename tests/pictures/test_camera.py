@@ -106,22 +106,6 @@ def test_a_stored_scene_keeps_its_camera(cube):
     assert not {"path", "field_of_view"} & scene_as_stored(scene_of(cube), [0.0])[0]["look"].keys()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"path": [msd.Viewpoint(time=1.0), msd.Viewpoint(time=1.0)]}, r"path has the times \[1.0, 1.0\]"),
-        ({"path": [msd.Viewpoint(time=math.nan)]}, "path"),
-        ({"path": [0.0]}, r"path\[0\] is 0.0; it must be a Viewpoint"),
-        ({"path": [msd.Viewpoint(time=0.0, azimuth=400.0)]}, "azimuth is 400.0; it must be from -360 to 360"),
-        ({"follow": "a", "path": [msd.Viewpoint(time=0.0, target=(0, 0, 1))]}, "it must be None where the camera"),
-        ({"field_of_view": 0.5}, "field_of_view is 0.5; it must be from 1 to 120"),
-    ],
-)
-def test_a_camera_that_cannot_be_is_refused(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        msd.Look(**wrong)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_still_is_the_mean_of_shifted_views(cube, backend):

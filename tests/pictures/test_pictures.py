@@ -263,23 +263,6 @@ def test_positions_of_another_system_are_refused(scene, wrong):
         renderer.image(wrong(position))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"colour": "red"}, "colour is 'red'"),
-        ({"texture": np.zeros((4, 4), np.uint8)}, r"texture has shape \(4, 4\)"),
-        ({"full_strain": 0}, "full_strain is 0"),
-        ({"obstacle": "blue"}, "obstacle is 'blue'"),
-        ({"obstacle_texture": np.zeros((4, 4, 3))}, r"obstacle_texture has shape \(4, 4, 3\) and type float64"),
-        ({"strain": "yes"}, "strain is 'yes'"),
-        ({"particles": "few"}, "particles is 'few'"),
-    ],
-)
-def test_bad_looks_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        msd.Look(**arguments)
-
-
 def test_a_scene_can_ask_for_strain_colours(scene):
     position = scene.system.position
     strained = msd.Scene(system=scene.system, look=msd.Look(strain=True))

@@ -44,32 +44,6 @@ def test_bad_motion_is_named(dim, motion, message):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Sphere(radius=0.0), "radius is 0; it must be a number above 0"),
-        (lambda: Sphere((0, math.nan, 0)), r"position is \(0, nan, 0\)"),
-        (lambda: Sphere("here"), "position must be an array of numbers, not 'here'"),
-        (lambda: Box(size=(1, 0, 1)), r"size is \(1, 0, 1\)"),
-        (lambda: Box(size=(1, 1)), r"size is \(1, 1\); it must be 3 numbers above 0"),
-        (lambda: Box(turn=(0, 1)), r"turn is \(0, 1\); it must be 3 finite numbers"),
-        (lambda: Box(turn=(0, math.nan, 0)), r"turn is \(0, nan, 0\)"),
-        (lambda: Box((0, 0), (1, 1), math.nan), "turn is .*nan"),
-        (lambda: Box((0, 0), (1, 1), (0, 0, 1)), "turn is .*0, 0, 1"),
-        (lambda: Box((0,), (1,), 0.5), "turn is 0.5; in one dimension nothing turns"),
-        (lambda: Capsule((0, 0, 0), (0, 0, 0)), r"end is \(0.0, 0.0, 0.0\); it must be another point than start"),
-        (lambda: Capsule((0, 0, 0), (0, 1)), r"end is \(0.0, 1.0\); .* as many coordinates"),
-        (lambda: Cone((0, 0, 0), (0, 0, 0)), r"base is \(0.0, 0.0, 0.0\); it must be another point than apex"),
-        (lambda: Sphere(motion=(0, 0, 1)), r"motion is \(0, 0, 1\); it must be a function of time"),
-        (lambda: Cone(restitution=2.0), "restitution is 2.0"),
-        (lambda: Capsule(friction=-0.5), "friction is -0.5"),
-    ],
-)
-def test_bad_solid_is_named(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
-@pytest.mark.parametrize(
     ("dim", "collider", "message"),
     [
         (3, Plane((0, 1)), r"colliders\[0\].normal is \(0.0, 1.0\); it must have 3 coordinates"),

@@ -284,21 +284,6 @@ def test_a_change_at_once_is_as_one_of_a_schedule(device):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"time": -1.0}, "time is -1; it must be a number of at least 0, and finite"),
-        ({"time": math.nan}, "time is nan"),
-        ({"time": "soon"}, "time is 'soon'"),
-        ({"time": 1.0, "colour": 1.0}, "parameter is 'colour'; it must be one of 'mass', 'velocity', 'stiffness'"),
-        ({"time": 1.0, "set_rest_shape": True, "rest_length": 1.0}, "set_rest_shape sets rest_length"),
-    ],
-)
-def test_bad_change_is_named(arguments, message):
-    with pytest.raises(ValueError, match=re.escape(message)):
-        at(arguments.pop("time"), **arguments)
-
-
-@pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda: at(1.0, group="scoop", mass=1.0), "group is 'scoop'; it must be one of 'row'"),

@@ -43,28 +43,6 @@ def test_restitution_falls_with_damping():
     assert all(a > b for a, b in itertools.pairwise(found))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"friction": -0.1}, "friction is -0.1"),
-        ({"restitution": 0.04}, "restitution is 0.04"),
-        ({"restitution": 1.1}, "restitution is 1.1"),
-        ({"self_contact": "some"}, "self_contact is 'some'; it must be one of False, True"),
-        ({"thickness": 0}, "thickness is 0; it must be a number above 0"),
-        ({"thickness": np.inf}, "thickness is inf"),
-        ({"stiffness": 0.0}, "stiffness is 0"),
-        ({"groups": "die"}, "groups is 'die'; it must be two names of groups"),
-        ({"groups": ("die",)}, "groups is .*; it must be two names"),
-        ({"groups": (1, 2)}, "groups is .*; it must be two names"),
-        ({"surface_colliders": "no"}, "surface_colliders is 'no'; it must be one of False, True"),
-        ({"on": "die"}, "on is 'die'; the bodies are given by groups"),
-    ],
-)
-def test_wrong_arguments_are_refused_by_name(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Contact(**arguments)
-
-
 DICE = box((2, 2, 2)).named("low") + box((2, 2, 2)).translate((0, 0, 3)).named("high")
 
 
