@@ -40,14 +40,3 @@ def test_the_workflow_runs_the_checks():
     assert any("--resolution lowest-direct" in run for run in runs["lowest"])
     lowest = PROJECT["requires-python"].removeprefix(">=")
     assert lowest in jobs["all"]["strategy"]["matrix"]["python"]
-
-
-@pytest.mark.parametrize("name", ["bug", "feature"])
-def test_a_form_asks_for_something(name):
-    form = loaded(f".github/ISSUE_TEMPLATE/{name}.yml")
-    assert form["name"]
-    assert form["description"]
-    fields = form["body"]
-    assert any(one.get("validations", {}).get("required") for one in fields)
-    assert len({one["id"] for one in fields}) == len(fields)
-    assert {one["type"] for one in fields} <= {"textarea", "input", "dropdown", "checkboxes", "markdown"}

@@ -125,13 +125,6 @@ def test_nothing_is_drawn_twice_but_what_rests_is_drawn_fine():
     assert len(client.images[-1]) == 180
 
 
-def test_a_camera_that_is_nowhere_is_sent_nothing():
-    images, _, client = drawn()
-    client.camera.position = np.full(3, np.nan)
-    images.send([(0, client, Wire())])
-    assert not client.images
-
-
 class Page(Listener):
     """A listener that takes images."""
 

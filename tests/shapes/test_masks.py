@@ -94,11 +94,6 @@ def test_a_lattice_may_have_another_surface_or_none():
     assert lattice(bar, surface=own).surface is own
 
 
-def test_a_flat_lattice_may_have_two_coordinates():
-    system = lattice(np.ones((3, 2), dtype=bool), dim=2)
-    assert system.dim == 2
-
-
 @pytest.mark.parametrize("block", [7, 1 << 20])
 @pytest.mark.parametrize("seed", range(8))
 def test_pieces_are_counted(seed, block, monkeypatch):
