@@ -10,7 +10,8 @@ import msdwarp as msd
 
 BODY = msd.sheet((3, 3), 0.1).named("all of it")
 PAIR = msd.chain(2, 0.1)
-RUBBER = {"density": 1e3, "youngs_modulus": 1e5}
+OTHER, FOAM = PAIR.translate((0, 0, 0.1)), msd.Material(1e3, 1e5)
+STRAINS = "yield_strain relaxation_time break_strain break_force"
 
 
 def of(make, *fixed, **others):
@@ -32,11 +33,14 @@ def scene(**given):
     return msd.Simulation.from_scene(msd.Scene(system=BODY, **given), device="cpu")
 
 
+def change(**given):
+    msd.Simulation(BODY, device="cpu").change(**given)
+
+
 def still(t):
     return (0.0, 0.0, 0.0)
 
 
-TOUCH = {"friction": 0.5}
 # What makes something, and of its arguments those that must be above 0, at least 0, and any finite number.
 MAKERS = {
     "chain": (of(msd.chain, 3), "spacing mass", "stiffness damping", ""),
@@ -46,25 +50,10 @@ MAKERS = {
     "cone": (of(msd.cone, radius=0.2, height=0.2, spacing=0.1), "radius height spacing", "", ""),
     "icosphere": (of(msd.icosphere, subdivisions=1), "radius", "", ""),
     "sheet": (of(msd.sheet, (3, 3)), "spacing mass", "stiffness damping bending", ""),
-    "a sheet of a material": (
-        of(msd.sheet, (3, 3), material=msd.Material(1e3, 1e5), thickness=1e-3),
-        "thickness",
-        "",
-        "",
-    ),
+    "a sheet of a material": (of(msd.sheet, (3, 3), material=FOAM, thickness=1e-3), "thickness", "", ""),
     "shell": (of(msd.shell, msd.icosphere(0.5, 1)), "mass", "stiffness damping bending", ""),
-    "join": (
-        of(msd.join, PAIR, PAIR.translate((0, 0, 0.1)), within=1.0, stiffness=1.0),
-        "within rest_length",
-        "stiffness damping",
-        "",
-    ),
-    "fields": (
-        of(BODY.replace),
-        "mass rest_length",
-        "stiffness damping yield_strain relaxation_time break_strain break_force",
-        "velocity",
-    ),
+    "join": (of(msd.join, PAIR, OTHER, within=1.0, stiffness=1.0), "within rest_length", "stiffness damping", ""),
+    "fields": (of(BODY.replace), "mass rest_length", f"stiffness damping {STRAINS}", "velocity"),
     "translate": (of(BODY.translate), "", "", "displacement"),
     "spin": (of(BODY.spin), "", "", "angular_velocity"),
     "material": (of(msd.Material, density=1e3, youngs_modulus=1e5), "density youngs_modulus", "", ""),
@@ -85,12 +74,7 @@ MAKERS = {
     "duration": (of(scene), "duration", "", ""),
     "simulation": (of(msd.Simulation, BODY, device="cpu"), "fps", "", "gravity"),
     "at": (of(lambda **given: scene(schedule=[msd.at(0.0, **given)]).step()), "", "", "gravity"),
-    "at once": (
-        of(lambda **given: msd.Simulation(BODY, device="cpu").change(**given)),
-        "mass rest_length",
-        "stiffness damping",
-        "velocity gravity",
-    ),
+    "at once": (of(change), "mass rest_length", "stiffness damping", "velocity gravity"),
 }
 VECTORS = {"velocity", "displacement", "angular_velocity", "force", "to", "about", "position", "start", "end"}
 VECTORS |= {"apex", "base", "size"}
@@ -131,10 +115,7 @@ def test_an_absurd_number_is_refused_by_the_name_of_its_argument(maker):
         (lambda: msd.Contact(groups=3), "groups is 3; it must be two names of groups"),
         (lambda: scene(contact=3), "contact is 3; it must be a sequence of Contact"),
         (lambda: scene(schedule=[msd.at(0.0, unpin="x")]), "unpin is 'x'; it must be one of 'all of it'"),
-        (
-            lambda: scene(schedule=[msd.at(0.0, group="x", mass=1.0)]),
-            "group is 'x'; it must be one of 'all of it'",
-        ),
+        (lambda: scene(schedule=[msd.at(0, group="x", mass=1.0)]), "group is 'x'; it must be one of 'all of it'"),
         (lambda: scene(loads=[msd.Force((0, 0, 1), on="x")]), "loads[0].on is 'x'; it must be one of 'all of it'"),
         (lambda: msd.Simulation(BODY, device="cpu").change(unpin="x"), "unpin is 'x'; it must be one of"),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from msdwarp import Look
+from msdwarp import Look, Trajectory
 from msdwarp.cli.file_commands import frames_shown
 from msdwarp.cli.options import Options, Pictures
 from msdwarp.cli.provenance import restored_options
@@ -159,3 +159,39 @@ def test_a_target_and_a_body_to_follow_take_each_other_s_place():
     assert Pictures(follow="ball").aimed(Look(target=(1, 2, 3))).target is None
     assert Pictures(target="1,2,3").aimed(Look(follow="ball")).follow is None
     assert Pictures(azimuth=5).aimed(Look(follow="ball")).follow == "ball"
+
+
+SHORT = (
+    "run",
+    "cube",
+    "--size",
+    "3",
+    "--duration",
+    "0.1",
+    "--video",
+    "none",
+    "--resolution",
+    "64x64",
+    "--quiet",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "flags", [["--frames", "none", "--contact-forces"], ["--arrows"], ["--colour", "contact"]], ids=str
+)
+def test_they_are_kept_and_drawn_where_asked_for(msdwarp, tmp_path, flags):
+    assert msdwarp(*SHORT, "--out", "a", *flags)[0] == 0
+    with Trajectory(tmp_path / "a" / "trajectory.vtkhdf") as trajectory:
+        assert np.isfinite(trajectory.contact_forces[:]).all()
+    again = ("--out", "b", "--video", "none", "--resolution", "64x64", "--arrows", "--colour", "contact")
+    assert msdwarp("render", "a/trajectory.vtkhdf", *again)[0] == 0
+    assert (tmp_path / "b" / "frame_0006.png").exists()
+
+
+@pytest.mark.slow
+def test_a_file_without_them_is_not_drawn_with_arrows(msdwarp, tmp_path):
+    assert msdwarp(*SHORT, "--out", "c", "--frames", "none")[0] == 0
+    code, _, error = msdwarp("render", "c/trajectory.vtkhdf", "--out", "d", "--arrows")
+    assert code == 1
+    assert "was written without contact forces" in error

@@ -208,10 +208,7 @@ def test_other_files_are_refused_by_what_is_wrong(tmp_path):
     for change, said in [
         (lambda file: file.move("VTKHDF", "other"), "it has no group VTKHDF"),
         (lambda file: file.move("msdwarp", "other"), "VTKHDF of another program"),
-        (
-            lambda file: file["msdwarp"].attrs.modify("msdwarp_format", 2),
-            r"format 2; this version reads 1: install a n",
-        ),
+        (lambda f: f["msdwarp"].attrs.modify("msdwarp_format", 2), r"format 2; this version reads 1: install a n"),
         (lambda file: file["msdwarp"].attrs.modify("msdwarp_format", 0), r"format 0; this version reads 1$"),
         (lambda file: file["VTKHDF"].move("Points", "other"), "damaged.*Points"),
         (lambda file: file["msdwarp"].move("attributes", "other"), "damaged.*attributes"),

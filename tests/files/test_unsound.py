@@ -114,10 +114,7 @@ def test_sizes_that_the_file_does_not_have_are_not_believed(path):
     ("change", "said"),
     [
         (lambda file: put(file, "VTKHDF/NumberOfPoints", [0]), "36 particles among 0 points"),
-        (
-            lambda file: file["VTKHDF/NumberOfPoints"].write_direct(np.array([0])),
-            "it is not what its checksum is of",
-        ),
+        (lambda f: f["VTKHDF/NumberOfPoints"].write_direct(np.array([0])), "it is not what its checksum is of"),
         (lambda file: file["msdwarp"].attrs.modify("dim", 7), "dim is 7; it must be one of 1, 2, 3"),
         (lambda file: file["msdwarp"].attrs.modify("fps", 0.0), "fps is 0; it must be a number above 0"),
         (lambda file: file["msdwarp"].attrs.modify("fps", np.nan), "fps is nan; it must be a number above 0"),

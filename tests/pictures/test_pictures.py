@@ -306,3 +306,21 @@ def test_a_sheet_on_the_ground_hides_it_though_it_sinks_in(backend):
     for point in 0.9 * sheet.position:
         red, green, _ = image[pixel_of(renderer, point)]
         assert red > 2 * green  # the ground is grey
+
+
+def test_springs_to_second_neighbours_are_not_drawn():
+    # They would hide what they lie along.
+    plain, bent = msd.sheet((5, 4)), msd.sheet((5, 4), bending=20.0)
+    np.testing.assert_array_equal(bent.connections[bent.between_neighbours], plain.connections)
+    assert plain.between_neighbours is None
+    drawn = [Drawing(msd.Scene(system=one), "strain") for one in (bent, plain)]
+    assert len(drawn[0].triangles) == len(drawn[1].triangles)
+    both = plain + bent
+    np.testing.assert_array_equal(
+        both.between_neighbours, np.append(np.ones(plain.connection_count, bool), bent.between_neighbours)
+    )
+
+
+def test_directions_of_other_names_are_drawn():
+    named = msd.sheet((3, 3)).replace(directions=({"layer 2": slice(0, 6), "x2": slice(6, 9)},))
+    assert named.between_neighbours is None
