@@ -115,8 +115,8 @@ def test_files_of_two_runs_do_not_go_on_together(msdwarp, tmp_path):
     for folder, stiffness in (("one", "600"), ("other", "700")):
         flags = ("--size", "3", "--stiffness", stiffness, "--duration", "0.2", "--out", folder)
         assert msdwarp("run", "cube", *flags, *UNDRAWN)[0] == 0
-    for name, folder in (("trajectory.vtkhdf", "one"), ("restart.h5", "one again")):
-        shutil.copytree(tmp_path / "one", tmp_path / folder, dirs_exist_ok=True)
+    for name, folder in (("trajectory.vtkhdf", "first"), ("restart.h5", "second")):
+        shutil.copytree(tmp_path / "one", tmp_path / folder)
         shutil.copy(tmp_path / "other" / name, tmp_path / folder / name)
         before = (tmp_path / folder / "trajectory.vtkhdf").read_bytes()
         code, out, err = msdwarp("resume", folder, "--duration", "0.4")
