@@ -1,9 +1,13 @@
-"""A scene is changed by making another one of it."""
+"""A scene is changed by making another one of it, and a file keeps it, with the looks of its bodies."""
 
 import dataclasses
+import json
+import re
 
+import numpy as np
 import pytest
 
+import msdwarp as msd
 from msdwarp import Contact, Plane, Scene, Simulation, Wind, at, box, chain
 from msdwarp.world import scene_as_stored, scene_from_stored
 
@@ -45,3 +49,61 @@ def test_files_whose_gravity_is_a_number_below_0_still_open():
     numbers = simulation.checkpoint()[1] | {"gravity": -1.5}
     simulation.restore(simulation.checkpoint()[0], numbers)
     assert simulation.gravity == (0.0, 0.0, 1.5)
+
+
+BODIES = msd.ball(0.2, 0.1).named("ball") + msd.chain(4).translate((0, 0, 3)).named("rope")
+IMAGE = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("looks", "message"),
+    [
+        ({"bal": msd.Look()}, "a name in looks is 'bal'; it must be one of 'ball', 'rope'"),
+        ({"ball": "red"}, "looks['ball'] is 'red'; it must be a Look, such as Look(colour='#d9603b')"),
+        (
+            {"rope": msd.Look(azimuth=10, obstacle="#000000", obstacle_texture=IMAGE)},
+            "looks['rope'] sets azimuth and obstacle and obstacle_texture, which is of the whole picture; it must "
+            "be set by the scene's look",
+        ),
+        ({"ball": msd.Look(strain=True)}, "looks['ball'] sets strain, which is of the whole picture"),
+    ],
+)
+def test_what_is_no_look_of_a_body_is_named(looks, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        msd.Scene(system=BODIES, looks=looks)
+
+
+def stored_and_back(scene, forget=()):
+    """Return a scene as a file gives it back, which was written before there were some of its entries."""
+    described, arrays = scene_as_stored(scene, [0.0])
+    described = json.loads(json.dumps(described))
+    for name in forget:
+        described.pop(name)
+    return scene_from_stored(scene.system, described, arrays)
+
+
+def test_a_file_keeps_looks_in_their_order():
+    own = {
+        "rope": msd.Look(colour="#2050b0", tube=0.02, particles=True),
+        "ball": msd.Look(texture=IMAGE, smooth=False, gloss=0.5, finish="glass"),
+    }
+    scene = msd.Scene(system=BODIES, look=msd.Look(texture=255 - IMAGE, azimuth=10), looks=own)
+    found = stored_and_back(scene)
+    assert list(found.looks) == ["rope", "ball"]
+    for one, other in [(found.look, scene.look), *((found.looks[name], own[name]) for name in own)]:
+        for name, value in vars(other).items():
+            np.testing.assert_array_equal(getattr(one, name), value)
+
+
+def test_a_file_keeps_where_the_camera_is_aimed_and_says_nothing_of_what_earlier_versions_lack():
+    for look in (msd.Look(target=(1, 2, 3), distance=4.0), msd.Look(follow="ball")):
+        found = stored_and_back(msd.Scene(system=BODIES, look=look)).look
+        assert (found.target, found.distance, found.follow) == (look.target, look.distance, look.follow)
+    described, _ = scene_as_stored(msd.Scene(system=BODIES), [0.0])
+    assert not {"target", "distance", "follow", "finish"} & described["look"].keys()
+
+
+def test_a_file_from_before_there_were_looks_of_bodies_opens():
+    scene = msd.Scene(system=BODIES, look=msd.Look(colour="#2050b0"))
+    found = stored_and_back(scene, forget=("looks",))
+    assert (found.looks, found.look.colour) == ({}, "#2050b0")
