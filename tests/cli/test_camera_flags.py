@@ -35,24 +35,6 @@ def durations(path):
     return shown, first
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (["--azimuth", "400"], "azimuth is 400.0; it must be from -360 to 360"),
-        (["--elevation", "nan"], "elevation is nan; it must be from -90 to 90"),
-        (["--target", "here"], "target is 'here'; it must be X,Y,Z, such as 0,0,0.5"),
-        (["--target", "0,0,1", "--follow", "cube"], "target is (0.0, 0.0, 1.0); it must be None where the camera"),
-        (["--follow", "moon"], "look.follow is 'moon'; it must be one of"),
-        (["--renderer", "vulkan"], "renderer is 'vulkan'; it must be one of auto, raster, raycast, opengl"),
-    ],
-)
-def test_a_camera_that_cannot_be_is_refused_before_a_file_is_touched(msdwarp, tmp_path, flags, message):
-    code, out, err = msdwarp("run", "cube", "--size", "3", *SMALL, *flags)
-    assert (code, out, err.count("\n")) == (1, "", 1)
-    assert message in err
-    assert not list(tmp_path.iterdir())
-
-
 SHARDS = """
 from itertools import product
 from msdwarp import Scene, box

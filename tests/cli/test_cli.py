@@ -155,6 +155,16 @@ def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp
         (["--every", "1.5"], 1, "every is '1.5'; it must be a whole number"),
         (["--log", "deep/down/energy.csv"], 1, "log is deep/down/energy.csv, whose folder does not exist"),
         (["--colour", "energy", "--no-strain"], 1, "--colour energy needs the strains"),
+        (["--azimuth", "400"], 1, "azimuth is 400.0; it must be from -360 to 360"),
+        (["--elevation", "nan"], 1, "elevation is nan; it must be from -90 to 90"),
+        (["--target", "here"], 1, "target is 'here'; it must be X,Y,Z, such as 0,0,0.5"),
+        (
+            ["--target", "0,0,1", "--follow", "cube"],
+            1,
+            "target is (0.0, 0.0, 1.0); it must be None where the camera",
+        ),
+        (["--follow", "moon"], 1, "look.follow is 'moon'; it must be one of"),
+        (["--renderer", "vulkan"], 1, "renderer is 'vulkan'; it must be one of auto, raster, raycast, opengl"),
     ],
 )
 def test_bad_input_is_named_and_writes_nothing(msdwarp, tmp_path, flags, code, message):
@@ -297,6 +307,14 @@ def test_unknown_scenes_are_named(msdwarp):
         ("x = 1\n", "no function `build`"),
         ("def build():\n    return None\n", "returned None; it must return a Scene"),
         ("def build(*, duration: float = 1.0):\n    pass\n", "['duration']"),  # a flag that all scenes have
+        (
+            "from msdwarp import box\ndef build():\n    return box((2, 2, 2), -1)\n",
+            "error: spacing is -1",
+        ),  # as it is
+        (
+            'def build(*, size: "Nobody" = 3):\n    return None\n',
+            "error: build of scene 'own' has a wrong annotation: name 'Nobody' is not defined\n",
+        ),
     ],
 )
 def test_a_script_that_gives_no_scene_is_told_so(msdwarp, tmp_path, script, message):

@@ -65,18 +65,6 @@ def test_a_function_may_end_with_a_run_that_is_shorter_than_its_scene(msdwarp, t
     assert (code, err) == (0, "")
 
 
-def test_a_wrong_annotation_is_told(msdwarp, tmp_path):
-    (tmp_path / "own.py").write_text('def build(*, size: "Nobody" = 3):\n    return None\n')
-    code, _, err = msdwarp("run", "own.py", *UNDRAWN)
-    assert (code, err) == (1, "error: build of scene 'own' has a wrong annotation: name 'Nobody' is not defined\n")
-
-
-def test_what_explains_itself_is_told_as_it_is(msdwarp, tmp_path):
-    (tmp_path / "own.py").write_text(SCENE + "def build():\n    return Scene(system=box((2, 2, 2), -1))\n")
-    err = msdwarp("run", "own.py", *UNDRAWN)[2]
-    assert err.startswith("error: spacing is -1")
-
-
 def test_a_script_in_another_encoding_is_told(msdwarp, tmp_path):
     """PowerShell writes UTF-16 by default."""
     (tmp_path / "own.py").write_text(SCENE, encoding="utf-16")
