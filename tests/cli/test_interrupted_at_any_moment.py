@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from runs import without_progress
 from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory
@@ -38,7 +39,7 @@ def begun(folder, *arguments, **options):
 def ended(process, seconds=120):
     """Return what a process ended with: exit code, standard output, standard error."""
     out, err = process.communicate(timeout=seconds)
-    return process.returncode, out, err
+    return process.returncode, out, without_progress(err)
 
 
 def resumed(folder):
