@@ -1,4 +1,4 @@
-"""What is installed holds the kernels and the scenes where the package looks for them, wherever one starts."""
+"""What is installed holds kernels and scenes where the package looks for them; versions and checks agree."""
 
 import os
 import re
@@ -12,7 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import msdwarp
+
 ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PACKAGES = ("msdwarp", "kernels", "scenes")
 LINKS = ("kernels", "scenes")
 """In msdwarp/, to the folders at the top."""
@@ -22,9 +25,7 @@ DEPENDENCIES = Path(np.__file__).parents[1]
 
 
 def test_one_extra_has_all_that_users_may_want_and_messages_name_extras_that_exist():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "optional-dependencies"
-    ]
+    extras = PROJECT["optional-dependencies"]
     (whole,) = extras["all"]
     assert set(whole.removeprefix("msdwarp[").removesuffix("]").split(",")) == extras.keys() - OURS - {"all"}
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "msdwarp").rglob("*.py")]
@@ -118,3 +119,34 @@ def test_a_wheel_can_be_built_from_the_source_archive_and_from_text_files_in_pla
     for folder in (clone, *(tmp_path / "unpacked").iterdir()):
         wheel = next(path for path in built(folder, "wheel") if path.suffix == ".whl")
         assert sorted(zipfile.ZipFile(wheel).namelist()) == wanted
+
+
+def loaded(name):
+    yaml = pytest.importorskip("yaml")
+    return yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def test_the_version_is_the_same_everywhere():
+    citation = re.search(
+        r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
+    assert msdwarp.__version__ == PROJECT["version"] == citation[1]
+
+
+def test_ruff_before_a_commit_is_the_one_of_the_checks():
+    (wanted,) = [one for one in PROJECT["optional-dependencies"]["dev"] if one.startswith("ruff")]
+    hooks = [hook for repo in loaded(".pre-commit-config.yaml")["repos"] for hook in repo["hooks"]]
+    assert [hook["id"] for hook in hooks] == ["ruff-check", "ruff-format"]
+    assert all(hook["additional_dependencies"] == [wanted] for hook in hooks)
+
+
+def test_the_workflow_runs_the_checks():
+    jobs = loaded(".github/workflows/ci.yml")["jobs"]
+    runs = {name: [step.get("run", "") for step in job["steps"]] for name, job in jobs.items()}
+    assert runs.keys() == {"all", "quick", "lowest"}
+    assert ".ci/run" in runs["all"]
+    for name in ("quick", "lowest"):
+        assert any("pytest" in run and "not slow" in run for run in runs[name])
+    assert any("--resolution lowest-direct" in run for run in runs["lowest"])
+    lowest = PROJECT["requires-python"].removeprefix(">=")
+    assert lowest in jobs["all"]["strategy"]["matrix"]["python"]
