@@ -1,4 +1,4 @@
-"""What surrounds the command: terminals, closed streams, encodings, warnings, and other runs beside it."""
+"""What surrounds the command: terminals, streams, encodings, warnings, other runs, and what it imports."""
 
 import os
 import re
@@ -139,3 +139,42 @@ def test_a_run_says_that_contact_held_particles_back(msdwarp, tmp_path, speed, t
     code, out, _ = msdwarp("run", "crush.py", *flags)
     assert code == 0
     assert ("contact held particles back, at about 0.0" in out) == told
+
+
+LARGE = """
+import sys
+from msdwarp.cli import main
+
+sys.argv[0] = "msdwarp"
+try:
+    main()
+finally:
+    large = ("warp", "numpy", "pyvista", "h5py", "scipy", "matplotlib", "PIL")
+    print("imported:", *(name for name in large if name in sys.modules))
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "needed"),
+    [
+        ("--help", []),
+        ("list", []),
+        ("runn cube", []),
+        pytest.param("run no-scene", [], marks=pytest.mark.slow),
+        pytest.param("export a.vtkhdf --to jpg", [], marks=pytest.mark.slow),
+        ("run cube --help", ["numpy"]),  # which the scene's own annotations ask for
+        pytest.param("view cube --help", ["numpy"], marks=pytest.mark.slow),
+        pytest.param("tune cube --help", ["numpy"], marks=pytest.mark.slow),
+        pytest.param("run cube --fps many", ["numpy"], marks=pytest.mark.slow),
+    ],
+)
+def test_help_and_errors_need_nothing_large(words, needed):
+    done = subprocess.run(
+        [sys.executable, "-c", LARGE, *words.split()],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.stdout.splitlines()[-1].split()[1:] == needed
+    assert done.returncode == (0 if "help" in words or words in ("list", "--version") else 1)
