@@ -143,19 +143,7 @@ def test_a_target_and_a_body_to_follow_take_each_other_s_place():
     assert Pictures(azimuth=5).aimed(Look(follow="ball")).follow == "ball"
 
 
-SHORT = (
-    "run",
-    "cube",
-    "--size",
-    "3",
-    "--duration",
-    "0.1",
-    "--video",
-    "none",
-    "--resolution",
-    "64x64",
-    "--quiet",
-)
+SHORT = ("run", "cube", "--size", "3", "--duration", "0.1", "--video", "none", "--resolution", "64x64", "--quiet")
 
 
 @pytest.mark.slow

@@ -170,11 +170,7 @@ finally:
 )
 def test_help_and_errors_need_nothing_large(words, needed):
     done = subprocess.run(
-        [sys.executable, "-c", LARGE, *words.split()],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
+        [sys.executable, "-c", LARGE, *words.split()], capture_output=True, text=True, check=False, timeout=120
     )
     assert done.stdout.splitlines()[-1].split()[1:] == needed
     assert done.returncode == (0 if "help" in words or words in ("list", "--version") else 1)
