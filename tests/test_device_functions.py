@@ -130,16 +130,6 @@ def own_spring(values):
     return {"spring": OwnSpring(a_sum(values))}
 
 
-def own_spring_that_calls(values):
-    called = a_sum(values)
-
-    @wp.func
-    def law(strain: Any):
-        return called(strain)
-
-    return {"spring": OwnSpring(law)}
-
-
 def own_damper(values):
     called = a_sum(values)
 
@@ -190,7 +180,7 @@ def moved(what, device, route):
     return simulation.frame().position
 
 
-@pytest.mark.parametrize("make", [own_spring, own_spring_that_calls, own_damper, own_force, own_wind])
+@pytest.mark.parametrize("make", [own_spring, own_damper, own_force, own_wind])
 @pytest.mark.parametrize("route", ["gather", "scatter", "stencil", "threads", "worlds", "contact"])
 @pytest.mark.each_value
 def test_a_function_defined_again_is_the_same_and_one_of_other_values_another(plain_device, make, route):
