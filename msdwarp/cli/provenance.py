@@ -178,7 +178,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         yield repr(spring).encode()
     yield from (law.kind.tobytes() for law in (damper, spring) if isinstance(law, LawKinds))
     if callable(scene.gravity):
-        yield _of_times(lambda: gravity_at(scene.gravity, times, dim))
+        yield _of_times(lambda at: gravity_at(scene.gravity, at, dim), times)
     for collider in scene.colliders:
         left_out = {"motion"} if collider.stiffness is not None else {"motion", "stiffness", "ramp", "dissipation"}
         held = {one.name: getattr(collider, one.name) for one in fields(collider) if one.name not in left_out}
@@ -193,7 +193,7 @@ def _parts(scene: Scene) -> Iterator[bytes]:
         elif isinstance(one, Actuator):
             chosen = one.connections(scene.system)
             yield chosen.tobytes() + one.delays(scene.system, chosen).tobytes()
-            yield _of_times(lambda of=one: of.at(times))
+            yield _of_times(one.at, times)
         else:
             yield from _of_load(one, scene, times)
     for change in scene.schedule:
@@ -202,23 +202,29 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             yield repr(("release", np.asarray(change.unpin).tolist())).encode()
         if change.gravity is not None:
             late = np.linspace(change.time, scene.duration, 9)
-            yield _of_times(lambda given=change.gravity, late=late: gravity_at(given, late, dim))
+            yield _of_times(lambda at, given=change.gravity: gravity_at(given, at, dim), late)
         changed = change.foreseen.applied_to(scene.system)
         for name in (*PARTICLE_FIELDS, *(name for name in CONNECTION_FIELDS if name not in absent)):
             yield np.ascontiguousarray(getattr(changed, name)).tobytes()
 
 
 def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[bytes]:
+    def at(time: NDArray) -> NDArray:
+        return np.concatenate([np.ravel(part) for part in pose(float(time[0]))], dtype=float)
+
     for time in times:
-        yield _of_times(lambda at=float(time): np.concatenate([np.ravel(part) for part in pose(at)], dtype=float))
+        yield _of_times(at, np.array([time]))
 
 
-def _of_times(values: Callable[[], NDArray]) -> bytes:
-    """Return the bytes of a function's values; it may fail in a scene's duration, but after the end of a run."""
+def _of_times(values: Callable[[NDArray], NDArray], times: NDArray) -> bytes:
+    """Return the bytes of a function's values; it may fail in a scene's duration, but after the end of a run.
+
+    Where it fails at one of the times, the others still count.
+    """
     try:
-        return values().tobytes()
+        return values(times).tobytes()
     except Exception:
-        return b"undefined"
+        return b"undefined" if len(times) == 1 else b"".join(_of_times(values, one) for one in times[:, None])
 
 
 _FIRST_NAMES = {"Contact": "Touch", "EnclosedGas": "Gas", "surface_colliders": "obstacles"}
@@ -246,7 +252,7 @@ def _of_load(load: Load, scene: Scene, times: NDArray) -> Iterator[bytes]:
         elif is_device_function(value):
             yield str(value.adj.source).encode()
         elif callable(value):
-            yield _of_times(lambda of=value: sampled(of, times))
+            yield _of_times(lambda at, of=value: sampled(of, at), times)
         elif isinstance(value, np.ndarray | tuple | list):
             yield np.asarray(value, dtype=float).tobytes()
         else:

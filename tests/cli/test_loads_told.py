@@ -1,5 +1,7 @@
 """Loads in what a file says of a run, and in what `resume` compares."""
 
+import math
+
 import numpy as np
 import pytest
 import warp as wp
@@ -60,6 +62,8 @@ def test_the_digest_knows_loads():
         of(msd.Force((0, 0, 1), on=[1])),
         of(msd.Force(lambda t: (0, 0, t))),
         of(msd.Force(lambda t: (0, 0, 2 * t))),
+        of(msd.Force(lambda t: (0, 0, math.sqrt(1 - t)))),  # not defined until the scene's end
+        of(msd.Force(lambda t: (0, 0, 2 * math.sqrt(1 - t)))),
         of(msd.Force(inwards)),
         of(msd.Wind((1, 0, 0), area=0.1)),
         of(msd.Wind((1, 0, 0), area=0.2)),
