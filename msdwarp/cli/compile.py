@@ -1,50 +1,20 @@
 """`msdwarp compile`: fills the folder of compiled kernels, where nothing is simulated."""
 
-import os
 import warnings
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
-from typing import Any, NamedTuple
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
-from ..engine import BodyContact, Pace
+from ..engine import BodyContact
 from ..integrators import choose_forced
-from ..runtime import ImaginedGpu, cores, find_device, rehearsing
+from ..runtime import ImaginedGpu, Job, Kernels, compile_all, find_device, rehearsing
 from ..simulation import Simulation
 from .options import Options, SimulationOptions
 from .run import method_of
 from .scene_files import find_scene
-
-SUBSTEPS = 8
-"""Substeps of a rehearsed frame: from 7 on, a recorded frame may repeat two of them."""
-MOST_WORKERS = 16
-"""Maximal number of threads that compile; only one of them generates code at a time."""
-
-
-class Job(NamedTuple):
-    """A module to be compiled."""
-
-    module: Any
-    block_dim: int
-    """Number of threads of a block."""
-    target: str | int
-    """The name of a device, or the architecture of a GPU, such as 90."""
-
-    def run(self) -> bool:
-        """Compile the module, and return True, unless its file is in the folder of compiled kernels."""
-        import warp as wp
-
-        device, arch = (None, self.target) if isinstance(self.target, int) else (wp.get_device(self.target), None)
-        folder = os.path.join(wp.config.kernel_cache_dir or "", self.module.get_module_identifier(self.block_dim))
-        name = self.module._get_compile_output_name(device, arch, block_dim=self.block_dim)
-        missing = not os.path.exists(os.path.join(folder, name))
-        if missing:
-            options = self.module.resolved_options[self.block_dim]
-            self.module._compile(device, output_arch=arch, options=options)
-        return missing
 
 
 def compile_scenes(names: Sequence[str], arch: str | None, options: SimulationOptions) -> None:
@@ -59,45 +29,35 @@ def compile_scenes(names: Sequence[str], arch: str | None, options: SimulationOp
 
         for target in targets:
             jobs = jobs_of(make, target)
-            # For the CPU each thread would compile Warp's header first.
-            with ThreadPoolExecutor(1 if target == "cpu" else min(cores(), MOST_WORKERS)) as pool:
-                compiled = sum(pool.map(Job.run, jobs))
+            missing = [job for job in jobs if job.is_missing()]
+            for error in compile_all(missing):
+                if error is not None:
+                    raise error
             where = f"sm_{target}" if isinstance(target, int) else target
-            print(f"{name} for {where}: {len(jobs)} kernels, {compiled} compiled now", flush=True)
+            print(f"{name} for {where}: {len(jobs)} kernels, {len(missing)} compiled now", flush=True)
 
 
 def jobs_of(make: Callable[[Any], Simulation], target: str | int) -> list[Job]:
-    """Return the modules of a simulation on a device, or on a GPU of an architecture, in the order of launches."""
+    """Return the modules of a simulation on a device, or on a GPU of an architecture, in the order of need."""
     import warp as wp
 
     arch = target if isinstance(target, int) else wp.get_device(target).arch
-    with rehearsing() as kernels, warnings.catch_warnings():
+    noted = dict[tuple[Any, int], None]()
+    with rehearsing(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for limits in (False, True):  # what decides on it is not launched
             with (
                 patch.object(BodyContact, "_worth_limiting", lambda _, limits=limits: np.full(1, limits)),
-                patch.object(Simulation, "_choose", lambda self, rates, *_: _few_substeps(self, rates)),
+                patch.object(Simulation, "_choose", lambda self, rates, *_: _one_substep(self, rates)),
+                patch.object(Kernels, "compile"),
             ):
-                _launch_frames(make(ImaginedGpu(arch) if arch else "cpu"))
-    where = {module: "cpu" if only_on_cpu else target for module, _, only_on_cpu in kernels}
-    return [Job(one, 1 if where[one] == "cpu" else block or 256, where[one]) for one, block, _ in kernels]
+                noted |= make(ImaginedGpu(arch) if arch else "cpu").model.kernels.noted
+    there: Any = (None, target) if isinstance(target, int) else (wp.get_device(target),)
+    return [Job(*one, *there) for one in noted]
 
 
-def _few_substeps(simulation: Any, rates: Any) -> Any:
-    return choose_forced(rates, simulation._method, simulation.fps, SUBSTEPS)
-
-
-def _launch_frames(simulation: Simulation) -> None:
-    """Launch frames of each kind: a later one may need other kernels than the first."""
-    stepping = simulation.stepping
-    for threads in dict.fromkeys((stepping.dynamics.threads, 1)):
-        stepping.dynamics.pace = Pace(stepping.assembly, threads, threads)
-        for stepping.sum_balance in (True, False):
-            stepping.advance(0.0)
-    if stepping.stepper.contact is not None:  # of frames that are one launch
-        stepping.stepper.contact = None
-        stepping.advance(0.0)
-    simulation.assembly.inverted_cells.find(simulation.state.x)
+def _one_substep(simulation: Any, rates: Any) -> Any:
+    return choose_forced(rates, simulation._method, simulation.fps, 1)
 
 
 def _architectures(arch: str, device: str | None) -> list[int]:

@@ -37,9 +37,7 @@ from .model.model import Model
 from .model.state import State, copy_vectors
 from .springs.linearised import add_linearised, write_diagonal_blocks
 from .stepping.assemble import Assembly, assemble, assemble_worlds
-from .stepping.cpu_partition import THREADS
 from .stepping.dynamics import Dynamics
-from .stepping.pace import Pace
 from .stepping.stages import Solve, Stage
 from .stepping.start_checks import caught, starting_state, warn_of_start
 from .stepping.substeps import Blocks, Stepper, check_blocks

@@ -84,6 +84,8 @@ class LinearlyImplicitEuler(Integrator):
         x, numbers = state.x, wp.zeros(3, dtype=wp.float64, device=state.x.device)
         vector: Any = x.dtype
         dim, scalar = vector._length_, vector._wp_scalar_type_
+        solving = *conjugate_gradients(dim, scalar), block_inverses(dim, scalar), mass_product(dim, scalar)
+        state.model.kernels.note(*solving)
         kinds: list[Any] = [wp.types.matrix((dim, dim), kind) for kind in (wp.float64, wp.float64, scalar)]
         springs, dampers, inverses = (wp.zeros(len(x), dtype=kind, device=x.device) for kind in kinds)
         r, dv, p, q, z = state.model.vectors_together(5)

@@ -1,5 +1,6 @@
 """How this process uses Warp: its start and messages, recorded graphs, and one thread at a time."""
 
+from .compile_ahead import THREADS, Job, Kernels, compile_all
 from .kernel_cache import Compiling
 from .machine import cores, find_device
 from .messages import start_warp, verbose

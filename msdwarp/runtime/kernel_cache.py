@@ -21,7 +21,7 @@ class Compiling:
     modules = 0
     """Number of modules that were not in the folder of compiled kernels."""
     seconds = 0.0
-    """Time that they took [s]; modules that are compiled side by side count each."""
+    """Time that they took [s]; side by side they take less than one after the other."""
 
     @staticmethod
     def report() -> None:

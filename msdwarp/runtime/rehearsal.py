@@ -1,12 +1,9 @@
-"""Rehearsals: which kernels a scene launches, found without launching any. For processes that do nothing else."""
+"""Rehearsals: a scene is assembled, and launches nothing on its device. For processes that do nothing else."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
-
-Kernels = dict[tuple[Any, int | None, bool], None]
-"""Module, threads of a block, and whether only the CPU ever launches it, in the order of their first launch."""
 
 
 class _Idle:
@@ -24,8 +21,7 @@ class _Idle:
 
 
 _IDLE = _Idle()
-_IDLING = ("ScopedCapture", "ScopedStream", "Stream", "Event", "get_stream", "capture_launch")
-_IDLING += ("synchronize_stream", "synchronize_event", "synchronize_device")
+_IDLING = "ScopedStream", "Stream", "Event", "get_stream", "synchronize_event", "capture_if", "capture_while"
 """What does nothing in a rehearsal."""
 
 
@@ -43,34 +39,24 @@ class ImaginedGpu(str):
 
 
 @contextmanager
-def rehearsing() -> Iterator[Kernels]:
-    """Collect the kernels that would be launched, or loaded, instead of launching them.
+def rehearsing() -> Iterator[None]:
+    """Launch only what the CPU launches whatever the device of the scene.
 
-    Arrays are made, in the CPU's memory and filled with 0, and copied. Recorded graphs are not replayed; both
-    branches of a conditional launch are collected. Functions of Warp are replaced in the whole process: what it
-    has made meanwhile must not be used afterwards.
+    Arrays are made, in the CPU's memory and filled with 0, and copied. Functions of Warp are replaced in the whole
+    process: what it has made meanwhile must not be used afterwards.
     """
     import warp as wp
 
-    kernels = Kernels()
+    really = wp.launch
 
-    def load(module: Any, device: Any = None, *, block_dim: int | None = None, **_: Any) -> None:
-        kernels[module, block_dim, type(device) is str and device == "cpu"] = None
-
-    def launch(kernel: Any, *_: Any, device: Any = None, block_dim: int | None = None, **named: Any) -> None:
-        load(kernel.module, device, block_dim=block_dim)
-
-    def branch(condition: Any, *branches: Callable[[], None] | None) -> None:
-        for each in branches:
-            if each is not None:
-                each()
+    def launch(*args: Any, device: Any = None, **named: Any) -> None:
+        if type(device) is str and device == "cpu":
+            really(*args, device=device, **named)
 
     def make(name: str) -> Callable:
         filled = getattr(wp, name.replace("empty", "zeros"))
         return lambda *args, pinned=False, **named: filled(*args, **named)
 
     instead: dict[str, Any] = {name: make(name) for name in ("zeros", "zeros_like", "empty", "empty_like")}
-    instead |= {"launch": launch, "load_module": load, "capture_if": branch, "capture_while": branch}
-    instead |= dict.fromkeys(_IDLING, _IDLE)
-    with patch.multiple(wp, **instead):
-        yield kernels
+    with patch.multiple(wp, **instead, launch=launch, **dict.fromkeys(_IDLING, _IDLE)):
+        yield

@@ -86,12 +86,6 @@ class Stepping:
         self._staging = PinnedStaging()
         swings = np.array([replace(one, substeps=choice.substeps).energy_swing for one in choices])
         limit = energy_limit * self.model.of_each(swings)
-        self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
-        several = (self.assembly, self.watch, dynamics.frozen, frozen)
-        self.frozen = FrozenWorlds(*several) if self.model.in_worlds else None
-        self.velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
-        others = self.frozen.changing if self.frozen is not None else ()
-        self._tracks = Tracks(self.assembly, state, self.velocities, others=others)
         contacts, seconds = (self.assembly.colliders, self.assembly.body_contact), 1.0 / choice.fps
         summed = self.assembly.sums_contact_forces
         forces = self.contact_forces = ContactForces(self.model, *contacts, seconds) if summed else None
@@ -104,6 +98,13 @@ class Stepping:
             after_substep=None if self._substep_sensors is None else self._measure_substep,
             blocks=blocks,
         )
+        self.velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
+        self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
+        several = (self.assembly, self.watch, dynamics.frozen, frozen)
+        self.frozen = FrozenWorlds(*several) if self.model.in_worlds else None
+        self.model.kernels.compile()
+        others = self.frozen.changing if self.frozen is not None else ()
+        self._tracks = Tracks(self.assembly, state, self.velocities, others=others)
         self._launch_substeps: Callable[[int, int], None] = self.stepper.take
         self._balance_graph: Any = None
         self._generation = self.model.generation

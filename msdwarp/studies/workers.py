@@ -13,8 +13,7 @@ from typing import Any
 import warp as wp
 
 from .. import checks
-from ..engine import THREADS
-from ..runtime import cores, start_warp
+from ..runtime import THREADS, cores, start_warp
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 

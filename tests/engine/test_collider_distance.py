@@ -8,6 +8,7 @@ from collisions import distances, level
 from problems import EPS64
 
 from msdwarp import Box, Capsule, Cone, Plane, Sphere
+from msdwarp.engine.collision.penetration_depth import start_depths
 from msdwarp.world.colliders import Collider
 
 
@@ -63,6 +64,8 @@ def test_distances_are_those_of_the_nearest_point_of_the_surface(dim, p):
     np.testing.assert_array_equal(d < 0, level(collider, x) < 0)
     # From above: going by the distance against the normal ends on the surface, to roundings of 1.2 m.
     assert np.abs(level(collider, x - d[:, None] * n)).max() < 20 * EPS64
+    # The host computes the same, to roundings of some operations with numbers of 1.2 m.
+    np.testing.assert_allclose(-start_depths(x, SOLIDS[dim])[p], d, rtol=0, atol=20 * EPS64)
     # From below: of thousands of points of the surface none is nearer.
     points = on_surface(collider, dim, rng)
     for place, distance in zip(x, d, strict=True):

@@ -80,15 +80,6 @@ class BodyContact(WithHistory):
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(model, surfaces)
         """Additions to diagonal blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
-        # Limits would make the bounces of grains less exact.
-        self.limiting = np.zeros(1, dtype=bool) if surfaces.grains else self._worth_limiting()
-        """Which of the worlds that differ limit dampers."""
-        if self.limits_dampers:
-            data.surfaces.touches = wp.zeros(model.worlds * model.stride, dtype=int, device=device)
-            side, shape = wp.types.vector(4, scalar), (STORED, self._points)
-            for name, kind in (("facet", int), ("until", int), ("weights", model.vector), ("side", side)):
-                setattr(data.contacts, name, wp.zeros(shape, dtype=kind, device=device))
-
         self.piece = body_contact_term(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
         self.members = surfaces.by_particle(self.data, model)
@@ -102,7 +93,16 @@ class BodyContact(WithHistory):
         self.planes: DivisionPlanes | None = None
         if not on_host.closed.all() or have_inner_surfaces(on_host, self.rules).any():
             self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
+        model.kernels.note(*self._kernels(measuring=True), block=BLOCK)
         self.neighbors = NeighborList(model, surfaces, data, each, self.planes, thickest)
+        # Limits would make the bounces of grains less exact.
+        self.limiting = np.zeros(1, dtype=bool) if surfaces.grains else self._worth_limiting()
+        """Which of the worlds that differ limit dampers."""
+        if self.limits_dampers:
+            data.surfaces.touches = wp.zeros(model.worlds * model.stride, dtype=int, device=device)
+            side, shape = wp.types.vector(4, scalar), (STORED, self._points)
+            for name, kind in (("facet", int), ("until", int), ("weights", model.vector), ("side", side)):
+                setattr(data.contacts, name, wp.zeros(shape, dtype=kind, device=device))
         self._flags, self.nothing = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
         self.held_back = np.zeros(model.worlds)
@@ -211,6 +211,9 @@ class BodyContact(WithHistory):
         limits = self.limits_now = self.limits_dampers and self.steps.lagging
         rate = np.where(self.limiting & limits, DAMPING_LIMIT / dt, UNLIMITED)
         self._data.surfaces.damping_limit.assign(np.resize(rate, self._model.worlds).astype(self._model.dtype))
+        self._model.kernels.note(*self._kernels(measuring=False), *self._kernels(measuring=True), block=BLOCK)
+        if self.impulse is not None:
+            self._model.kernels.note(self._add_impulses())
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """Reserve room for the facets near each point, since a search between frames cannot be repeated."""
@@ -250,29 +253,32 @@ class BodyContact(WithHistory):
 
         `times` are fields of the kernels' `Substep`; `sums` take stored energy [J] and dissipated power [W].
         """
-        model, surfaces, overlapping = self._model, self.surfaces, self.overlapping_at_start
-        triangles = surfaces.triangles or measuring
-        lanes = self.lanes(triangles)
-        composed = (model.scalar, overlapping, lanes, model.in_worlds)
-        if triangles:
-            kernels = [(contact_energy if measuring else evaluate_contact)(*composed, self.limits_now)]
-            if self.limits_now:
-                kernels = [count_contacts(*composed), *kernels]
-        else:
-            kernels = [evaluate_segments_and_spheres(*composed, self.limits_now, False, surfaces.grains)]
-            if self.limits_now:
-                kernels = [evaluate_segments_and_spheres(*composed, True, True), *kernels]
+        model, lanes = self._model, self.lanes(self.surfaces.triangles or measuring)
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
-        for kernel in kernels:
+        for kernel in self._kernels(measuring):
             self.neighbors.share(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
+
+    def _kernels(self, measuring: bool) -> list[Any]:
+        """Return the kernels that `_evaluate` launches."""
+        model, surfaces = self._model, self.surfaces
+        triangles = surfaces.triangles or measuring
+        composed = model.scalar, self.overlapping_at_start, self.lanes(triangles), model.in_worlds
+        if triangles:
+            kernels = [(contact_energy if measuring else evaluate_contact)(*composed, self.limits_now)]
+            return [count_contacts(*composed), *kernels] if self.limits_now else kernels
+        kernels = [evaluate_segments_and_spheres(*composed, self.limits_now, False, surfaces.grains)]
+        return [evaluate_segments_and_spheres(*composed, True, True), *kernels] if self.limits_now else kernels
 
     def add_up(self, seconds: float) -> None:
         """Launch the addition of contact forces times `seconds` [s] to `impulse`, if requested."""
         model = self._model
         if self.impulse is not None:
-            kernel = add_impulses(model.dim, model.scalar, model.compensated)
-            wp.launch(kernel, model.particle_count, [self.data, seconds], [self.impulse], device=model.device)
+            kernel, inputs = self._add_impulses(), [self.data, seconds]
+            wp.launch(kernel, model.particle_count, inputs, [self.impulse], device=model.device)
+
+    def _add_impulses(self) -> Any:
+        return add_impulses(self._model.dim, self._model.scalar, self._model.compensated)
 
     def look(self) -> None:
         """Launch the copy of the neighbor lists' flags for `is_void`."""

@@ -163,13 +163,6 @@ class DivisionPlanes(Effect):
         np.maximum.at(opposite, on_host.body, np.where(chord[:, 0] < 0, 0.0, 1.0 - weight[:, 0]))
         self._share_of_opposite = np.tile(opposite, model.worlds)
 
-    def begin(self, substeps: int, dt: float) -> None:
-        """Load kernels that only later frames need, so that none of them waits for the compiler."""
-        if self.may_sleep:
-            device = self._model.device
-            for kernel, block in ((self._measure, 256), (self._keep, MOST_THREADS)):
-                wp.load_module(kernel.module, device, block_dim=block if device.is_cuda else None)
-
     def meet(self, neighbors: Any, more: float) -> None:
         """Set the `NeighborList` whose searches also list pairs, with a margin `more` [m] for far vertices."""
         self.neighbors, device = neighbors, self._model.device
@@ -181,6 +174,31 @@ class DivisionPlanes(Effect):
         if self.inner:
             # As means of drawn vertices, they move with distant ones in proportion to their weight.
             self.pairs.inner.more.assign(0.5 * more * self._share_of_opposite)
+        self._note_kernels()
+
+    def _note_kernels(self) -> None:
+        """Note the kernels of searches, and those that keep pairs apart, which may wake in any frame."""
+        model, neighbors, note = self._model, self.neighbors, self._model.kernels.note
+        scalar, worlds = model.scalar, model.in_worlds
+        note(self._find_pairs(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes, self.inner, worlds))
+        if self.inner:
+            note(place_inner(scalar, worlds))
+        if self.may_sleep:
+            note(find_alarm(scalar, worlds))
+        if len(self.pairs.driven):
+            note(catch_up(scalar))
+        note(self._measure)
+        note(self._keep, block=MOST_THREADS)
+        if not self._small:
+            note(keep_apart(scalar, 1), block=MOST_THREADS)
+            note(end_round(scalar))
+
+    def _find_pairs(self) -> Any:
+        """Return the kernel that lists near pairs."""
+        kinds, worlds = (self._model.scalar, self.tangles), (self.inner, self._model.in_worlds)
+        if self._searching:
+            return find_pairs_of_pieces(*kinds, *worlds)
+        return find_pairs(*kinds, 1 if self._grains else self.neighbors.lanes, *worlds, self._grains)
 
     def find(self, frame_begins: bool) -> None:
         """Launch the listing of near pairs with the tree of the `NeighborList`, before its search.
@@ -194,20 +212,16 @@ class DivisionPlanes(Effect):
             neighbors.launch(kernel, len(data.inner.chord), [self._contact, data], [])
         if self.tangles and frame_begins:
             self._find_tangles()
-        tree, kinds = neighbors.tree, (self.inner, model.in_worlds)
         lanes = 1 if self._grains else neighbors.lanes
-        if self._searching:
-            kernel, threads = find_pairs_of_pieces(model.scalar, self.tangles, *kinds), self._searching
-        else:
-            kernel = find_pairs(model.scalar, self.tangles, lanes, *kinds, self._grains)
-            threads = lanes * len(tree.facet)
-        inputs = [self._contact, tree, data, neighbors.buffer, self.apart]
-        neighbors.share(kernel, threads, inputs, [neighbors.flags])
+        threads = self._searching or lanes * len(neighbors.tree.facet)
+        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.apart]
+        neighbors.share(self._find_pairs(), threads, inputs, [neighbors.flags])
 
     def start(self, overlapping: bool) -> None:
         """Exclude surfaces that cross or contain each other at the start, until they have separated."""
         self._find_tangles()
         self.tangles = overlapping or bool(self.pairs.tangles.numpy()[0])
+        self._model.kernels.note(self._find_pairs())
 
     def _find_tangles(self) -> None:
         pairs, surfaces, neighbors = self.pairs, self._contact.surfaces, self.neighbors

@@ -158,13 +158,28 @@ class NeighborList:
         """Binary tree of the boxes around facets, if single threads search."""
         self._bodies: wp.Bvh | None = None
         """Tree of the boxes around bodies, if there are many."""
+        self.planes, many_bodies = planes, len(closed) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES)
+        note, kinds = model.kernels.note, (scalar, model.in_worlds)
+        self._begin_search, self._find_candidates = note(begin_search(*kinds)), note(find_candidates(*kinds))
+        self._box_facets = note(box_facets(scalar, self._warp, model.in_worlds))
+        self._box_neighbours = note(box_neighbours(scalar, 0 if many_bodies else self._warp, model.in_worlds))
+        search = find_rows_of_grains if self._grains else find_rows
+        self._find_in_rows = note(search(scalar, self.lanes, model.in_worlds), block=BLOCK)
+        if not model.in_worlds:  # bodies of different worlds have no common drift
+            self._find_speeds = note(range_of_speeds(scalar, self._warp))
+        if self.lanes == 1 or (many_bodies and model.in_worlds):
+            note(find_roots())
+        note(*(place_vertices(model.dim, scalar, one, model.in_worlds) for one in {False, model.compensated}))
+        if planes is not None:
+            planes.meet(self, self._more)
+        model.kernels.compile()
         self._begin(0.0)
         if self.lanes == 1:
             groups = wp.array(owner[order], dtype=int, device=device)
             self._binary = wp.Bvh(self.tree.lower, self.tree.upper, groups=groups)
             self.tree.binary = self._binary.id
             wp.launch(find_roots(), bodies, [self._binary.id], [self.tree.root], device=device)
-        if len(closed) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES):
+        if many_bodies:
             worlds = wp.array(np.arange(bodies) // len(closed), dtype=int, device=device)
             boxes = self.tree.body_lower, self.tree.body_upper
             self._bodies = wp.Bvh(*boxes, groups=worlds if model.in_worlds else None)
@@ -172,9 +187,6 @@ class NeighborList:
                 data.root_of_world = wp.zeros(model.worlds, dtype=int, device=device)
                 wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
         self._give_room(ROOM, min(ROOM, bodies))
-        self.planes = planes
-        if planes is not None:
-            planes.meet(self, self._more)
         self._find_rows_with_room()
 
     def share(
@@ -252,11 +264,10 @@ class NeighborList:
 
     def _begin(self, after: float) -> None:
         """Launch the start of a search: the boxes around facets, pieces, groups and bodies."""
-        model, tree, given = self._model, self.tree, [self._contact, self.tree]
+        tree, given = self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
-        self.launch(begin_search(model.scalar, model.in_worlds), many, [*given, after], [])
-        kernel = box_facets(model.scalar, self._warp, model.in_worlds)
-        self.launch(kernel, self._warp * len(tree.piece), given, [])
+        self.launch(self._begin_search, many, [*given, after], [])
+        self.launch(self._box_facets, self._warp * len(tree.piece), given, [])
         for one in (self._binary, self._bodies):
             if one is not None:
                 one.refit()
@@ -265,9 +276,8 @@ class NeighborList:
         """Launch a search for the current positions of vertices."""
         self._begin(after)
         self._find_rows(frame_begins)
-        if not self._model.in_worlds:  # bodies of different worlds have no common drift
-            kernel = range_of_speeds(self._model.scalar, self._warp)
-            self.launch(kernel, min(self._points, MOST_THREADS), [self._contact], [])
+        if not self._model.in_worlds:
+            self.launch(self._find_speeds, min(self._points, MOST_THREADS), [self._contact], [])
 
     def _find_rows_with_room(self) -> None:
         """List the facets near each point, and repeat with more room until all fit."""
@@ -283,19 +293,16 @@ class NeighborList:
 
     def _find_rows(self, frame_begins: bool = True) -> None:
         """Launch the search for near pairs and for the facets near each point, with the current boxes."""
-        contact, tree, many, model = self._contact, self.tree, len(self.tree.body_lower), self._model
-        around, lanes, kinds = [self._around, self.buffer], self.lanes, (model.scalar, model.in_worlds)
+        contact, tree, many = self._contact, self.tree, len(self.tree.body_lower)
+        around = [self._around, self.buffer]
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
-        kernel = box_neighbours(model.scalar, 0 if by_tree else self._warp, model.in_worlds)
         threads = many if by_tree else self._warp * many
-        self.launch(kernel, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
+        self.launch(self._box_neighbours, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
         if self.planes is not None:
             self.planes.find(frame_begins)
-        self.share(find_candidates(*kinds), self._points, [contact, tree, *around], [])
-        search = find_rows_of_grains if self._grains else find_rows
-        kernel = search(model.scalar, lanes, model.in_worlds)
+        self.share(self._find_candidates, self._points, [contact, tree, *around], [])
         inputs, searching = [contact, tree, *around], MOST_SEARCHING
-        self.share(kernel, lanes * self._points, inputs, [self.flags], searching, BLOCK)
+        self.share(self._find_in_rows, self.lanes * self._points, inputs, [self.flags], searching, BLOCK)
 
     def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
         """Choose the skin from the flags of a frame; return whether the frame must be repeated.

@@ -1,6 +1,6 @@
 """Depths of particles in obstacles at the start, and the kernels' struct of obstacles."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ...bodies import System, stored
 from ...kernels.basis import vector
-from ...kernels.colliders.penetration_depth import distances
-from ...kernels.colliders.signed_distance import KINDS, solids
-from ...world import Collider, Plane
+from ...kernels.colliders.signed_distance import KINDS
+from ...world import Box, Capsule, Collider, Plane, Sphere
 from .extended_solids import geometries
 
 TOUCHING = 0.01
@@ -38,23 +37,43 @@ def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -
     Shape [collider_count, count]; negative outside, and −inf for soft obstacles, which particles may enter.
     """
     dim = position.shape[1]
-    data: Any = solids(dim, wp.float64)()
-    describe(data, colliders, dim, wp.float64, "cpu")
-    found: Any = wp.zeros(len(position), dtype=wp.float64, device="cpu")
-    depths = np.empty((len(colliders), len(position)))
-    for k, collider in enumerate(colliders):
-        if collider.stiffness is not None:
-            depths[k] = -np.inf
-            continue
-        turn, shift = collider.pose(0.0, dim)
-        places: Any = (position - shift) @ turn
-        if isinstance(collider, Plane):  # without a kernel, which most scenes would compile for nothing else
-            depths[k] = collider.offset - places @ collider.unit_normal(dim)
-            continue
-        places = wp.array(places, dtype=vector(dim, wp.float64), device="cpu")
-        wp.launch(distances(dim), len(position), [data, k, places], [found], device="cpu")
-        depths[k] = -found.numpy()
+    depths = np.full((len(colliders), len(position)), -np.inf)
+    for k, (collider, geometry) in enumerate(zip(colliders, geometries(colliders, dim), strict=True)):
+        if collider.stiffness is None:
+            turn, shift = collider.pose(0.0, dim)
+            depths[k] = -_distances(collider, geometry, (position - shift) @ turn)
     return depths
+
+
+def _distances(collider: Collider, geometry: Mapping[str, Any], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the signed distances of points x from a solid, as `msdwarp.kernels.colliders.signed_distance` does.
+
+    It is computed on the host, since most scenes need it only once, and would compile the kernel for it.
+    """
+    radius = geometry.get("radius", 0.0)
+    if isinstance(collider, Plane):
+        return x @ geometry["a"] - radius
+    x = x - geometry["a"]
+    if isinstance(collider, Box):
+        past = np.abs(x @ geometry["axes"]) - geometry["b"]
+        return np.minimum(past.max(axis=1), 0.0) + np.linalg.norm(np.maximum(past, 0.0), axis=1)
+    if isinstance(collider, Sphere):
+        return np.linalg.norm(x, axis=1) - radius
+    line = np.subtract(geometry["b"], geometry["a"])
+    length = float(np.linalg.norm(line))
+    along = x @ (line / length)
+    if isinstance(collider, Capsule):
+        nearest = np.clip(along / length, 0.0, 1.0)[:, None] * line
+        return np.linalg.norm(x - nearest, axis=1) - radius
+    # In the half-plane (off, along) a cone is a triangle: (0, 0), (radius, length), (0, length).
+    off = np.linalg.norm(x - along[:, None] * line / length, axis=1)
+    slope = np.hypot(radius, length)
+    side, end = (off * length - along * radius) / slope, along - length
+    t = np.clip((off * radius + along * length) / slope**2, 0.0, 1.0)
+    outside = np.minimum(
+        np.hypot(off - t * radius, along - t * length), np.hypot(off - np.minimum(off, radius), end)
+    )
+    return np.where((side <= 0.0) & (end <= 0.0), np.maximum(side, end), outside)
 
 
 def ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:

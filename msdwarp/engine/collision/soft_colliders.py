@@ -33,6 +33,7 @@ class SoftColliders(Effect):
         """The kinds of obstacles, as in `msdwarp.kernels.colliders`."""
         self._composed = soft_colliders(model.dim, model.scalar, model.compensated, self.kinds)
         self.piece = self._composed.piece
+        model.kernels.note(self._composed.add_blocks, self._composed.measure)
         data = self.data = self.piece.Data()
         data.count = len(soft)
         describe(data.solids, soft, model.dim, model.scalar, model.device)

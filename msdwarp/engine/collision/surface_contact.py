@@ -126,6 +126,11 @@ class SurfaceContact(WithHistory):
             self.done = wp.zeros(count, dtype=wp.float64, device=device)
         self._stage = 0
         self._substep = 0
+        model.kernels.note(self._kernel(False), self._kernel(True))
+        if self.done is not None:
+            model.kernels.note(add_energies)
+        if contact.contact_forces:
+            model.kernels.note(add_pushes(scalar))
 
     def begin(self, substeps: int, dt: float) -> None:
         """Let kernels read the obstacles' poses in a frame from the arrays of `Colliders`."""
@@ -158,12 +163,13 @@ class SurfaceContact(WithHistory):
 
     def _launch(self, measuring: bool, how: list, sums: list) -> None:
         """Launch the kernel over all facets: on a GPU a thread per facet, on the CPU a single thread."""
-        device = self._model.device
-        kernel = evaluate_surface(
-            self._model.scalar, self._kinds, self._contact.moves, self.overlapping_at_start, measuring
-        )
+        device, kernel = self._model.device, self._kernel(measuring)
         threads = len(self._data.corner) if device.is_cuda else 1
         wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
+
+    def _kernel(self, measuring: bool) -> Any:
+        kinds = self._kinds, self._contact.moves, self.overlapping_at_start
+        return evaluate_surface(self._model.scalar, *kinds, measuring)
 
     def add_up(self, seconds: float) -> None:
         """Launch the sums of obstacles' work and, if requested, of impulses, for forces during `seconds` [s]."""

@@ -173,6 +173,7 @@ class FrozenWorlds:
             _, self._good_frames, self._particle, _ = self._own = earlier._own
         # Arrays of effects are restored in frozen worlds, except the arrays of contact between bodies.
         each = (one for one in assembly.all if one.by_world and one is not self._contact)
+        model.kernels.note(judge, put_back)
         self._put_back = {id(array) for one in each for array in one.changing}
 
     @property

@@ -1,6 +1,5 @@
 """Sums over the state of each world, computed on the device in float64: energies, momentum and strain."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,13 +69,15 @@ def measure(
     rounding errors of positions, in compensated precision.
     """
     model, work = assembly.model, assembly.external_work
+    sums = Sums(assembly, with_work=False)
+    model.kernels.compile()
     v = state.v if velocity is None else velocity
     stored = power = np.zeros(model.worlds)
     for effect in assembly.all:
         energies, powers = effect.energies_and_powers(state.x, v)
         stored, power = stored + energies, power + powers
     there = wp.zeros((model.worlds, columns.COLUMNS), dtype=wp.float64, device=model.device)
-    Sums(assembly, with_work=False).launch(state.x, v, v, x_lost, there)
+    sums.launch(state.x, v, v, x_lost, there)
     found = np.array(there.numpy())
     turning = {3: slice(0, 3), 2: slice(2, 3), 1: slice(0, 0)}[model.dim]
     return Measures(
@@ -102,7 +103,7 @@ class Sums:
     def __init__(
         self, assembly: Assembly, *, everything: bool = True, with_work: bool = True, more: Any = None
     ) -> None:
-        model, self._everything = assembly.model, everything
+        model = assembly.model
         self._model, self._work = model, assembly.external_work if with_work else None
         self._more = more
         self._shares = None if self._work is None else self._work.shares()
@@ -114,6 +115,8 @@ class Sums:
         self._tears = int(assembly.fracture is not None)
         # A pass over particles alone uses one kernel for all spring laws.
         self._laws = model.law_forms if everything else Laws()
+        kernel = sum_up(model.dim, model.scalar, everything, self._laws, self._sweep.block)
+        self._kernel = model.kernels.note(kernel, block=self._sweep.block)
         counts = np.zeros(0, dtype=np.uint8) if between is None else model.ordered(between).astype(np.uint8)
         self._counts = wp.array(counts, dtype=wp.uint8, device=model.device)
 
@@ -127,8 +130,7 @@ class Sums:
             self._work.launch(x, u, self._shares, self._more)
         inputs = [model.table("inverse_mass"), model.table("gravity"), model.connection_table(self._laws)]
         inputs += [self._counts, self._tears, x, x_lost, u, v, self._shares]
-        kernel = partial(sum_up, model.dim, model.scalar, self._everything, self._laws)
-        self._sweep.launch(kernel, inputs, found)
+        self._sweep.launch(self._kernel, inputs, found)
 
 
 def write_in_order(values: wp.array, place: wp.array | None, result: wp.array) -> None:

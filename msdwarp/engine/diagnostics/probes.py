@@ -121,6 +121,7 @@ class _Part:
 
     def __init__(self, model: Model, of: Sum, count: int, first: int, work: int = 1, **fields: Any) -> None:
         self._kernel, self._data, self._count, self._first = sum_members(of), of.Data(), count, first
+        model.kernels.note(self._kernel, fold)
         self._largest, device = of.largest, model.device
         self._data.stride = model.stride
         for name, value in fields.items():

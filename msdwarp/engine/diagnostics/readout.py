@@ -1,6 +1,5 @@
 """Found: sums over the state of each world on the device, and their transfer to the host."""
 
-from collections.abc import Callable
 from typing import Any
 
 import warp as wp
@@ -71,7 +70,7 @@ class Sweep:
             wp.zeros(worlds, dtype=int, device=self._device),
         ]
 
-    def launch(self, kernel: Callable[[int], Any], inputs: list[Any], found: wp.array) -> None:
-        """Launch a kernel, composed for a number of threads per block; a graph may record it."""
+    def launch(self, kernel: Any, inputs: list[Any], found: wp.array) -> None:
+        """Launch a kernel, composed for `block` threads per block; a graph may record it."""
         inputs = [*inputs, *self._between]
-        wp.launch(kernel(self.block), self._threads, inputs, [found], device=self._device, block_dim=self.block)
+        wp.launch(kernel, self._threads, inputs, [found], device=self._device, block_dim=self.block)

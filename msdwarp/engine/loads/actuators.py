@@ -33,6 +33,7 @@ class ActuatedSprings(StageTables):
     def __init__(self, model: Model, named: Sequence[tuple[str, Actuator]]) -> None:
         self._model, self.named = model, named
         self.piece = actuated_springs(model.dim, model.scalar, model.compensated)
+        model.kernels.note(add_tension(model.dim, model.scalar))
         # The table has a column for each delay of each actuator.
         self._delays: list[NDArray[np.float64]] = []
         connections, columns, column_count = [], [], 0

@@ -53,6 +53,7 @@ class AttachmentSprings(FrameTables):
             stretched=any(one.rest_length.any() for one in several),
         )
         self.piece = self._composed.piece
+        model.kernels.note(self._composed.add_blocks, self._composed.measure)
         data = self.data = self.piece.Data()
         # A mouse spring may hold any particles, up to its capacity.
         held = [one.particles(model.system) for one in several]

@@ -56,7 +56,7 @@ class Work(Effect):
                 data.done, data.last = self._done, self._last
         self._combination = wp.zeros(0, dtype=int, device=model.device)
         self._steady = wp.zeros(0, dtype=model.vector, device=model.device)
-        self._sum = sum_work(model.dim, model.scalar)
+        self._sum = model.kernels.note(sum_work(model.dim, model.scalar))
         self._remaining = 0.0
         self.by_world = ("done", "last") if self._counts and summed else ()
         self.before = np.zeros(model.worlds)
@@ -72,6 +72,8 @@ class Work(Effect):
         # With one force per substep, half its work uses the velocity before the kick, half the velocity after it.
         lags = 0.5 if np.count_nonzero(self.steps.weights) == 1 else 0.0
         self._remaining = lags * dt
+        if self._others or (self._counts and self.steps.lagging):
+            self._model.kernels.note(add_work)
         each = dt * np.asarray(self.steps.weights)
         for name, share in (("weight", 1.0 - lags), ("weight_of_last", lags)):
             if not self._counts:

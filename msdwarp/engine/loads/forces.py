@@ -156,6 +156,7 @@ class ForceField(Effect):
         self.data, self.members = self.piece.Data(), force.particles(model.system)
         self._model, self._time, self._on = model, 0.0, np.flatnonzero(self.members)
         self._slopes = add_function_slopes(model.dim, model.scalar, force.force)
+        model.kernels.note(self._slopes, *([self._values] if self.timed else []))
         self._member = wp.array(self._on, dtype=int, device=model.device)
         self._size = float(np.ptp(model.system.position, axis=0).max()) or 1.0
 

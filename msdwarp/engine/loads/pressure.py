@@ -100,6 +100,7 @@ class Gases(SurfacePressure):
         super().__init__(model, gases, gas_pressure)
         self._names, self._vertices = [name for name, _ in named], vertices
         self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
+        model.kernels.note(self._law, block=THREADS)
         self.data.value = wp.zeros((model.worlds, len(gases)), dtype=model.scalar, device=model.device)
         self.by_world = ("value",)
         numbers = [(one.pressure + one.outside, one.outside, one.volume, one.exponent) for one in gases]

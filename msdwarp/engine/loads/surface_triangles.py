@@ -87,7 +87,7 @@ class EmbeddedVertices(Effect):
         self._model, facets = model, facets_of(model.system)
         self.by_world = ("x", "v")
         self.piece = mixed_vertices(model.dim, model.scalar)
-        self._mix = mix_vertices(model.dim, model.scalar, model.compensated)
+        self._mix = model.kernels.note(mix_vertices(model.dim, model.scalar, model.compensated))
         self._particle = wp.array(facets.particle, dtype=int, device=model.device)
         self._weight = wp.array(facets.weight, dtype=model.scalar, device=model.device)
         self.data = self.piece.Data()

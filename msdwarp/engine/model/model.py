@@ -15,7 +15,7 @@ from ...kernels.records import record_length
 from ...kernels.springs.constants import CONSTANTS as CONSTANTS
 from ...kernels.springs.dampers import law_numbers
 from ...kernels.springs.spring_laws import Laws, connection_table, forms_of, numbers_of
-from ...runtime import find_device, in_turn
+from ...runtime import Kernels, find_device, in_turn
 from ...world import Falling, Gravity, with_potential
 from ..device.device import PRECISIONS, scalar_array, view_of
 from ..device.vector_arrays import records_together
@@ -64,6 +64,7 @@ class Model:
     ) -> None:
         checks.one_of("precision", precision, PRECISIONS)
         self.device = find_device(device)
+        self.kernels = Kernels(self.device)
         self.precision = precision
         self.scalar, self.dtype = PRECISIONS[precision]
         self.worlds, self.in_worlds, self.rows = worlds, rows is not None, dict(rows or {})

@@ -26,6 +26,8 @@ class AngleSprings(Effect):
         piece = self.piece = angle_forces(model.dim, model.scalar, model.compensated, damped)
         self.data = piece.Data()
         self._kinds = model.dim, model.scalar, piece.Data
+        self._blocks, self._energies = angle_blocks(*self._kinds), angle_energies(*self._kinds)
+        model.kernels.note(self._blocks, self._energies)
         order, first = rows(angles.particles.ravel(), model.particle_count)
         self.members = np.diff(first) > 0
         upload_fields(
@@ -41,7 +43,7 @@ class AngleSprings(Effect):
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half a bound of angles' stiffness and damping to the blocks, which the stability bound doubles."""
         outputs = [stiffness, damping]
-        wp.launch(angle_blocks(*self._kinds), self._count, [self.data, x], outputs, device=self._model.device)
+        wp.launch(self._blocks, self._count, [self.data, x], outputs, device=self._model.device)
 
     def elements(self) -> Elements:
         """Return the angles as elements, for gradients."""
@@ -50,4 +52,4 @@ class AngleSprings(Effect):
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the stored energy Σ 2 K tan²(θ/2) [J] and the dissipated power Σ D θ'² [W]."""
         inputs = [self.data, self._model.stride, x, v]
-        return summed(self._model, angle_energies(*self._kinds), self._count, inputs)
+        return summed(self._model, self._energies, self._count, inputs)

@@ -83,6 +83,9 @@ class CellVolumes(Effect):
             self.data.force = wp.zeros(count, dtype=model.vector, device=model.device)
             self.by_world = ("force",)
         self.shared_points = SPRINGS * self._count
+        kinds = model.dim, model.scalar, *self._kind
+        self._blocks, self._energies = cell_blocks(*kinds), cell_energies(*kinds)
+        model.kernels.note(self._kernel, self._blocks, self._energies)
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the kernel that computes pressures, or forces on corners, for positions x and velocities v."""
@@ -104,8 +107,7 @@ class CellVolumes(Effect):
         model = self._model
         table = model.table("inverse_mass")
         inputs = [self._table, table[world % table.shape[0]], x]
-        kernel = cell_blocks(model.dim, model.scalar, *self._kind)
-        wp.launch(kernel, self._count, inputs, [stiffness, damping], device=model.device)
+        wp.launch(self._blocks, self._count, inputs, [stiffness, damping], device=model.device)
 
     def elements(self) -> Elements:
         """Return the cells as elements, for gradients."""
@@ -116,8 +118,7 @@ class CellVolumes(Effect):
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the stored energy Σ V₀ w [J] and the dissipated power Σ c V̇²/V₀ [W]."""
         model = self._model
-        kernel = cell_energies(model.dim, model.scalar, *self._kind)
-        return summed(model, kernel, self._count, [self._table, model.stride, x, v])
+        return summed(model, self._energies, self._count, [self._table, model.stride, x, v])
 
 
 def lattice_steps(corners: NDArray[np.integer]) -> tuple[int, int, int] | None:

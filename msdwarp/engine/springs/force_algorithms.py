@@ -133,6 +133,12 @@ def _by_slot(values: wp.array, connection: wp.array) -> wp.array:
     return slots
 
 
+def note_tables(model: Model) -> None:
+    """Note the kernels that make tables of neighbours, if the force algorithm needs these."""
+    if model.force_algorithm == "gather":
+        model.kernels.note(tables.list_ends, tables.name_itself, tables.fill_slots, tables.pack_kinds)
+
+
 def neighbour_table(model: Model) -> tuple[wp.array, wp.array, wp.array]:
     """Return (first, other, connection): where slices of the table start, and each slot's particle and spring.
 

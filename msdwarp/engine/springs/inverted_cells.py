@@ -4,10 +4,19 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import body_name, cells_of, connection_between
+from ...bodies import Cells, body_name, cells_of, connection_between
 from ...kernels.springs.cell_volumes import inverted_cells
 from ..model.model import Model
 from .fracture import Fracture
+
+FEW = 10_000
+"""Particles up to which the volumes of cells are computed on the host, without a kernel to compile."""
+
+
+def note_inverted_cells(model: Model) -> None:
+    """Note the kernel that finds inverted cells, if large lattices need it."""
+    if model.particle_count > FEW and model.system.directions:
+        model.kernels.note(inverted_cells(model.dim, model.scalar))
 
 
 class InvertedCells:
@@ -32,6 +41,10 @@ class InvertedCells:
     def _marked(self, x: wp.array, worlds: int) -> NDArray[np.bool_]:
         """Return a mask of the cells whose volume has the wrong sign, shape [worlds, cell_count]."""
         model = self._model
+        if model.particle_count <= FEW and len(self._corners):
+            cells = Cells(corners=self._corners, rest_volume=1.0, modulus=1.0)
+            found = [cells.volumes(one) <= 0.0 for one in x.numpy().reshape(worlds, -1, model.dim)]
+            return np.array(found) ^ self._mirrored
         found = wp.zeros((worlds, len(self._corners)), dtype=wp.uint8, device=model.device)
         if len(self._corners):
             inputs = [self._table, model.stride, x]

@@ -37,11 +37,23 @@ def add_linearised(
         )
 
 
+def note_products(model: Model) -> None:
+    """Note the kernels of `add_linearised`, which solves launch."""
+    everyone = {False, bool(model.driven.any())}
+    model.kernels.note(*(kernels.add_linearised(model.dim, model.scalar, one) for one in everyone))
+
+
 def zero_blocks(model: Model) -> list[wp.array]:
     """Return zeros for the diagonal blocks of K and B, float64 matrices of shape [different, particle_count]."""
     Block: Any = wp.types.matrix((model.dim, model.dim), wp.float64)
     shape = (model.different, model.particle_count)
     return [wp.zeros(shape, dtype=Block, device=model.device) for _ in range(2)]
+
+
+def note_rates(model: Model) -> None:
+    """Note the kernels that bound the rates of a model."""
+    blocks = [kernels.add_blocks(model.dim, model.scalar, model.laws._replace(damper=None))]
+    model.kernels.note(largest_rate(model.dim, model.scalar), *(blocks if model.connection_count else []))
 
 
 def largest_rates(model: Model, springs: wp.array, dampers: wp.array) -> NDArray[np.float64]:

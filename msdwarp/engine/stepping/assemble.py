@@ -48,8 +48,10 @@ from ..model.model import CONSTANTS, Model, Rows
 from ..springs.angles import AngleSprings
 from ..springs.cell_volumes import CellVolumes
 from ..springs.extra_springs import ExtraSprings
+from ..springs.force_algorithms import note_tables
 from ..springs.fracture import Fracture
-from ..springs.inverted_cells import InvertedCells
+from ..springs.inverted_cells import InvertedCells, note_inverted_cells
+from ..springs.linearised import note_rates
 from ..springs.plasticity import Plasticity
 from .fire import Fire
 
@@ -149,6 +151,9 @@ class Assembly:
         self.model, self.probes, self._start = model, around.probes, model.system.position
         self.sums_contact_forces = around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
         self.all: list[Effect] = []
+        note_rates(model)
+        note_inverted_cells(model)
+        note_tables(model)
         for make in EFFECTS:
             effects = make(model, around)
             self.all += [effects] if isinstance(effects, Effect) else effects or []
@@ -174,6 +179,7 @@ class Assembly:
         self.all += [self.external_work] if self.external_work is not None else []
         self.fire = Fire(model) if around.settles else None
         self.all += [self.fire] if self.fire is not None else []  # after everything else that changes velocities
+        model.kernels.compile()
 
     def release_overlaps_within(self, seconds: float) -> bool:
         """Move apart what overlaps at the start within a time [s]; return whether anything does."""

@@ -33,6 +33,7 @@ class ContactLaunch:
         model, self._kept = dynamics.model, [one.step(dynamics.composition) for one in stages]
         Step = self._method(dynamics.composition).Step
         self._steps = wp.array(self._kept, dtype=Step, device=model.device).reshape((2, 1))
+        model.kernels.note(self._kernel()[0], block=MOST_THREADS)
 
     @property
     def pays(self) -> bool:
@@ -42,6 +43,13 @@ class ContactLaunch:
         """
         planes = self._effect.planes
         return (planes is None or not planes.awake) and self._effect.neighbors.active <= MOST_ACTIVE
+
+    def _kernel(self) -> tuple[Any, Any]:
+        """Return the kernel, and what it does before forces."""
+        effect, composition = self._effect, self._dynamics.composition
+        kinds = effect.overlapping_at_start, effect.limits_now, effect.planes is not None
+        before = contact_before(composition, self._method, ContactParts(*kinds, effect.lanes(triangles=True)))
+        return persistent(composition, self._method, CLUSTER, before=before), before
 
     def launch(self, substeps: int, first: int) -> None:
         """Advance by `substeps` substeps of a frame, from number `first` on."""
@@ -54,14 +62,11 @@ class ContactLaunch:
         numbers.ahead = AHEAD * h
         if planes is not None:
             pairs, numbers.apart = planes.pairs, planes.apart
-        kinds = effect.overlapping_at_start, effect.limits_now, planes is not None
-        parts, threads = ContactParts(*kinds, effect.lanes(triangles=True)), CLUSTER * MOST_THREADS
-        before = contact_before(dynamics.composition, self._method, parts)
+        (kernel, before), threads = self._kernel(), CLUSTER * MOST_THREADS
         contact = before.Data()
         contact.data, contact.tree = effect.on_device
         contact.pairs, contact.numbers, contact.none = pairs, numbers, effect.nothing
         contact.buffer, contact.flags = neighbors.buffer, neighbors.flags
-        kernel: Any = persistent(dynamics.composition, self._method, CLUSTER, before=before)
         inputs = [dynamics.scene, stages_for(kernel, self._steps), substeps, whole(model, threads), contact]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 

@@ -14,7 +14,7 @@ from ... import checks
 from ...kernels.integrators.composition import Composition, scene
 from ...kernels.integrators.persistent import NOTHING_BEFORE, persistent
 from ...kernels.threads import ABORT, Part, count_down, wait_for_all
-from ...runtime import cores, record
+from ...runtime import THREADS, cores, record
 from ..device.launcher import Launcher
 from ..device.thread_pool import replay_together
 from ..model.model import Model
@@ -27,8 +27,6 @@ MOST_THREADS = 1024
 """Maximal number of threads: more take long to start, and the system may have no more."""
 MOST_BY_ITSELF = 16
 """Maximal number of threads for "auto"."""
-THREADS = "MSDWARP_THREADS"
-"""Environment variable with the maximal number of threads for "auto"."""
 
 
 class CpuPartition(Launcher):

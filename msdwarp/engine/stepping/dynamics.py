@@ -15,6 +15,7 @@ from ...kernels.integrators.differences import Differences
 from ...kernels.integrators.persistent import persistent
 from ...kernels.integrators.stages import begin_each_connection, force_on_each
 from ...kernels.springs.fracture import NO_SUBSTEP
+from ...kernels.threads import count_down, wait_for_all
 from ...runtime import record
 from ..model.effect import Effect, Steps
 from ..model.state import State
@@ -257,6 +258,24 @@ class Dynamics:
         """Prevent breaking until the next substep, since springs break in the first stage only."""
         if self.composition.force_algorithm.tears:
             self.scene.forces.breaking.substep = NO_SUBSTEP
+
+    def note(self, *methods: Any, in_frames: bool = True) -> None:
+        """Note the kernels that `run` launches for stages of methods, in recorded frames or between them."""
+        note, partition = self.model.kernels.note, self.partition if in_frames else None
+        if beginning(self.composition) is not None:
+            note(begin_each_connection(self.composition))
+        for method in dict.fromkeys(methods):
+            forced = method(self.composition).forced
+            if forced and partition is not None and self._single_launch:
+                note(partition.kernel(method))
+            elif forced and self._one_thread:
+                note(self.persistent(method, 1, 1))
+            else:
+                self._per_stage.note(method)
+        if partition is not None:
+            note(wait_for_all)
+        if in_frames and self.repeats:
+            note(count_down)
 
     def run(self, stage: Stage | Solve) -> None:
         """Run a stage: launch what effects need before forces, then advance all particles.

@@ -24,6 +24,8 @@ class Fire(Effect):
         start = np.zeros(fire.COLUMNS)
         start[fire.MIXING] = fire.MIXING_AT_START
         self._decision.assign(start)
+        model.kernels.note(*(of(model.dim, model.scalar) for of in (fire.fire_sums, fire.fire_mixing)))
+        model.kernels.note(fire.fire_decision, block=shares)
 
     @property
     def largest_force(self) -> float:

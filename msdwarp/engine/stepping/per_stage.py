@@ -23,7 +23,7 @@ class PerStage:
     """
 
     def __init__(self, model: Model, composition: Composition, launches_before_forces: bool) -> None:
-        self._model, self._composition = model, composition
+        self._model, self._composition, self._note = model, composition, model.kernels.note
         self._columns = column_count(model, composition.force_algorithm)
         parallel = launches_before_forces and composition.second_pass
         self._side = wp.Stream(model.device, priority=-1) if parallel else None
@@ -37,6 +37,17 @@ class PerStage:
         self._side.wait_event(wp.get_stream(self._model.device).record_event())
         with wp.ScopedStream(self._side, sync_enter=False):
             yield
+
+    def note(self, method: Any) -> None:
+        """Note the kernels that `launch` launches for a method."""
+        composition, forced = self._composition, method(self._composition).forced
+        algorithm = composition.force_algorithm
+        if forced and algorithm.evaluate is not None and self._model.connection_count:
+            self._note(each_connection(composition, *([method] if self._model.in_worlds else [])), block=1024)
+        each = each_column if forced and self._columns else each_particle
+        self._note(each(composition, method), block=algorithm.block)
+        if forced and composition.second_pass:
+            self._note(each_masked(composition, method))
 
     def launch(self, scene: Any, method: Any, step: Any) -> None:
         """Launch a stage with a thread for each connection, and one for each particle or column of particles."""

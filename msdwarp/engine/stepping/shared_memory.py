@@ -43,14 +43,16 @@ class Chip(NamedTuple):
     size: int
     """Size of shared memory [bytes]: a power of two, or the maximum."""
 
-    def launch(self, dynamics: Dynamics, method: Any, stages: int) -> None:
-        """Launch stages of all worlds, with a block of threads for each world."""
+    def kernel(self, dynamics: Dynamics, method: Any) -> Any:
+        """Return the kernel, for blocks of `threads` threads."""
         resident = threads_at_a_time(dynamics.assembly)
         if self.in_columns:
             resident = min(resident, RESIDENT_IN_COLUMNS)
-        kernel: Any = on_chip_worlds(
-            dynamics.composition, method, self.threads, resident, self.size, self.in_columns
-        )
+        return on_chip_worlds(dynamics.composition, method, self.threads, resident, self.size, self.in_columns)
+
+    def launch(self, dynamics: Dynamics, method: Any, stages: int) -> None:
+        """Launch stages of all worlds, with a block of threads for each world."""
+        kernel = self.kernel(dynamics, method)
         inputs = [dynamics.scene, stages_for(kernel, self.steps), stages]
         inputs += [self.addresses, self.words, self.spacing, self.margin]
         threads, device = dynamics.model.worlds * self.threads, dynamics.model.device

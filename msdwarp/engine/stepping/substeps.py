@@ -11,6 +11,7 @@ import warp as wp
 from ... import checks
 from ...kernels.integrators.persistent import MOST_THREADS
 from ..model.state import State
+from ..springs.linearised import note_products
 from .contact_launch import ContactLaunch, contact_launch
 from .dynamics import Dynamics
 from .persistent import CLUSTER, launch_persistent, persistent_blocks
@@ -58,6 +59,8 @@ class Stepper:
         stages_only = [one for one in both if isinstance(one, Stage)]
         launches_between = after_substep is not None or dynamics.launches_between
         single = len(stages_only) == len(both)
+        if not single:
+            note_products(model)
         one_launch = single and not launches_between
         self.blocks: tuple[int, int] | None = blocks if one_launch else None
         """Blocks, and threads per block, of the single launch; None for a launch per stage."""
@@ -70,6 +73,7 @@ class Stepper:
         self._repeats = single and after_substep is None and dynamics.repeats
         """Whether a frame repeats two substeps, which are recorded once."""
         if self.blocks is None and not (model.in_worlds and one_launch and chosen):
+            dynamics.note(*(one.method for one in stages_only))
             return
         self._method, self._per_substep = stages_only[0].method, len(stages_only) // 2
         self._kept = [one.step(dynamics.composition) for one in stages_only]
@@ -77,10 +81,16 @@ class Stepper:
             self.chip = on_chip(dynamics, state, self._method, self._kept[: self._per_substep])
         if self.chip is not None:
             self.blocks = model.worlds, self.chip.threads
+            model.kernels.note(self.chip.kernel(dynamics, self._method), block=self.chip.threads)
         elif self.blocks is not None:
             self._kernel = dynamics.persistent(self._method, *self.blocks)
+            partition = dynamics.partition
+            kernel = self._kernel if partition is None else partition.kernel(self._method)
+            model.kernels.note(kernel, block=self.blocks[1])
             Step = self._method(dynamics.composition).Step
             self._steps = wp.array(self._kept, dtype=Step, device=model.device).reshape((2, self._per_substep))
+        else:
+            dynamics.note(*(one.method for one in stages_only))
 
     @property
     def may_take_contact_along(self) -> bool:

@@ -23,6 +23,8 @@ class Velocities:
     def __init__(self, dynamics: Dynamics, state: State, lag: float, staggered: bool) -> None:
         self._dynamics, self._state, self._lag, self._staggered = dynamics, state, lag, staggered
         self._v, self.given = (state.model.vectors() if staggered else state.v), False
+        if lag:
+            dynamics.note(kick, in_frames=False)
 
     def kept(self) -> wp.array | None:
         """Return a copy of the given velocities, if any, for `give`."""

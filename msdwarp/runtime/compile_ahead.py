@@ -1,0 +1,112 @@
+"""The kernels that a scene is about to launch: those that were never compiled compile side by side."""
+
+import os
+import threading
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+from .kernel_cache import Compiling
+from .machine import cores
+from .turns import deferring_signals
+
+MOST_WORKERS = 16
+"""Maximal number of threads that compile; only one of them generates code at a time."""
+THREADS = "MSDWARP_THREADS"
+"""Environment variable with the maximal number of CPU threads."""
+
+
+class Job(NamedTuple):
+    """A module to be compiled."""
+
+    module: Any
+    block_dim: int
+    """Number of threads of a block."""
+    device: Any
+    """A Warp device; None for a GPU that need not be there."""
+    arch: int | None = None
+    """The architecture of that GPU, such as 90."""
+
+    def is_missing(self) -> bool:
+        """Return whether the module is not loaded, nor in the folder of compiled kernels, nor has failed."""
+        import warp as wp
+
+        module, block, device, arch = self
+        if device is not None:
+            known = device.context, block
+            if known in module.execs or known in module.failed_builds:
+                return False
+        folder = os.path.join(wp.config.kernel_cache_dir or "", module.get_module_identifier(block))
+        name = module._get_compile_output_name(device, arch, block_dim=block)
+        return wp.config.cache_kernels and not os.path.exists(os.path.join(folder, name))
+
+    def run(self) -> Exception | None:
+        """Compile the module; return the error if that fails. Warp raises it again when the module is loaded."""
+        module, block, device, arch = self
+        try:
+            module._compile(device, output_arch=arch, options=module.resolved_options[block])
+        except Exception as error:
+            return error
+
+
+class Kernels:
+    """The kernels that a scene is about to launch on a device."""
+
+    def __init__(self, device: Any) -> None:
+        self._device, self.noted = device, dict[tuple[Any, int], None]()
+        """Pairs of a module and the number of threads of a block, since `compile` was called last."""
+
+    def note(self, *kernels: Any, block: int = 256) -> Any:
+        """Have `compile` compile kernels, on a GPU for blocks of so many threads; return the first kernel."""
+        self.noted |= {(one.module, block if self._device.is_cuda else 1): None for one in kernels}
+        return kernels[0]
+
+    def compile(self) -> None:
+        """Compile the noted kernels that are missing; what fails is raised where it is launched."""
+        jobs = [job for one in self.noted if (job := Job(*one, self._device)).is_missing()]
+        self.noted.clear()
+        if jobs:
+            Compiling.report()
+            begun = time.perf_counter()
+            Compiling.modules += compile_all(jobs).count(None)
+            Compiling.seconds += time.perf_counter() - begun
+
+
+def compile_all(jobs: Sequence[Job]) -> list[Exception | None]:
+    """Compile modules, for one device, on several threads; return the error of each, None if there is none.
+
+    No thread outlives this. For the CPU each thread would compile Warp's header first, which takes longer than
+    most modules: the first module brings it, and the threads share it.
+    """
+    most = os.environ.get(THREADS, "")
+    workers = min(cores(), int(most) if most.isdecimal() else MOST_WORKERS, MOST_WORKERS)
+    if workers < 2 or len(jobs) < 2:
+        return [job.run() for job in jobs]
+    me, on_cpu = threading.get_ident(), jobs[0].device is not None and jobs[0].device.is_cpu
+    begun = 1 if on_cpu and _header_of(me) is None else 0
+    errors = [job.run() for job in jobs[:begun]]
+    with ThreadPoolExecutor(workers, initializer=_share_header, initargs=(me,)) as pool:
+        try:
+            with deferring_signals():  # while threads start
+                running = pool.map(Job.run, jobs[begun:])
+            errors += running
+        finally:  # of an interrupt
+            pool.shutdown(cancel_futures=True)
+    return errors
+
+
+def _header_of(thread: int) -> Any:
+    """Return the folder with the header for the CPU that a thread has compiled; None if it has not."""
+    from warp._src.context import runtime
+
+    folder = runtime._pch_dirs.get(thread)
+    return folder if folder is not None and os.listdir(folder.name) else None
+
+
+def _share_header(owner: int) -> None:
+    """Let this thread read the header that its owner has compiled."""
+    from warp._src.context import runtime
+
+    if (folder := _header_of(owner)) is not None:
+        runtime._pch_dirs[threading.get_ident()] = folder
