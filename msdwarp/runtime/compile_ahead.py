@@ -1,7 +1,6 @@
-"""The kernels that a scene is about to launch: those that were never compiled compile side by side."""
+"""The kernels that a scene is about to launch: on a GPU, those that were never compiled compile side by side."""
 
 import os
-import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -63,8 +62,10 @@ class Kernels:
         return kernels[0]
 
     def compile(self) -> None:
-        """Compile the noted kernels that are missing; what fails is raised where it is launched."""
-        jobs = [job for one in self.noted if (job := Job(*one, self._device)).is_missing()]
+        """On a GPU, compile the noted kernels that are missing; what fails is raised where it is launched."""
+        jobs = [
+            job for one in self.noted if self._device.is_cuda and (job := Job(*one, self._device)).is_missing()
+        ]
         self.noted.clear()
         if jobs:
             Compiling.report()
@@ -76,37 +77,17 @@ class Kernels:
 def compile_all(jobs: Sequence[Job]) -> list[Exception | None]:
     """Compile modules, for one device, on several threads; return the error of each, None if there is none.
 
-    No thread outlives this. For the CPU each thread would compile Warp's header first, which takes longer than
-    most modules: the first module brings it, and the threads share it.
+    No thread outlives this. For the CPU one thread compiles: each would compile Warp's header first, which takes
+    longer than most modules.
     """
     most = os.environ.get(THREADS, "")
-    workers = min(cores(), int(most) if most.isdecimal() else MOST_WORKERS, MOST_WORKERS)
-    if workers < 2 or len(jobs) < 2:
+    workers = min(cores(), int(most) if most.isdecimal() else MOST_WORKERS, MOST_WORKERS, len(jobs))
+    if workers < 2 or (jobs[0].device is not None and jobs[0].device.is_cpu):
         return [job.run() for job in jobs]
-    me, on_cpu = threading.get_ident(), jobs[0].device is not None and jobs[0].device.is_cpu
-    begun = 1 if on_cpu and _header_of(me) is None else 0
-    errors = [job.run() for job in jobs[:begun]]
-    with ThreadPoolExecutor(workers, initializer=_share_header, initargs=(me,)) as pool:
+    with ThreadPoolExecutor(workers) as pool:
         try:
             with deferring_signals():  # while threads start
-                running = pool.map(Job.run, jobs[begun:])
-            errors += running
+                running = pool.map(Job.run, jobs)
+            return list(running)
         finally:  # of an interrupt
             pool.shutdown(cancel_futures=True)
-    return errors
-
-
-def _header_of(thread: int) -> Any:
-    """Return the folder with the header for the CPU that a thread has compiled; None if it has not."""
-    from warp._src.context import runtime
-
-    folder = runtime._pch_dirs.get(thread)
-    return folder if folder is not None and os.listdir(folder.name) else None
-
-
-def _share_header(owner: int) -> None:
-    """Let this thread read the header that its owner has compiled."""
-    from warp._src.context import runtime
-
-    if (folder := _header_of(owner)) is not None:
-        runtime._pch_dirs[threading.get_ident()] = folder
