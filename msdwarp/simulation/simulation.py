@@ -232,7 +232,8 @@ class Simulation(Changing, Differentiable):
         assembly, controller = assemble(system, **self._surroundings), self._step_controller
         if self.time > 0.0:
             assembly.take_over(self.assembly, self.state.x, self.state.v)
-        assembly.keep_work(work)
+        if work is not None:
+            assembly.keep_work(work)
         check_blocks(self._blocks, on_gpu=assembly.model.device.is_cuda)
         state = starting_state(system, assembly, self._method.method_state, self.time, self.fps)
         refinement, above = 1.0, 0.0

@@ -214,12 +214,13 @@ class Assembly:
             return None
         return Work(self.model, summed=summed, steady=steady, others=others)
 
-    def keep_work(self, before: NDArray | None) -> None:
-        """Keep earlier work [J], shape [worlds], if there is any and nothing does work any more."""
-        if before is not None and self.external_work is None:
+    def keep_work(self, before: NDArray) -> Work:
+        """Keep earlier work [J], shape [worlds], if nothing does work any more; return the effect that keeps it."""
+        if self.external_work is None:
             self.external_work = Work(self.model, summed=False, steady=None)
             self.external_work.before[:] = before
             self.all.append(self.external_work)
+        return self.external_work
 
     @cached_property
     def inverted_cells(self) -> InvertedCells:
@@ -255,8 +256,8 @@ class Assembly:
         x [m] and v [m/s] are the current positions and velocities in `other`.
         """
         if other.external_work is not None:
-            self.keep_work(np.zeros(self.model.worlds))
-            self.external_work.before += other.external_work.totals(x, v)
+            kept = self.keep_work(np.zeros(self.model.worlds))
+            kept.before += other.external_work.totals(x, v)
         for effect in self.all:
             same = next((one for one in other.all if type(one) is type(effect)), None)
             if same is not None:
