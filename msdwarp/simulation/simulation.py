@@ -224,16 +224,20 @@ class Simulation(Changing, Differentiable):
             self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
             """Pairs of a time [s] and the substeps per frame from this time on."""
 
-    def _load(self, system: System, choice: StepChoice | None = None, work: NDArray | None = None) -> None:
+    def _load(
+        self, system: System, choice: StepChoice | None = None, restored: Mapping[str, NDArray] | None = None
+    ) -> None:
         """Upload a system, and prepare to advance it by the given substeps, or by newly chosen ones.
 
-        `work` is what loads did that are gone [J], shape [1]; None if there were none.
+        `restored` has the arrays of a checkpoint, whose work counts then, also of loads that are gone.
         """
         assembly, controller = assemble(system, **self._surroundings), self._step_controller
         if self.time > 0.0:
-            assembly.take_over(self.assembly, self.state.x, self.state.v)
-        if work is not None:
-            assembly.keep_work(work)
+            assembly.take_over(self.assembly)
+            if restored is None:
+                assembly.add_work_of(self.assembly, self.state.x, self.state.v)
+        if restored is not None and "work.before" in restored:
+            assembly.keep_work(restored["work.before"])
         check_blocks(self._blocks, on_gpu=assembly.model.device.is_cuda)
         state = starting_state(system, assembly, self._method.method_state, self.time, self.fps)
         refinement, above = 1.0, 0.0
@@ -390,7 +394,7 @@ class Simulation(Changing, Differentiable):
             self.frame_index = frame_index
             self.readings = Readings(self._surroundings["probes"], system.dim)
             if not reusable:  # in a sweep, an upload for each world would take as long as a new simulation
-                self._load(system, choice, arrays.get("work.before"))
+                self._load(system, choice, arrays)
             checkpoint.check_arrays(self.stepping, arrays)
             self.stepping.begin_at(self.time)
             self._due = self._schedule[changes:]

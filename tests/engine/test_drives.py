@@ -160,6 +160,7 @@ def test_what_a_drive_did_is_not_forgotten_when_it_ends(plain_device):
     drive = PrescribedMotion("end", lambda t: (0.1 * np.sin(9 * t), 0 * t, 0 * t))
     common = {"integrator": Leapfrog(), "precision": "float64", "device": plain_device, "substeps": 40}
     simulation = Simulation(body, loads=[drive], schedule=[at(0.1, unpin="end")], gravity=0.0, **common)
+    start = simulation.checkpoint()
     simulation.step(15)
     end = simulation.measure()
     # What is released takes its own kinetic energy along, which the drive's work does not count.
@@ -169,6 +170,8 @@ def test_what_a_drive_did_is_not_forgotten_when_it_ends(plain_device):
     other = Simulation(body, loads=[drive], schedule=[at(0.1, unpin="end")], gravity=0.0, **common)
     other.restore(*simulation.checkpoint())
     assert other.measure().external_work == end.external_work
+    simulation.restore(*start)
+    assert simulation.measure().external_work == 0.0
 
 
 @pytest.mark.slow

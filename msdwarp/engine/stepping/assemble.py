@@ -215,7 +215,7 @@ class Assembly:
         return Work(self.model, summed=summed, steady=steady, others=others)
 
     def keep_work(self, before: NDArray) -> Work:
-        """Keep earlier work [J], shape [worlds], if nothing does work any more; return the effect that keeps it."""
+        """Keep earlier work [J], shape [worlds], where nothing does work any more; return what keeps it."""
         if self.external_work is None:
             self.external_work = Work(self.model, summed=False, steady=None)
             self.external_work.before[:] = before
@@ -250,14 +250,17 @@ class Assembly:
         """Return the fields of the system that substeps have changed, except positions and velocities."""
         return {name: array for effect in self.all for name, array in effect.changed_fields().items()}
 
-    def take_over(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
-        """Copy the work and the state of each effect from `other`, the assembly before a change of the scene.
+    def add_work_of(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
+        """Add the work so far of `other`, the assembly before a change of the scene.
 
         x [m] and v [m/s] are the current positions and velocities in `other`.
         """
         if other.external_work is not None:
             kept = self.keep_work(np.zeros(self.model.worlds))
             kept.before += other.external_work.totals(x, v)
+
+    def take_over(self, other: "Assembly") -> None:
+        """Copy the state of each effect from `other`, the assembly before a change of the scene."""
         for effect in self.all:
             same = next((one for one in other.all if type(one) is type(effect)), None)
             if same is not None:
