@@ -154,6 +154,19 @@ def test_released_particles_go_on_as_they_went(plain_device):
     assert simulation.measure().kinetic_energy == pytest.approx(2.0 * ((v - (0, 0, 5)) ** 2).sum(), rel=1e-3)
 
 
+def test_some_may_be_released_before_others(plain_device):
+    system = System(position=np.arange(6.0).reshape(3, 2))
+    drive = PrescribedMotion(None, lambda t: (0 * t, 0 * t))
+    simulation = Simulation(system, loads=[drive], precision="float64", device=plain_device)
+    simulation.change(unpin=[1])
+    simulation.step(3)
+    fallen = simulation.frame().position[:, 1] < system.position[:, 1] - 0.001
+    np.testing.assert_array_equal(fallen, [False, True, False])
+    simulation.reset()
+    simulation.step(3)
+    np.testing.assert_array_equal(simulation.frame().position, system.position)
+
+
 @pytest.mark.slow
 def test_what_a_drive_did_is_not_forgotten_when_it_ends(plain_device):
     body = box((3, 2, 2), 0.2, mass=0.1, stiffness=80.0, damping=0.0).replace(groups={"end": [0, 1, 2]})

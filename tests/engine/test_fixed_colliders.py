@@ -153,6 +153,21 @@ def test_friction_holds_on_a_slope_of_any_shape(device, tilted, h):
     np.testing.assert_allclose(then, place, rtol=0, atol=off + 1.0 / h * EPS64)
 
 
+@pytest.mark.parametrize("tilted", [TILTED["plane"], TILTED["box"], TILTED["cone"]], ids=["plane", "box", "cone"])
+@every_step
+@pytest.mark.each_value
+def test_slides_down_a_slope_of_any_shape(device, tilted, h):
+    # At first by g (sin 0.3 − μ cos 0.3).
+    mu, t = 0.1, 0.1
+    collider, place = tilted(friction=mu)
+    simulation = simulate(particle(place), collider, device, h=h, substeps=round(t / h))
+    simulation.step()
+    now, down = simulation.frame(), np.array([math.cos(0.3), 0, -math.sin(0.3)])
+    a = G * (math.sin(0.3) - mu * math.cos(0.3))
+    np.testing.assert_allclose(now.velocity[0], a * t * down, rtol=0, atol=4 * EPS64 / h)  # roundings, t/h of them
+    np.testing.assert_allclose(now.position[0], np.array(place) + a * t**2 / 2 * down, rtol=0, atol=a * t * h)
+
+
 @pytest.mark.parametrize("tilted", TILTED.values(), ids=TILTED)
 @pytest.mark.parametrize("collider_rule", ["coulomb", "report"])
 @pytest.mark.each_value

@@ -61,15 +61,15 @@ def test_a_resting_block_presses_with_its_weight(plain_device, method):
     np.testing.assert_allclose(values, np.tile([0.0, 0.0, weight], (20, 1)), rtol=0, atol=1e-5 * weight)
 
 
-def test_contact_impulses_are_what_momentum_lacks(device):
-    # p' − p = (M g + F) t + contact impulses, with friction, restitution, a sphere that turns, and swept ways.
+def thrown(device: str) -> Simulation:
+    """Return a block that is thrown at the ground and at a sphere that turns, with friction and restitution."""
     block = standing(stiffness=2000.0)
     block = block.translate((0, 0, 0.02)).with_velocity((2.0, 0.5, -3.0))
     colliders = [
         Plane(friction=0.4, restitution=0.6),
         Sphere((0.4, 0.1, 0.1), 0.2, motion=lambda t: ((-t, 0.0, 0.0), (0.0, 0.0, 3.0 * t))),
     ]
-    simulation = Simulation(
+    return Simulation(
         block,
         colliders=colliders,
         loads=[Force((0.0, 1.0, 0.0), on=[0, 5])],
@@ -78,6 +78,12 @@ def test_contact_impulses_are_what_momentum_lacks(device):
         substeps=20,
         device=device,
     )
+
+
+def test_contact_impulses_are_what_momentum_lacks(device):
+    # p' − p = (M g + F) t + contact impulses, with swept ways too.
+    simulation = thrown(device)
+    block = simulation.system
     simulation.step(30)
     times, values = simulation.readings["all"]
     np.testing.assert_allclose(times, np.arange(1, 31) / 60, rtol=1e-15)
@@ -88,6 +94,23 @@ def test_contact_impulses_are_what_momentum_lacks(device):
     # 600 substeps of sums over 27 particles and their springs, rounded each.
     np.testing.assert_allclose(values.sum(axis=0) / 60, momentum - given, rtol=0, atol=600 * 27 * EPS64 * size)
     assert np.abs(simulation.readings["corner"].values).max() > 0
+
+
+def test_readings_begin_anew_after_a_restore_and_a_reset(device):
+    first, other = thrown(device), thrown(device)
+    first.step(2)
+    kept = first.checkpoint()
+    first.step(2)
+    other.step(3)
+    other.restore(*kept)
+    assert other.readings["all"].values.shape == (0, 3)
+    other.step(2)
+    here, there = other.readings["all"], first.readings["all"]
+    np.testing.assert_array_equal(here.times, there.times[2:])
+    # Exactly so in a fixed order; in another one float64 rounds forces of 100 N to some 1e-13.
+    np.testing.assert_allclose(here.values, there.values[2:], rtol=0, atol=0 if device == "cpu" else 1e-9)
+    first.reset()
+    assert first.readings["all"].values.shape == (0, 3)
 
 
 def test_a_support_reads_what_hangs_on_it(device):
@@ -159,11 +182,13 @@ def test_a_frame_that_is_taken_again_is_read_once(device):
     # The pace takes back frames whose steps were too long: a body thrown at the ground, squeezed hard.
     block = standing(stiffness=3000.0, damping=0.0)
     block = block.replace(velocity=np.tile([0.0, 0.0, -12.0], (27, 1)))
-    simulation = Simulation(
-        block, colliders=[Plane()], probes={"under": Probe("block", "contact force")}, device=device
-    )
-    simulation.step(20)
+    probes = {"under": Probe("block", "contact force"), "it": Probe("block", "position", every="substep")}
+    simulation, times = Simulation(block, colliders=[Plane()], probes=probes, device=device), []
+    for k in range(20):
+        simulation.step()
+        times += [(k + (n + 1) / simulation.substeps) / 60 for n in range(simulation.substeps)]
     assert len(simulation.substep_history) > 1, "the pace must have refined"
+    np.testing.assert_allclose(simulation.readings["it"].times, times, rtol=1e-12)
     momentum = block.mass @ (simulation.frame().velocity - block.velocity)
     impulse = simulation.readings["under"].values.sum(axis=0) / 60
     gravity = np.array([0.0, 0.0, -G]) * block.mass.sum() / 3

@@ -159,6 +159,16 @@ def test_automatic_substeps_bear_it():
     assert simulation.snapshot().broken.mean() > 0.3
 
 
+def test_a_frame_can_be_taken_back(device):
+    simulation = burst(device)
+    simulation.step(2)
+    before = simulation.snapshot().broken_at
+    simulation.step()
+    assert np.isfinite(simulation.snapshot().broken_at).sum() > np.isfinite(before).sum()
+    simulation.stepping.go_back()
+    np.testing.assert_array_equal(simulation.snapshot().broken_at, before)
+
+
 def test_what_is_broken_stays_so_through_changes():
     simulation = burst("cpu")
     simulation.step(3)

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from problems import EPS64
 
-from msdwarp import Simulation, SymplecticEuler, System, Wind, chain, sheet, stability_limit
+from msdwarp import Simulation, SymplecticEuler, System, UnstableStep, Wind, chain, sheet, stability_limit
 from msdwarp.bodies import facets_of
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 
@@ -71,6 +71,32 @@ def test_what_moves_with_the_air_feels_nothing(device, area):
 
 
 @wp.func
+def vortex(x: Any, t: Any):
+    return type(x)(-x[1], x[0], type(t)(0.0))
+
+
+def test_a_wind_of_place_pushes_by_the_air_where_things_are(plain_device):
+    # From rest F = ½ ρ C_d A |w| w on a particle, and ½ ρ C_d |w·a| w on a triangle, with w at its centre.
+    cloth = sheet((3, 4), 0.1, mass=0.01, stiffness=0.0).rotate(1.0, axis=(1, 2, 0)).translate((0.5, 0.2, 0))
+    row = chain(3, 0.3, mass=0.01, stiffness=0.0).translate((0, 0.4, 0))
+    x, corner = np.concatenate([cloth.position, row.position]), facets_of(cloth).corner
+    a = 0.5 * np.cross(x[corner[:, 1]] - x[corner[:, 0]], x[corner[:, 2]] - x[corner[:, 0]])
+    w, centre = (np.stack([-p[:, 1], p[:, 0], 0 * p[:, 0]], axis=1) for p in (x, x[corner].mean(axis=1)))
+    force = 0.05 * np.linalg.norm(w, axis=1, keepdims=True) * w
+    force[: len(cloth.position)] = 0.0
+    for k in range(3):
+        np.add.at(force, corner[:, k], np.abs((centre * a).sum(axis=1, keepdims=True)) * centre / 3)
+    loads = [Wind(vortex, on="cloth", drag=DRAG, lift=0.0), Wind(vortex, on="row", drag=DRAG, area=0.05)]
+    how = {"gravity": 0.0, "device": plain_device, "precision": "float64", "fps": 1e6, "substeps": 1}
+    simulation = Simulation(cloth.named("cloth") + row.named("row"), loads=loads, **how)
+    simulation.step()
+    # Places of 1 m are rounded, of triangles of 0.1 m: to some 1e-15 of 0.1 m of their sides.
+    np.testing.assert_allclose(
+        simulation.frame().velocity, 0.5 * RHO * DRAG * force / 0.01 * 1e-6, rtol=1e-13, atol=1e-20
+    )
+
+
+@wp.func
 def gust_of_place(x: Any, t: Any):
     return type(x)(wp.where(t > type(t)(0.5), type(t)(60.0), type(t)(0.0)), type(t)(0.0), type(t)(0.0))
 
@@ -101,6 +127,14 @@ def test_a_gust_that_the_bound_did_not_know_doubles_the_stable_substeps(plain_de
     gusty.step(95)
     # In the frame of the gust alone: twice what is stable then, once or twice.
     assert steady <= max(count for _, count in gusty.substep_history) <= 4 * steady
+
+
+def test_a_changed_scene_is_bounded_by_the_wind_of_its_time(plain_device):
+    # Past the second after the start that the first bound looks at.
+    late = in_wind(lambda t: (60.0 if t > 1.5 else 0.0, 0, 0), plain_device, substeps=300)
+    late.step(120)
+    with pytest.raises(UnstableStep, match="substeps is 300"):
+        late.change(mass=0.9e-4)
 
 
 def test_lift_is_across_the_flow(plain_device):

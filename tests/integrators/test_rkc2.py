@@ -35,6 +35,13 @@ def test_stages_make_the_polynomial(stages):
 
 
 @every_number
+def test_polynomial_is_the_exponential_to_order_two(stages):
+    for z in 1e-3 * np.exp(1j * np.linspace(0, 2 * math.pi, 7)):
+        # What is left is (1/6 − c) z³ with 0 < c < 1/6.
+        assert abs(by_tableau(stages, z) - (1 + z + z**2 / 2)) < 1e-9 / 6
+
+
+@every_number
 def test_real_reach_is_right(stages):
     reach = real_reach(stages)
     inside = -reach * np.linspace(0.001, 1, 1000)

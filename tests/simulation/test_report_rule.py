@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import EPS64
 
-from msdwarp import Leapfrog, Plane, Simulation, StartWarning, System, box
+from msdwarp import Ensemble, Leapfrog, Plane, Simulation, StartWarning, System, box
 
 FPS, SUBSTEPS, G = 60, 60, 9.82
 FLOOR = Plane(tangential_factor=0.9, restitution=0.5)
@@ -73,6 +73,15 @@ def test_what_that_brings_in_is_no_divergence(system, method):
     simulation = simulated(system, substeps="auto", integrator=method)
     simulation.step(60)
     assert np.isfinite(simulation.frame().position).all()
+
+
+@pytest.mark.slow
+def test_worlds_of_an_ensemble_do_so_too():
+    how = {"collider_rule": "report", "precision": "float64", "substeps": SUBSTEPS, "device": "cpu"}
+    ensemble = Ensemble(SNAKE, 2, stiffness=[1e5, 9e4], colliders=[FLOOR], gravity=G, **how)
+    ensemble.step(10)
+    x, _ = algorithm_1(SNAKE.replace(stiffness=9e4), 10 * SUBSTEPS)
+    np.testing.assert_allclose(ensemble.frame().position[1], x, rtol=0, atol=OFF * 10 / FPS)
 
 
 def test_what_starts_outside_is_told_nothing():

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import traceback
+import weakref
 
 import numpy as np
 import pytest
@@ -218,6 +219,14 @@ def test_what_is_dropped_in_nobodys_turn_is_freed_in_a_turn(plain_device, kind, 
     monkeypatch.undo()
     assert owned
     assert all(owned)
+
+
+def test_what_is_dropped_in_nobodys_turn_is_freed_at_once(plain_device):
+    simulation = Simulation(chain(3), device=plain_device)
+    state = weakref.ref(simulation.state)
+    del simulation
+    gc.collect()
+    assert state() is None
 
 
 def is_taken():

@@ -30,6 +30,7 @@ POINTS = TrackedPoints([0.1, 0.2], [0, 1], np.zeros((2, 3)))
         ({"device": "gpu7"}, "gpu7"),
         ({"scene": block()}, "it must be a Scene, such as"),
         ({"measured": 3}, "measured is 3"),
+        ({"measured": {}}, "measured is empty"),
         ({"measured": {"top": ([1], [1])}}, "a name in measured is 'top'"),
         ({"measured": {"energy": 3}}, r"measured\['energy'\] is 3"),
         ({"measured": {"energy": ([1.0], [1.0, 2.0])}}, "times of shape"),
