@@ -305,22 +305,25 @@ def test_unknown_scenes_are_named(msdwarp):
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        ("x = 1\n", "no function `build`"),
-        ("def build():\n    return None\n", "returned None; it must return a Scene"),
-        ("def build(*, duration: float = 1.0):\n    pass\n", "['duration']"),  # a flag that all scenes have
+        ("x = 1", "scene is 'own.py', whose script has no function `build`"),
+        ("def build():\n    return None", "build of scene 'own' returned None; it must return a Scene"),
         (
-            "from msdwarp import box\ndef build():\n    return box((2, 2, 2), -1)\n",
-            "error: spacing is -1",
-        ),  # as it is
+            "def build(*, duration: float = 1.0):\n    pass",
+            "build of scene 'own' has parameters with the names of common flags: ['duration']",
+        ),
         (
-            'def build(*, size: "Nobody" = 3):\n    return None\n',
-            "error: build of scene 'own' has a wrong annotation: name 'Nobody' is not defined\n",
+            "from msdwarp import box\ndef build():\n    return box((2, 2, 2), -1)",
+            "spacing is -1; it must be a number above 0, and finite",
+        ),
+        (
+            'def build(*, size: "Nobody" = 3):\n    return None',
+            "build of scene 'own' has a wrong annotation: name 'Nobody' is not defined",
         ),
     ],
 )
 def test_a_script_that_gives_no_scene_is_told_so(msdwarp, tmp_path, script, message):
-    (tmp_path / "own.py").write_text(script)
-    assert message in msdwarp("run", "own.py")[2]
+    (tmp_path / "own.py").write_text(f"{script}\n")
+    assert msdwarp("run", "own.py") == (1, "", f"error: {message}\n")
 
 
 def test_a_scene_s_script_may_use_what_stands_beside_it(msdwarp, tmp_path):

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ from msdwarp import (
 )
 from msdwarp.engine.collision.body_contact import BodyContact
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.cpu_partition import LEAST_SHARE, THREADS, threads_for
+from msdwarp.engine.stepping.cpu_partition import LEAST_SHARE, THREADS, PartitionedGraph, threads_for
 
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0).translate((0, 0, 2.5))
@@ -202,22 +201,21 @@ def test_what_a_thread_raises_is_raised_and_nobody_waits():
 
 
 @pytest.mark.slow
-def test_ctrl_c_leaves_a_whole_frame(heard):
-    begun, caught = threading.Event(), []
+def test_ctrl_c_leaves_a_whole_frame(heard, monkeypatch):
+    under_way, caught, replay = threading.Event(), [], PartitionedGraph.replay
+    monkeypatch.setattr(PartitionedGraph, "replay", lambda frame: (under_way.set(), replay(frame)))
 
     def run(is_over):
         simulation = Simulation(BODY, device="cpu", threads=2, substeps=10_000, energy_limit=float("inf"))
         while not is_over(simulation.frame_index):
             try:
-                begun.set()
                 simulation.step()
             except KeyboardInterrupt:
                 caught.append(simulation.frame_index)
         return simulation.frame_index, simulation.frame().position
 
     def interrupt():
-        begun.wait(60)
-        time.sleep(0.01)  # a frame takes some 60 ms
+        under_way.wait(60)  # the frame's only launch takes some 60 ms
         os.kill(os.getpid(), signal.SIGINT)
 
     other = threading.Thread(target=interrupt)

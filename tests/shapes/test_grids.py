@@ -39,17 +39,19 @@ def test_large_box():
 
 
 @pytest.mark.parametrize(
-    ("make", "shapes", "reach"), [(sheet, SHEETS, {4: 1.0, 8: 2**0.5}), (box, BOXES, {6: 1.0, 26: 3**0.5})]
+    ("shape", "reach"),
+    [*itertools.product(SHEETS, [(4, 1.0), (8, 2**0.5)]), *itertools.product(BOXES, [(6, 1.0), (26, 3**0.5)])],
+    ids=str,
 )
-def test_a_lattice_joins_exactly_its_neighbours_each_pair_once(make, shapes, reach):
-    for shape, (neighbours, far) in itertools.product(shapes, reach.items()):
-        system = make(shape, spacing=1.0, neighbours=neighbours)
-        assert system.particle_count == np.prod(shape)
-        # From the distances alone, at halves of whole numbers: no other pair of a lattice is as near.
-        distance = np.linalg.norm(system.position[:, None] - system.position, axis=-1)
-        expected = np.argwhere(np.triu((distance > 0) & (distance < far + 0.1)))
-        pairs = np.sort(system.connections, axis=1)
-        np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], expected)
+def test_a_lattice_joins_exactly_its_neighbours_each_pair_once(shape, reach):
+    neighbours, far = reach
+    system = (sheet if len(shape) == 2 else box)(shape, spacing=1.0, neighbours=neighbours)
+    assert system.particle_count == np.prod(shape)
+    # From the distances alone, at halves of whole numbers: no other pair of a lattice is as near.
+    distance = np.linalg.norm(system.position[:, None] - system.position, axis=-1)
+    expected = np.argwhere(np.triu((distance > 0) & (distance < far + 0.1)))
+    pairs = np.sort(system.connections, axis=1)
+    np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], expected)
 
 
 @pytest.mark.parametrize("spacing", [0.1, 1.0, 3.7])

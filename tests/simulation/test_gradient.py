@@ -252,31 +252,45 @@ def test_a_run_that_diverges_is_told():
         run.gradient(loss, 30, by=("position",))
 
 
-def test_unknown_names_and_shapes_are_told():
-    run = simulation(block(), device="cpu")
-    undamped = simulation(block().replace(damping=0.0), device="cpu")
-    falling = simulation(block(), gravity=lambda t: 9.8, device="cpu")
-    for one, of, given, message in (
-        (run, loss, {"by": ("position", "colour")}, r"by\[1\] is 'colour'; it must be one of 'position'"),
-        (run, loss, {"by": ("strain",)}, "there must be an Actuator"),
-        (run, loss, {"frames": 0}, "frames is 0"),
-        (undamped, loss, {"by": ("damping",)}, "no connection has a damper"),
-        (falling, loss, {"by": ("mass",)}, "by has 'mass', and gravity is a function of time here"),
-        (run, lambda frames: (0.0, frames.position[-1], None), {}, "∂/∂position of the loss has shape"),
-        (run, lambda frames: 1.0, {}, r"loss returned 1\.0; it must return a tuple of its value, and its deriv"),
-        (run, lambda frames: (1.0, None, None), {}, "loss returned None for both of its derivatives; one of them"),
-        (run, lambda frames: (np.nan, None, None), {}, "the value of loss is nan; it must be finite"),
-        (run, lambda frames: ([1.0, 2.0], None, None), {}, r"of shape \(2,\); it must be a number"),
-        (run, lambda frames: ("x", None, None), {}, "must be .* not 'x'"),
+@pytest.mark.parametrize(
+    ("by", "message"),
+    [
+        (("position", "colour"), r"by\[1\] is 'colour'; it must be one of 'position'"),
+        (("strain",), "there must be an Actuator"),
+        (("damping",), "no connection has a damper"),
+        (("mass",), "by has 'mass', and gravity is a function of time here"),
+    ],
+)
+def test_unknown_parameters_are_told(by, message):
+    run = simulation(block().replace(damping=0.0), gravity=lambda t: 9.8, device="cpu")
+    with pytest.raises(ValueError, match=message):
+        run.gradient(loss, 2, by)
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        (lambda frames: (0.0, frames.position[-1], None), "∂/∂position of the loss has shape"),
+        (lambda frames: 1.0, r"loss returned 1\.0; it must return a tuple of its value, and its deriv"),
+        (lambda frames: (1.0, None, None), "loss returned None for both of its derivatives; one of them"),
+        (lambda frames: (np.nan, None, None), "the value of loss is nan; it must be finite"),
+        (lambda frames: ([1.0, 2.0], None, None), r"of shape \(2,\); it must be a number"),
+        (lambda frames: ("x", None, None), "must be .* not 'x'"),
         (
-            run,
             lambda frames: (0.0, None, frames.velocity * np.nan),
-            {},
             r"∂/∂velocity of the loss\[0, 0, 0\] is nan; it must be finite",
         ),
-    ):
-        with pytest.raises(ValueError, match=message):
-            one.gradient(of, **({"frames": 2} | given))
+    ],
+)
+def test_what_a_loss_returns_is_checked(found, message):
+    with pytest.raises(ValueError, match=message):
+        simulation(block(), device="cpu").gradient(found, 2)
+
+
+def test_a_gradient_has_what_was_asked_for():
+    run = simulation(block(), device="cpu")
+    with pytest.raises(ValueError, match="frames is 0"):
+        run.gradient(loss, 0)
     assert run.gradient(loss, 2, by=iter(["position"]))["position"].shape == (len(block().position), 3)
     with pytest.raises(KeyError, match="was not asked for"):
         run.gradient(loss, 2, by=())["mass"]
