@@ -22,25 +22,45 @@ def options(device, **more):
     return {"precision": "float64", "fps": 10.0, "substeps": 20, "device": device, "allow_unstable": True, **more}
 
 
-@pytest.mark.parametrize("method", [msd.SymplecticEuler(), msd.RK4()], ids=str)
-def test_gravity_of_time_is_integrated_twice(device, method):
-    # x'' = g(t) = (sin 2t, 0, −3t), from rest: v = ((1 − cos 2t)/2, 0, −3t²/2), x = ((2t − sin 2t)/4, 0, −t³/2).
-    simulation = msd.Simulation(
-        free(), gravity=lambda t: (np.sin(2 * t), 0 * t, -3 * t), integrator=method, **options(device)
-    )
+by_method = pytest.mark.parametrize("method", [msd.SymplecticEuler(), msd.RK4()], ids=str)
+
+
+def under_gravity_of_time(method, device) -> msd.Simulation:
+    """Return a run of 1 s under g(t).
+
+    x'' = g(t) = (sin 2t, 0, −3t), from rest: v = ((1 − cos 2t)/2, 0, −3t²/2), x = ((2t − sin 2t)/4, 0, −t³/2).
+    """
+
+    def gravity(t):
+        return np.sin(2 * t), 0 * t, -3 * t
+
+    simulation = msd.Simulation(free(), gravity=gravity, integrator=method, **options(device))
     simulation.step(10)
+    return simulation
+
+
+@by_method
+def test_gravity_of_time_is_integrated_twice(device, method):
+    simulation = under_gravity_of_time(method, device)
     x = simulation.frame().position - free().position
     expected = [(2 - math.sin(2)) / 4, 0.0, -0.5]
     # h = 1/200: of order 1 an error of h/2 times v' dt, at most h (3/2 + 1); RK4 exact to h⁴.
     error = {1: 0.5 / 200 * 2.5, 4: 1e-9}[method.order]
     np.testing.assert_allclose(x, np.tile(expected, (2, 1)), rtol=0, atol=error)
-    # No potential belongs to it: what it has done is work, and all of that is motion.
-    found = simulation.measure()
+
+
+@by_method
+def test_what_gravity_of_time_has_done_is_work(device, method):
+    # No potential belongs to it, and all of its work is motion.
+    found = under_gravity_of_time(method, device).measure()
     assert found.gravitational_energy == 0
     kinetic = 0.5 * 3.5 * (((1 - math.cos(2)) / 2) ** 2 + 1.5**2)
     assert found.kinetic_energy == pytest.approx(kinetic, rel=0.01)  # h P·g / K = 0.7 %, where velocities lag
     assert found.external_work == pytest.approx(found.kinetic_energy, rel=0.01)
-    # It can be a size, and leaves what is pinned.
+
+
+@by_method
+def test_a_size_of_gravity_may_be_a_function_of_time(device, method):
     system = free(mass=(1.0, np.inf))
     constant, of_time = (
         msd.Simulation(system, gravity=g, integrator=method, **options(device)) for g in (4.0, lambda t: 4.0)
@@ -76,7 +96,7 @@ def bouncing(device, **more) -> msd.Simulation:
 
 
 @pytest.mark.slow
-def test_a_change_of_gravity_is_what_building_anew_a_schedule_and_a_checkpoint_give(device):
+def test_a_change_of_gravity_is_the_same_by_every_way(device):
     # Bit for bit: the kernels are the same, and so are the velocities that they start from.
     quick, anew, resumed = (bouncing(device) for _ in range(3))
     schedule = bouncing(device, schedule=[msd.at(0.2, gravity=(0, 3.0, 5.0))])
@@ -105,7 +125,7 @@ def test_gravity_turned_about_again_and_again_is_no_divergence(device):
     assert np.isfinite(simulation.frame().position).all()
 
 
-def test_another_force_takes_over_in_place_and_a_drive_does_not_begin_anew(device):
+def test_another_force_takes_over_in_place(device):
     group = [1]
     loads = [msd.Force((0.0, 1.0, 0.0)), msd.Force((2.0, 0.0, 0.0), on=group)]
     simulation = msd.Simulation(free(), gravity=0.0, loads=loads, **options(device))
@@ -118,6 +138,9 @@ def test_another_force_takes_over_in_place_and_a_drive_does_not_begin_anew(devic
     expected = np.array([[0.0, 1.0, 0.0], [1.0 / 2.5, 1.0 / 2.5, 2.5 / 2.5]])
     # Exact for what is constant; symplectic Euler's velocities are half a substep old.
     np.testing.assert_allclose(simulation.frame().velocity, expected, rtol=0, atol=200 * 8 * EPS64)
+
+
+def test_a_drive_does_not_begin_anew_when_loads_change(device):
     drive = msd.PrescribedMotion([0], lambda t: (t, 0.0, 0.0))
     driven = msd.Simulation(free(), gravity=0.0, loads=[drive], **options(device))
     driven.step(5)
@@ -159,34 +182,49 @@ def meeting() -> msd.System:
 CONTACT = msd.Contact(thickness=0.1, stiffness=1e4, restitution=1.0, friction=0.0)
 
 
-@pytest.mark.slow
-def test_bodies_begin_and_cease_to_touch_by_a_change_and_touch_still_when_loads_change(device):
-    # They bounce by 0.45 s, or pass through each other.
+def meets(device, contact=()) -> msd.Simulation:
+    """Return the run to 0.15 s: the two bounce by 0.45 s, or pass through each other."""
     how = {"gravity": 0.0, "loads": [msd.Force((0.0, 1.0, 0.0))], **options(device, fps=100.0)}
-    bouncing, passing, pushed = (msd.Simulation(meeting(), contact=one, **how) for one in (None, CONTACT, CONTACT))
-    for simulation in (bouncing, passing, pushed):
-        simulation.step(15)
-    bouncing.change(contact=CONTACT)
-    passing.change(contact=())
-    effects = pushed.assembly.all
-    pushed.change(loads=[msd.Force((0.0, 2.0, 0.0))])
-    assert pushed.assembly.all is effects
-    pushed.step(5)
-    pushed.change(loads=[msd.Wind((0.0, 0.0, 0.0), area=1e-3)])
-    assert pushed.assembly.all is not effects
-    for simulation in (bouncing, passing, pushed):
-        simulation.step(65)
-    assert bouncing.frame().velocity[0, 0] < -0.9
-    assert pushed.frame().velocity[0, 0] < -0.9
-    assert passing.frame().velocity[0, 0] == 1.0
-    for simulation in (bouncing, passing):  # the force has gone on: y = t²/2, to h/2 of the speed
-        np.testing.assert_allclose(simulation.frame().position[:, 1], 0.32, rtol=0, atol=0.8 / 2000)
-    pushed.change(loads=[msd.Contact(exclude=True)])  # what stands among the loads counts as before
-    pushed.change(loads=[])
-    assert not any(type(one).__name__ == "BodyContact" for one in pushed.assembly.all)
-    bouncing.reset()
-    bouncing.step(80)
-    assert bouncing.frame().velocity[0, 0] == 1.0  # as it was given
+    simulation = msd.Simulation(meeting(), contact=contact, **how)
+    simulation.step(15)
+    return simulation
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("before", "after", "speed"), [((), CONTACT, -0.9), (CONTACT, (), 1.0)])
+def test_bodies_touch_by_the_rule_of_the_last_change(device, before, after, speed):
+    simulation = meets(device, before)
+    simulation.change(contact=after)
+    simulation.step(65)
+    frame = simulation.frame()
+    assert frame.velocity[0, 0] == 1.0 if speed > 0 else frame.velocity[0, 0] < speed
+    # The force has gone on: y = t²/2, to h/2 of the speed.
+    np.testing.assert_allclose(frame.position[:, 1], 0.32, rtol=0, atol=0.8 / 2000)
+
+
+@pytest.mark.slow
+def test_a_reset_takes_back_the_rules_of_contact(device):
+    simulation = meets(device)
+    simulation.change(contact=CONTACT)
+    simulation.reset()
+    simulation.step(80)
+    assert simulation.frame().velocity[0, 0] == 1.0
+
+
+@pytest.mark.slow
+def test_bodies_touch_still_when_loads_change(device):
+    simulation = meets(device, CONTACT)
+    effects = simulation.assembly.all
+    simulation.change(loads=[msd.Force((0.0, 2.0, 0.0))])
+    assert simulation.assembly.all is effects
+    simulation.step(5)
+    simulation.change(loads=[msd.Wind((0.0, 0.0, 0.0), area=1e-3)])
+    assert simulation.assembly.all is not effects
+    simulation.step(65)
+    assert simulation.frame().velocity[0, 0] < -0.9
+    simulation.change(loads=[msd.Contact(exclude=True)])  # what stands among the loads counts as before
+    simulation.change(loads=[])
+    assert not any(type(one).__name__ == "BodyContact" for one in simulation.assembly.all)
 
 
 @pytest.mark.parametrize("what", [{"loads": []}, {"contact": CONTACT}], ids=["loads", "contact"])
