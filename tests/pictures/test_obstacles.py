@@ -60,7 +60,7 @@ def directed_edges(mesh):
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_a_mesh_is_closed_and_lies_on_the_surface_and_faces_straight_out(name):
+def test_a_mesh_encloses_its_solid(name):
     solid, mesh = SOLIDS[name], mesh_of(SOLIDS[name], 3)
     edges = directed_edges(mesh)
     assert all(a != b and count == 1 for (a, b), count in edges.items())

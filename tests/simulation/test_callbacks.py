@@ -178,7 +178,7 @@ def test_a_motion_may_be_an_empty_container_too():
     assert one.frame().position[0, 2] - start == pytest.approx(0.05, rel=1e-5)  # rounding to float32
 
 
-def test_worlds_that_cannot_be_reset_stay_where_they_are_and_cannot_be_stepped_within_a_step():
+def test_worlds_stay_where_they_are_when_a_function_of_time_fails():
     broken = []
 
     def force(t):
@@ -197,28 +197,39 @@ def test_worlds_that_cannot_be_reset_stay_where_they_are_and_cannot_be_stepped_w
         np.testing.assert_array_equal(worlds.frame().position, before.position)
 
 
-def test_what_is_observed_may_be_the_same_array_again_and_must_be_numbers_of_one_shape():
-    out, shapes = np.zeros(2), iter([(2,), (2, 1), (2, 1)])
+def observed(what, name="low"):
+    return Ensemble(Scene(system=BODY), 2, device="cpu").run(0.1, observe={name: what})
+
+
+def test_what_is_observed_may_be_the_same_array_again():
+    out = np.zeros(2)
 
     def lowest(x, v):
         x[:, :, 2].min(axis=1, out=out)
         return out
 
-    def observed(what, name="low"):
-        return Ensemble(Scene(system=BODY), 2, device="cpu").run(0.1, observe={name: what})
-
     again, other = observed(lowest), observed(lambda x, v: x[:, :, 2].min(axis=1))
     np.testing.assert_array_equal(again["low"].values, other["low"].values)
     assert np.ptp(other["low"].values[0]) > 0
-    for wrong in ([[1.0], [1.0, 2.0]], "ab", None, [None, None]):
-        with pytest.raises(ValueError, match=r"observe\['low'\] returned .*; it must be numbers in an array"):
-            observed(lambda x, v, wrong=wrong: wrong)
+
+
+@pytest.mark.parametrize("wrong", [[[1.0], [1.0, 2.0]], "ab", None, [None, None]])
+def test_what_is_observed_must_be_numbers(wrong):
+    with pytest.raises(ValueError, match=r"observe\['low'\] returned .*; it must be numbers in an array"):
+        observed(lambda x, v: wrong)
+
+
+def test_what_is_observed_must_keep_its_shape():
+    shapes = iter([(2,), (2, 1), (2, 1)])
     message = re.escape("observe['low'] returned shape (2, 1), and (2,) before; it must always be the same")
     with pytest.raises(ValueError, match=message):
         observed(lambda x, v: np.zeros(next(shapes)))
-    for name in ("time", "world", "status"):  # those of coordinates
-        with pytest.raises(ValueError, match=f"a name in observe is '{name}'; the result has"):
-            observed("energy", name)
+
+
+@pytest.mark.parametrize("name", ["time", "world", "status"])
+def test_what_is_observed_may_not_have_the_name_of_a_coordinate(name):
+    with pytest.raises(ValueError, match=f"a name in observe is '{name}'; the result has"):
+        observed("energy", name)
 
 
 def test_an_observer_and_a_loss_cannot_step():

@@ -153,7 +153,7 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
 
 
 @pytest.mark.slow
-def test_a_world_goes_on_alone_from_its_checkpoint_and_all_of_them_after_a_reset(plain_device):
+def test_worlds_go_on_from_checkpoints_and_after_a_reset(plain_device):
     # A reset brings back what has yielded, and the work done.
     system = block().replace(yield_strain=0.002, relaxation_time=0.02)
     how = {

@@ -116,17 +116,27 @@ def test_a_world_that_diverges_leaves_the_others_as_they_were(plain_device):
         assert np.isfinite(b[1]).all()
 
 
-@pytest.mark.slow
-def test_the_simulation_of_a_world_on_its_way_knows_what_sticks_and_may_have_other_options(plain_device):
-    # The upper die slides on the lower one: friction holds by springs that are stretched.
+def sliding(device):
+    """Return worlds where a die slides on another one: friction holds by springs that are stretched."""
     system = two_dice().with_velocity(np.repeat([[0.0, 0.0, 0.0], [1.0, 0.0, -1.0]], 27, axis=0))
-    ensemble = Ensemble(system, 2, **around(plain_device))
+    ensemble = Ensemble(system, 2, **around(device))
     ensemble.step(16)
+    return ensemble
+
+
+@pytest.mark.slow
+def test_the_simulation_of_a_world_on_its_way_may_have_other_options(plain_device):
+    ensemble = sliding(plain_device)
     for options in ({"precision": "float64"}, {"contact": (), "loads": ()}, {"substeps": "auto"}):
         other = ensemble.simulation_of(0, start=False, **options)
         now = other.frame().position
         np.testing.assert_allclose(now, ensemble.frame().position[0], rtol=0, atol=1e-7)  # rounding of 0.4 m
         other.step()
+
+
+@pytest.mark.slow
+def test_the_simulation_of_a_world_on_its_way_knows_what_sticks(plain_device):
+    ensemble = sliding(plain_device)
     assert ensemble.assembly.body_contact is not None
     contact_body = ensemble.assembly.body_contact.checkpoints()[1]["touch.partner"]
     assert (contact_body >= 0).any(), "nothing sticks: the test is of nothing"

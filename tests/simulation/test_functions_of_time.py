@@ -230,7 +230,7 @@ def test_worlds_follow_functions_of_time_as_single_runs_do():
         assert mass * worlds.frame().velocity[k, 0, 0] / BRIEF == pytest.approx(1.0, rel=0.05)
 
 
-def test_noise_asks_for_no_substeps_and_is_named_once_or_with_given_ones():
+def test_noise_asks_for_no_substeps():
     random = np.random.default_rng(1)
     noise = msd.Force(lambda t: (0.01 * random.normal(), 0, 0), on=[0])
     # What is resolved beside it is followed: 20 substeps to a period of a frame.
@@ -244,8 +244,13 @@ def test_noise_asks_for_no_substeps_and_is_named_once_or_with_given_ones():
         warnings.simplefilter("error")
         run.step(LOOK + 1)
     assert run.substep_history == [(0.0, 20)]
+
+
+def test_noise_is_named_with_given_substeps_too():
+    random = np.random.default_rng(1)
+    noise = msd.Force(lambda t: (0.01 * random.normal(), 0, 0))
     with pytest.warns(msd.StepWarning, match="too fast for substeps=30 between .* no number would resolve it"):
-        msd.Simulation(system, loads=[noise], substeps=30, **FREE)
+        msd.Simulation(PARTICLE, loads=[noise], substeps=30, **FREE)
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def test_the_derivative_through_a_bounce_converges_to_the_truth(plain_device):
     assert errors[1] < errors[0] / 2
 
 
-def test_a_gradient_from_the_middle_has_the_frames_of_the_run_which_goes_on_as_before(plain_device):
+def test_a_gradient_from_the_middle_leaves_the_run_as_it_is(plain_device):
     # The sums of a gather are repeatable.
     how = {"integrator": Leapfrog(), "force_algorithm": "gather", "device": plain_device}
     first, second = (simulation(block(), **how) for _ in range(2))

@@ -55,18 +55,21 @@ def test_frames_are_those_of_the_run(worlds, plain_device):
     np.testing.assert_array_equal(velocity[..., -1, :, :], run.frame().velocity)
 
 
-def test_numbers_of_python_are_values_too_and_one_for_all_has_the_sum_of_derivatives():
-    def end(stiffness, **others):
-        return simulate_jax(CHAIN, 4, stiffness=stiffness, **others, **HOW, device="cpu")[0][-1].sum()
+def end(stiffness, **others):
+    return simulate_jax(CHAIN, 4, stiffness=stiffness, **others, **HOW, device="cpu")[0][-1].sum()
 
+
+def test_numbers_of_python_are_values_too():
     one = jax.numpy.array(60.0)
     assert end(60.0) == end(60) == end(one)
     assert end([60.0, 60.0], gravity=9.82, damping=np.array(0.2)) == end(one)
     assert jax.grad(end)(60.0) == jax.grad(end)(one)
-    assert jax.grad(end)(one).shape == ()
-    assert float(jax.grad(end)(one)) == pytest.approx(
-        float(jax.grad(end)(jax.numpy.full(2, 60.0)).sum()), rel=1e-12
-    )
+
+
+def test_one_value_for_all_has_the_sum_of_derivatives():
+    one, each = (jax.grad(end)(value) for value in (jax.numpy.array(60.0), jax.numpy.full(2, 60.0)))
+    assert one.shape == ()
+    assert float(one) == pytest.approx(float(each.sum()), rel=1e-12)
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -58,7 +58,7 @@ def test_a_frame_in_several_launches_is_the_same_to_the_last_bit(name, request):
         np.testing.assert_array_equal(one, other)
 
 
-def test_worlds_and_a_gradient_in_several_launches_are_the_same_to_the_last_bit(request):
+def test_worlds_and_gradients_are_the_same_in_several_launches(request):
     def run():
         worlds = Ensemble(BODY, 3, stiffness=[800.0, 1000.0, 1200.0], **FLOOR)
         worlds.step(4)
