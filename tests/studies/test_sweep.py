@@ -12,7 +12,7 @@ import pytest
 import swept
 
 import msdwarp as msd
-from msdwarp.engine import THREADS
+from msdwarp.runtime import THREADS
 from msdwarp.studies.sweep_points import Point, remove_unfinished, run_point, stored_row
 from msdwarp.studies.workers import Workers
 
