@@ -224,20 +224,11 @@ class Simulation(Changing, Differentiable):
             self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
             """Pairs of a time [s] and the substeps per frame from this time on."""
 
-    def _load(
-        self, system: System, choice: StepChoice | None = None, restored: Mapping[str, NDArray] | None = None
-    ) -> None:
-        """Upload a system, and prepare to advance it by the given substeps, or by newly chosen ones.
-
-        `restored` has the arrays of a checkpoint, whose work counts then, also of loads that are gone.
-        """
+    def _load(self, system: System, choice: StepChoice | None = None, arrays: Any = None) -> None:
+        """Upload a system, with a checkpoint's `arrays`, if any; advance by given or newly chosen substeps."""
         assembly, controller = assemble(system, **self._surroundings), self._step_controller
         if self.time > 0.0:
-            assembly.take_over(self.assembly)
-            if restored is None:
-                assembly.add_work_of(self.assembly, self.state.x, self.state.v)
-        if restored is not None and "work.before" in restored:
-            assembly.keep_work(restored["work.before"])
+            assembly.take_over(self.assembly, self.state.x, self.state.v, arrays)
         check_blocks(self._blocks, on_gpu=assembly.model.device.is_cuda)
         state = starting_state(system, assembly, self._method.method_state, self.time, self.fps)
         refinement, above = 1.0, 0.0

@@ -250,17 +250,18 @@ class Assembly:
         """Return the fields of the system that substeps have changed, except positions and velocities."""
         return {name: array for effect in self.all for name, array in effect.changed_fields().items()}
 
-    def add_work_of(self, other: "Assembly", x: wp.array, v: wp.array) -> None:
-        """Add the work so far of `other`, the assembly before a change of the scene.
+    def take_over(
+        self, other: "Assembly", x: wp.array, v: wp.array, restored: Mapping[str, NDArray] | None = None
+    ) -> None:
+        """Copy the work and the state of each effect from `other`, the assembly before a change of the scene.
 
-        x [m] and v [m/s] are the current positions and velocities in `other`.
+        x [m] and v [m/s] are the current positions and velocities in `other`. If a checkpoint is `restored`, its
+        work counts, also that of loads which are gone.
         """
-        if other.external_work is not None:
-            kept = self.keep_work(np.zeros(self.model.worlds))
-            kept.before += other.external_work.totals(x, v)
-
-    def take_over(self, other: "Assembly") -> None:
-        """Copy the state of each effect from `other`, the assembly before a change of the scene."""
+        if restored is None and other.external_work is not None:
+            self.keep_work(np.zeros(self.model.worlds)).before += other.external_work.totals(x, v)
+        elif restored is not None and "work.before" in restored:
+            self.keep_work(restored["work.before"])
         for effect in self.all:
             same = next((one for one in other.all if type(one) is type(effect)), None)
             if same is not None:
