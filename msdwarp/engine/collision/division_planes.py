@@ -163,6 +163,13 @@ class DivisionPlanes(Effect):
         np.maximum.at(opposite, on_host.body, np.where(chord[:, 0] < 0, 0.0, 1.0 - weight[:, 0]))
         self._share_of_opposite = np.tile(opposite, model.worlds)
 
+    def begin(self, substeps: int, dt: float) -> None:
+        """Load kernels that only later frames need, so that none of them waits for the compiler."""
+        if self.may_sleep:
+            device = self._model.device
+            for kernel, block in ((self._measure, 256), (self._keep, MOST_THREADS)):
+                wp.load_module(kernel.module, device, block_dim=block if device.is_cuda else None)
+
     def meet(self, neighbors: Any, more: float) -> None:
         """Set the `NeighborList` whose searches also list pairs, with a margin `more` [m] for far vertices."""
         self.neighbors, device = neighbors, self._model.device
