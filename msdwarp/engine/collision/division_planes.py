@@ -164,11 +164,10 @@ class DivisionPlanes(Effect):
         self._share_of_opposite = np.tile(opposite, model.worlds)
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Load kernels that only later frames need, so that none of them waits for the compiler."""
-        if self.may_sleep:
-            device = self._model.device
-            for kernel, block in ((self._measure, 256), (self._keep, MOST_THREADS)):
-                wp.load_module(kernel.module, device, block_dim=block if device.is_cuda else None)
+        """On a CPU, load kernels that only later frames need: noted kernels compile ahead for a GPU alone."""
+        if self.may_sleep and not self._model.device.is_cuda:
+            for kernel in (self._measure, self._keep):
+                wp.load_module(kernel.module, self._model.device)
 
     def meet(self, neighbors: Any, more: float) -> None:
         """Set the `NeighborList` whose searches also list pairs, with a margin `more` [m] for far vertices."""
