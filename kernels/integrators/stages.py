@@ -70,13 +70,11 @@ def completion(composition: Composition, method: Any, deferred: bool = False):
     """Compose (scene, step, force, i): the rest of a stage of particle i, given the force of its connections.
 
     It adds loads and advances. If `deferred`, the force on a masked particle is stored for `each_masked` instead.
-    If several lanes share a particle, its first lane does this.
     """
     V, SceneData, _, _, store, _ = tools(composition)
     Step, advance, forced = method(composition)
     load, masked_particles = loads(composition), bool(composition.selective)
-    lanes, loaded = composition.force_algorithm.lanes, forced and load is not None and not deferred
-    lane = lane_of(lanes)
+    loaded = forced and load is not None and not deferred
 
     @wp.func
     def complete(scene: SceneData, step: Step, force: V, i: int):
@@ -92,30 +90,29 @@ def completion(composition: Composition, method: Any, deferred: bool = False):
             total += load(scene, step.compensation, step.x, step.v, i, mask)
         advance(scene, step, total, i)
 
-    if lanes == 1:
-        return complete
-
-    @wp.func
-    def complete_once(scene: SceneData, step: Step, force: V, i: int):
-        if lane() == 0:
-            complete(scene, step, force, i)
-
-    return complete_once
+    return complete
 
 
 @functools.cache
 def stage_of(composition: Composition, method: Any, deferred: bool = False):
-    """Compose (scene, step, i): a stage of particle i. Forces of connections, loads, advance; see `completion`."""
+    """Compose (scene, step, i): a stage of particle i. Forces of connections, loads, advance; see `completion`.
+
+    If several lanes share a particle, all sum its forces and the first completes the stage.
+    """
     V, SceneData, *_ = tools(composition)
     (Step, _, forced), force_at = method(composition), composition.force_algorithm.force_at
-    complete = completion(composition, method, deferred)
+    complete, lanes = completion(composition, method, deferred), composition.force_algorithm.lanes
+    lane = lane_of(lanes)
 
     @wp.func
     def take_stage(scene: SceneData, step: Step, i: int):
         force = V()
         if wp.static(forced):
             force = force_at(scene.forces, step.compensation, step.x, step.v, i)
-        complete(scene, step, force, i)
+        if wp.static(lanes == 1):
+            complete(scene, step, force, i)
+        elif lane() == 0:
+            complete(scene, step, force, i)
 
     return take_stage
 
