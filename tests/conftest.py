@@ -75,7 +75,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)  # before anything shuffles them
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what needs a GPU where there is none, and what is done by other algorithms than the one that is chosen.
+    """Leave out what needs a GPU where there is none, and what is done by algorithms that are not chosen there.
 
     That algorithms agree is tested by `test_routes_agree.py` and `test_forces_by_route.py`. Of a product of three
     or more parameters, tests that have all pairs of values are left; of one marked `each_value`, a few that have
@@ -171,9 +171,7 @@ def own_key(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFa
         "cpu",  # by the algorithm that is chosen there, which scatters; on a GPU it depends on the body
         *(pytest.param(f"cpu {name}", marks=pytest.mark.other_route) for name in ("gather", "stencil")),
         *(pytest.param("cuda:0", marks=pytest.mark.gpu) for _ in GPU_ROUTES[:1]),
-        *(
-            pytest.param(f"cuda:0 {name}", marks=[pytest.mark.gpu, pytest.mark.other_route]) for name in GPU_ROUTES
-        ),
+        *(pytest.param(f"cuda:0 {name}", marks=[pytest.mark.gpu, pytest.mark.other_route]) for name in GPU_ROUTES),
     ]
 )
 def device(request: pytest.FixtureRequest) -> Iterator[str]:
