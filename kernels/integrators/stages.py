@@ -101,15 +101,18 @@ def stage_of(composition: Composition, method: Any, deferred: bool = False):
     """
     V, SceneData, *_ = tools(composition)
     (Step, _, forced), force_at = method(composition), composition.force_algorithm.force_at
-    complete, lane = completion(composition, method, deferred), lane_of(composition.force_algorithm.lanes)
+    complete, lanes = completion(composition, method, deferred), composition.force_algorithm.lanes
+    lane = lane_of(lanes)
 
     @wp.func
     def take_stage(scene: SceneData, step: Step, i: int):
         force = V()
         if wp.static(forced):
             force = force_at(scene.forces, step.compensation, step.x, step.v, i)
-        if lane() == 0:
-            complete(scene, step, force, i)
+        if wp.static(lanes > 1):
+            if lane() != 0:
+                return
+        complete(scene, step, force, i)
 
     return take_stage
 
