@@ -24,23 +24,3 @@ def find_depths(
     depth[i] = -1.0
     if found.result and found.sign < 0.0:
         depth[i] = wp.length(points[i] - wp.mesh_eval_position(mesh, found.face, found.u, found.v))
-
-
-@kernel
-def cast_rays(
-    mesh: wp.uint64,
-    group: wp.array(dtype=int),  # of the triangles that each ray may meet, shape [ray_count]
-    start: wp.array(dtype=wp.vec3),
-    way: wp.array(dtype=wp.vec3),
-    # Out:
-    hit: wp.array(dtype=wp.vec4),
-):
-    """Find the first triangle on each ray: its index, or −1, two of its barycentric weights, and the distance.
-
-    The distance is a multiple of the length of `way`.
-    """
-    i = wp.tid()
-    found = wp.mesh_query_ray(mesh, start[i], way[i], 1.0e9, wp.mesh_get_group_root(mesh, group[i]))
-    hit[i] = wp.vec4(-1.0, 0.0, 0.0, 1.0)
-    if found.result:
-        hit[i] = wp.vec4(float(found.face), found.u, found.v, found.t)

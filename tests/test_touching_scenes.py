@@ -11,7 +11,7 @@ from benchmarks.accuracy.crossings import Oracle, crossings
 @pytest.mark.slow
 def test_a_ball_knocks_a_cube_out_of_the_tower_and_the_others_stay():
     scene = build("tower")
-    frames = simulate(scene, 5.0)
+    frames = simulate(scene, scene.duration)
     groups = scene.system.groups
     way = {
         name: np.ptp([frames[k].position[which].mean(axis=0) for k in (0, -1)], axis=0)

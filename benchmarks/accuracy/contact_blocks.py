@@ -1,4 +1,4 @@
-"""Blocks for contact_mechanics.py: a die that slides on a pinned slab, and a stack of dice at rest."""
+"""Blocks for contact_mechanics.py: a flat die slides on a pinned slab, a stack of dice rests, a block bounces."""
 
 import itertools
 import math
@@ -26,7 +26,7 @@ OFFSET = (0.021, -0.013)
 
 
 class Slide(NamedTuple):
-    """A die on a pinned slab that leans."""
+    """A flat die on a pinned slab that leans."""
 
     angle: float
     """Slope [°]."""
@@ -73,10 +73,7 @@ SLIDES = [
     Slide(30, 1.0, 0.05, 0.05, seconds=0.8),
     Slide(40, 1.0, 1.0, 0.05, seconds=0.8),
 ]
-"""Sweeps over friction, spacing and speed with three restitutions; other slopes; three that stick.
-
-With a friction of 1 or more a die would tip over.
-"""
+"""Sweeps over friction, spacing and speed with three restitutions; other slopes; three that stick."""
 
 
 def down(angle: float) -> tuple[float, float, float]:
@@ -92,9 +89,9 @@ def pinned_slab(length: float, width: float, spacing: float, **constants: Any) -
     return slab.pin(np.arange(slab.particle_count))
 
 
-def die_at(low: ArrayLike) -> System:
-    """Return a die whose lowest corner is there [m]."""
-    die = box((3, 3, 3), SPACING, **CONSTANTS)
+def die_at(low: ArrayLike, layers: int = 3) -> System:
+    """Return a die whose lowest corner is there [m]; with two layers it is half as high."""
+    die = box((3, 3, layers), SPACING, **CONSTANTS)
     return die.translate(np.asarray(low) - die.position.min(axis=0))
 
 
@@ -146,7 +143,8 @@ def measure_sliding(options) -> list[dict]:
 
 def _row_of(case: Slide, method: str, device: str) -> dict:
     slab = pinned_slab(case.way + WIDE + 0.2, WIDE + 0.1, case.spacing)
-    die = die_at((*FIRST, 0.0)).with_velocity((case.speed, 0.0, 0.0))
+    # Its edges are round, with a quarter of the spacing: a whole die would tip over from a friction of 0.75 on.
+    die = die_at((*FIRST, 0.0), layers=2).with_velocity((case.speed, 0.0, 0.0))
     simulation = Simulation(
         slab + die,
         gravity=down(case.angle),
@@ -209,11 +207,10 @@ def measure_stack(options) -> list[dict]:
             simulation.step()
             forces.append(simulation.contact_force()[-dice.particle_count :, 2])
         force = np.mean(forces, axis=0, dtype=np.float64).reshape(3, -1)
-        height = dice.position[:, 2].reshape(3, -1)
         weight = G * dice.mass.reshape(3, -1).sum(axis=1)
         for k in range(3):
-            lower = force[k, height[k] < height[k].min() + 0.5 * SPACING].sum()
-            upper = -force[k, height[k] > height[k].max() - 0.5 * SPACING].sum()
+            # What dice exert on each other cancels, so the rest is from below, on those from here on.
+            lower, upper = force[k:].sum(), force[k + 1 :].sum()
             carried, above = weight[k:].sum(), weight[k + 1 :].sum()
             wrong = [lower / carried - 1, upper / above - 1 if k < 2 else 0.0, force[k].sum() / weight[k] - 1]
             rows.append(
@@ -221,11 +218,68 @@ def measure_stack(options) -> list[dict]:
                     "ground": ground,
                     "method": method,
                     "die": k + 1,
-                    "from_below": float(lower),  # on its lower layer [N]
+                    "from_below": float(lower),  # [N]
                     "carried": float(carried),  # its weight and those above [N]
-                    "from_above": float(upper),  # on its upper layer [N]
+                    "from_above": float(upper),  # [N]
                     "above": float(above),  # the weights above [N]
                     "error": float(max(wrong, key=abs)),  # the largest, also that of all contact forces on it
                 }
             )
     return rows
+
+
+# --- A block that bounces ---
+
+IMPACT = 0.2
+"""Speed of the block [m/s]: so slow that even a soft contact stops its corner within the thickness."""
+GAP, OFF = 0.015, (0.004, 0.003)
+"""How far it starts above the pinned block, and beside its middle [m]: its lattice is not above that one's."""
+BOUNCED = (0.05, 0.3, 0.7, 1.0)
+"""Restitutions that are asked for."""
+SOFTER = (100.0, 10.0, 1.0)
+"""How many times as stiff as the contact the block's springs are; 1 without a stiffness in `Contact`."""
+DAMPED = (0.0, 8.0)
+"""Dampers of the block's springs [N s/m]."""
+POSES = {"flat": (0.0, (1, 0, 0)), "edge": (45.0, (1, 0, 0)), "corner": (54.7356, (1, -1, 0))}
+"""How the block lands: it is turned by this angle [°] about this axis."""
+
+
+def measure_bounce(options) -> list[dict]:
+    """Return a row for each block that flies at a pinned one: the speed with which it comes back."""
+    cases = itertools.product(POSES, DAMPED, SOFTER, BOUNCED)
+    return [_bounce(*case, options.device) for case in itertools.islice(cases, 2 if options.quick else None)]
+
+
+def _bounce(pose: str, damping: float, softer: float, restitution: float, device: str) -> dict:
+    stiffness, spacing, (angle, axis) = 2e4, 0.05, POSES[pose]
+    constants = {"mass": 0.02, "stiffness": stiffness, "damping": damping}
+    slab = pinned_slab(0.4, 0.4, spacing, **constants)
+    block = box((4, 4, 4), spacing, **constants).rotate(math.radians(angle), axis)
+    x, y = slab.position[:, :2].mean(axis=0) - block.position[:, :2].mean(axis=0) + OFF
+    block = block.translate((x, y, GAP - block.position[:, 2].min()))
+    simulation = Simulation(
+        slab + block.with_velocity((0.0, 0.0, -IMPACT)),
+        gravity=0.0,
+        contact=Contact(
+            friction=0.0, restitution=restitution, stiffness=None if softer == 1.0 else stiffness / softer
+        ),
+        precision="float64",
+        device=device,
+        fps=FPS,
+    )
+    substeps = simulation.substeps
+    x, v = motion(simulation, 0.8 if softer == 100.0 else 0.4, slice(-block.particle_count, None))
+    centre, arm = v[-1].mean(axis=0), x[-1] - x[-1].mean(axis=0)
+    inertia = (arm**2).sum() * np.eye(3) - arm.T @ arm  # per mass of a particle
+    turn = np.linalg.solve(inertia, np.cross(arm, v[-1]).sum(axis=0))
+    energy = block.particle_count * centre @ centre + turn @ inertia @ turn
+    return {
+        "pose": pose,
+        "damping": damping,
+        "softer": softer,  # stiffness of the springs over that of the contact
+        "restitution": restitution,
+        "substeps": substeps,
+        "measured": float(centre[2]) / IMPACT,  # speed of the centre after over before
+        # By the energy of a rigid motion, with rotation, in place of the centre's:
+        "with_rotation": math.sqrt(energy / block.particle_count) / IMPACT,
+    }

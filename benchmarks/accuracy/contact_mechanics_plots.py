@@ -6,6 +6,8 @@ SHADES = {0.05: ("#c8352b", "o"), 0.3: ("#e69f00", "^"), 1.0: ("#0072b2", "s")}
 """Colour and marker of each restitution."""
 GROUNDS = {"plane": ("#e69f00", "^"), "plane, surface": ("#009e73", "v"), "pinned slab": ("#0072b2", "o")}
 BOLLARDS = {"capsule": ("#e69f00", "^"), "capsule, surface": ("#009e73", "v"), "pinned cylinder": ("#0072b2", "o")}
+SOFTER = {1.0: ("#0072b2", "s"), 10.0: ("#e69f00", "^"), 100.0: ("#c8352b", "o")}
+"""Colour and marker for springs that are so many times as stiff as the contact."""
 GREY = {"color": "#555555", "fontsize": 9}
 
 
@@ -54,8 +56,30 @@ def draw_sliding(rows: list[dict]) -> None:
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, -0.01), max(high, 0.01))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    figure.suptitle("A die slides on a pinned slab: is friction as asked?", x=0.01, ha="left", fontsize=12)
+    figure.suptitle("A flat die slides on a pinned slab: is friction as asked?", x=0.01, ha="left", fontsize=12)
     save(figure, "contact_sliding.png")
+
+
+def draw_bounce(rows: list[dict]) -> None:
+    """Draw the speed after a bounce over that before, against the restitution asked for."""
+    plt = pyplot()
+    figure, axes = plt.subplots(1, 3, figsize=(12.6, 4.6), layout="constrained", sharey=True)
+    handles = []
+    for axis, pose in zip(axes, ("flat", "edge", "corner"), strict=True):
+        axis.plot([0, 1], [0, 1], color="#999999", linewidth=0.9, linestyle="--")
+        for softer, (colour, marker) in SOFTER.items():
+            for damping, style in ((0.0, "-"), (8.0, ":")):
+                mine = _of(rows, "restitution", pose=pose, softer=softer, damping=damping)
+                x, y = [row["restitution"] for row in mine], [row["with_rotation"] for row in mine]
+                label = f"springs {softer:g} times as stiff as the contact" + (", damped" if damping else "")
+                drawn = axis.plot(x, y, color=colour, marker=marker, linestyle=style, label=label)
+                handles += drawn if pose == "flat" else []
+        axis.set(title=f"lands {'flat' if pose == 'flat' else f'on its {pose}'}", xlabel="restitution asked for")
+        axis.set(aspect="equal", xlim=(0, 1.03), ylim=(0, 1.03))
+    axes[0].set_ylabel("speed after over speed before")
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    figure.suptitle("A block bounces on a pinned one: how fast does it come back?", x=0.01, ha="left", fontsize=12)
+    save(figure, "contact_bounce.png")
 
 
 def draw_round(rolling: list[dict], capstan: list[dict], hertz: list[dict]) -> None:

@@ -4,8 +4,8 @@
 
 Boxes, slabs of one cell, balls, filled meshes, shells, sheets, cloths with an outline, ropes and grains. The
 second of two bodies is thrown at the first, which is pinned in half of the cases, at 0.1 to 5 times the speed of
-sound of its lattice, at automatic steps. Each seed has a pair of which one is open, and a pair of closed bodies,
-of which inner surfaces count: nothing is to cross, and no energy to be gained. Counted are the frames in which
+sound of its lattice, at automatic steps. Each seed has a pair of which one is open, and a pair of closed bodies:
+no contact meshes are to cross, and no energy to be gained. Counted are the frames in which
 edges go through triangles, by the Incremental Potential Contact Toolkit (ipctk.xyz), and, where frames are
 substeps, those in which grains go through triangles or ropes through ropes. Writes
 results/<device>/contact_crossings.csv. `--quick --first 17 --count 1` repeats one seed.
@@ -38,7 +38,6 @@ from msdwarp import (
     shell,
 )
 from msdwarp.bodies import contact_surfaces
-from msdwarp.engine.collision.inner_surfaces import chords
 
 from ..common import arguments, machine, table, write_csv
 
@@ -58,8 +57,7 @@ LONGEST = 120.0
 class Oracle:
     """Finds out whether bodies go through each other, or an open one through itself, by ipctk.
 
-    Closed bodies may overlap: with each other their inner surfaces count. It shares no code with msdwarp but the
-    lists of facets and of what inner vertices are the means of.
+    It shares no code with msdwarp but the lists of facets and of what their vertices are the means of.
     """
 
     def __init__(self, system: System, itself: bool = True, ways: bool = False) -> None:
@@ -79,18 +77,12 @@ class Oracle:
         edges = np.concatenate([ipctk.edges(triangles), segments]) if len(triangles) else segments
         edges = np.unique(np.sort(edges, axis=1), axis=0)
         self._places = self.places(system.position)
-        self._mesh = ipctk.CollisionMesh(self._places, edges, triangles)
-        # Vertices of one patch do not meet: closed bodies are a patch, of the others each vertex is one.
+        self.mesh = ipctk.CollisionMesh(self._places, edges, triangles)
+        # Vertices of one patch do not meet: solid bodies are a patch each, of the others each vertex is one.
         body, vertices = surfaces.body, np.arange(len(surfaces.body))
-        alone = np.where(itself, len(surfaces.closed) + vertices, body)
-        patch = np.where(surfaces.closed[body], -1, alone)
-        self._mesh.can_collide = ipctk.make_vertex_patches_filter(patch.astype(np.int32))
-        chord, self._share = chords(surfaces, self._places, surfaces.closed)
-        self._chord = np.maximum(chord, 0)
-        closed = surfaces.closed[body[triangles[:, 0]]]
-        sides = ipctk.edges(triangles[closed]) if closed.any() else np.zeros((0, 2), dtype=int)
-        self._inner = ipctk.CollisionMesh(self._inside(), sides, triangles[closed])
-        self._inner.can_collide = ipctk.make_vertex_patches_filter(body.astype(np.int32))
+        alone = np.where(itself, len(surfaces.solid) + vertices, body)
+        patch = np.where(surfaces.solid[body], body, alone)
+        self.mesh.can_collide = ipctk.make_vertex_patches_filter(patch.astype(np.int32))
         self._has_intersections, self._ways = ipctk.has_intersections, ways
         grains = np.unique(surfaces.corner[a == c, 0])
         g, t = (one.ravel() for one in np.meshgrid(grains, np.arange(len(triangles)), indexing="ij"))
@@ -106,15 +98,10 @@ class Oracle:
         x = np.asarray(position, dtype=np.float64)
         return np.einsum("vk,vkd->vd", self._surfaces.weight, x[self._surfaces.particle])
 
-    def _inside(self) -> NDArray[np.float64]:
-        """Return the places of inner vertices."""
-        return np.einsum("vk,vkd->vd", self._share, self._places[self._chord])
-
     def crosses(self, position: NDArray) -> bool:
         """Return whether anything crosses where the particles are, or crossed on the way there."""
         before, self._places = self._places, self.places(position)
-        found = self._has_intersections(self._mesh, self._places)
-        found = found or self._has_intersections(self._inner, self._inside())
+        found = self._has_intersections(self.mesh, self._places)
         return bool(found or (self._ways and self._passed(before, self._places)))
 
     def _passed(self, before: NDArray, after: NDArray) -> bool:

@@ -15,8 +15,6 @@ MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = ra
 near one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also
 has, for all worlds, the numbers of near pairs and of points with facets near them."""
 FLAGS = 8
-STORED = 2
-"""Number of bodies near a point whose nearest facets are stored, if contacts are counted first."""
 NOT_DUE, DUE, FORCED = range(3)
 """Whether lists must be made: no; yes, since vertices have moved far; yes, since positions were changed."""
 HISTORY = 2
@@ -32,12 +30,11 @@ def Pair(scalar: type):
         mine: int  # body of the point
         other: int  # body of the facets
         place: int  # index of the other body in the row of body_pairs
-        closed: int  # whether the other body is a different one and has an inside
-        reach: scalar  # largest distance at which a facet pushes the point [m]
         thickness: scalar  # distance at which contact begins [m]
-        stiffness: scalar  # of one point [N/m]
-        density: scalar  # vertices per point of the point's body
-        damping: scalar  # damping ratio
+        stiffness: scalar  # of the contact of one vertex [N/m]
+        damping: scalar  # damping ratio of friction
+        hysteresis: scalar  # see `contact_law`
+        crowd: scalar  # points of the point's body for each vertex of the other one, at least 1
         friction: scalar
 
     return Pair
@@ -51,7 +48,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
     edge between two vertices. A facet is a triangle, or a segment of a rope, or a grain, which is one particle. In
     an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
     """
-    V, Side, PointAndBody = vector(3, scalar), wp.types.vector(4, scalar), Pair(scalar)
+    V, PointAndBody = vector(3, scalar), Pair(scalar)
 
     @wp.struct
     class ContactSurfaces:
@@ -65,26 +62,25 @@ def BodyContactData(scalar: type, worlds: bool = False):
         first_facet: wp.array(dtype=int)  # row starts of facet, shape [vertex_count + 1]
         facet: wp.array(dtype=int)  # triangles around the vertex, shape [any]
         body_of: wp.array(dtype=int)  # its body
+        tangled: wp.array(dtype=int)  # whether its surface has crossed another since the start
         x: wp.array(dtype=V)  # position [m]
         v: wp.array(dtype=V)  # velocity [m/s]
         force: wp.array2d(dtype=wp.int64)  # on the vertex, in units, shape [vertex_count, 3]
-        # Particles, if dampers are limited, see `damping_limits`:
-        touches: wp.array(dtype=int)  # number of its contacts now, shape [particle_count]
-        inverse_mass: wp.array(dtype=scalar)  # [1/kg], shape [particle_count]
-        damping_limit: wp.array(dtype=scalar)  # of each world [1/s]
+        inverse_mass: wp.array(dtype=scalar)  # of particles [1/kg], shape [particle_count]
         # Points:
         ends: wp.array(dtype=wp.vec2i)  # its two vertices, shape [point_count]
         share: wp.array(dtype=scalar)  # weight of the second vertex
         body: wp.array(dtype=int)  # its body
+        density: wp.array(dtype=scalar)  # of the stiffness of a vertex, by its area
+        host: wp.array(dtype=int)  # a triangle that it lies on; below 0: none
         # Facets:
         corner: wp.array(dtype=wp.vec3i)  # its three vertices, shape [facet_count]
         owner: wp.array(dtype=int)  # its body
         # Bodies:
-        closed: wp.array(dtype=int)  # whether its surface has an inside, shape [body_count]
-        depth: wp.array(dtype=scalar)  # deepest point that is still pushed out [m]
+        solid: wp.array(dtype=int)  # whether its surface has an inside, shape [body_count]
         stiffness: wp.array(dtype=scalar)  # of a contact with an equal body [N/m]
-        density: wp.array(dtype=scalar)  # vertices per point: a point has this fraction of the stiffness
         radius: wp.array(dtype=scalar)  # half of its thickness [m]
+        spacing: wp.array(dtype=scalar)  # of its vertices [m]; 0 for a grain
         if worlds:
             bodies_each: int  # bodies of a world
             unit: wp.array(dtype=wp.float64)  # of the forces in each world [N], shape [world_count]
@@ -96,7 +92,8 @@ def BodyContactData(scalar: type, worlds: bool = False):
         # Of each rule:
         self_contact: wp.array(dtype=int)  # whether a body touches itself
         friction: wp.array(dtype=scalar)
-        damping: wp.array(dtype=scalar)  # damping ratio of a contact, from its restitution
+        damping: wp.array(dtype=scalar)  # damping ratio of friction, from the restitution
+        hysteresis: wp.array(dtype=scalar)  # also from its restitution
         thickness: wp.array(dtype=scalar)  # [m]; below 0: from the bodies
         stiffness: wp.array(dtype=scalar)  # [N/m]; below 0: from the bodies
 
@@ -112,13 +109,14 @@ def BodyContactData(scalar: type, worlds: bool = False):
         candidate_count: wp.array(dtype=int)  # length of each row
         # Points:
         in_order: wp.array(dtype=int)  # points in an order that keeps near points together
-        near_own: wp.array(dtype=int)  # whether the point may touch its own body, if that is open
+        near_own: wp.array(dtype=int)  # whether the point may touch its own body
         search_points: wp.array(dtype=int)  # points to search rows for, in any order
         search_point_count: wp.array(dtype=int)  # number of search_points, shape [1]
         active_points: wp.array(dtype=int)  # points that have a row, or overlap since the start, in any order
         active_count: wp.array(dtype=int)  # number of active_points, shape [1]
         speeds: wp.array(dtype=wp.vec3)  # of active points by axis: max v and max −v [m/s], shape [2]
         # Bodies:
+        moved: wp.array(dtype=float)  # longest path of its vertices since the last search [m]
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
         pairs: wp.array2d(dtype=PointAndBody)  # constants of each such pair
         body_pair_count: wp.array(dtype=int)  # length of each row
@@ -126,17 +124,10 @@ def BodyContactData(scalar: type, worlds: bool = False):
             root_of_world: wp.array(dtype=int)  # root of each world's subtree in the tree of bodies
 
     @wp.struct
-    class FoundContacts:
-        # If dampers are limited, what `count_contacts` has found for the first bodies in each row:
-        facet: wp.array2d(dtype=int)  # the nearest facet, shape [STORED, point_count]
-        until: wp.array2d(dtype=int)  # end of the body's facets in the row
-        weights: wp.array2d(dtype=V)  # of the facet's corners at the nearest point
-        side: wp.array2d(dtype=Side)  # unit normal, and gap [m], FAR if out of reach
-
-    @wp.struct
     class ContactHistory:
         tangential_displacement: wp.array2d(dtype=V)  # along contact_body [m], shape [HISTORY, point_count]
         contact_body: wp.array2d(dtype=int)  # body that the point touches, −1: none
+        fastest: wp.array2d(dtype=scalar)  # fastest approach in this contact [m/s]
         initial_overlap: wp.array(dtype=scalar)  # overlap at the start that is still allowed [m]
         overlap_release_speed: scalar  # rate at which initial_overlap shrinks [m/s]
         done: wp.array(dtype=wp.float64)  # work of depenetration [J]
@@ -146,48 +137,27 @@ def BodyContactData(scalar: type, worlds: bool = False):
         surfaces: ContactSurfaces
         rules: ContactRules
         neighbors: NeighborList
-        contacts: FoundContacts
         history: ContactHistory
 
     return BodyContactData
 
 
 @functools.cache
-def InnerSurfaces(scalar: type):
-    """Compose the struct of inner surfaces, which lie inside closed bodies.
-
-    Closed bodies may overlap, but their inner surfaces may not cross. Each vertex of an inner surface lies on the
-    chord from a drawn vertex to the opposite side of its body.
-    """
+def NearPairs(scalar: type):
+    """Compose the struct of near pairs, and of the impulses and displacement limits that keep them apart."""
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
 
     @wp.struct
-    class InnerSurfaces:
-        chord: wp.array(dtype=wp.vec4i)  # the drawn vertex, and the three of the opposite facet; −1: none
-        weight: wp.array(dtype=W)  # of these four vertices
-        x: wp.array(dtype=V)  # positions at the last search [m], in records
-        inset: wp.array(dtype=float)  # of each body: largest distance from drawn to inner vertex then [m]
-        more: wp.array(dtype=scalar)  # of each body: a vertex may move this much more than half a skin [m]
-
-    return InnerSurfaces
-
-
-@functools.cache
-def NearPairs(scalar: type):
-    """Compose the struct of near pairs, and of the impulses and displacement limits that keep them apart."""
-    V, W, Inner = vector(3, scalar), wp.types.vector(4, scalar), InnerSurfaces(scalar)
-
-    @wp.struct
     class NearPairs:
-        # Vertices, first drawn ones, then vertices of inner surfaces:
+        # Vertices:
         first_particle: wp.array(dtype=int)  # row starts of particle_of and weight
         particle_of: wp.array(dtype=int)
         weight: wp.array(dtype=scalar)  # of each particle
         mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg]
         body_of: wp.array(dtype=int)
-        inner: Inner
         # Edges; a grain is an edge whose ends are the same:
         edge: wp.array(dtype=wp.vec2i)  # the ends of each, shape [edge_count]
+        floor: wp.array(dtype=scalar)  # of each body: half of the gap below which nothing more of it is lost [m]
         rank: wp.array(dtype=int)  # of each body, by the mean length of its edges: 0 for the shortest
         # Facets:
         owned: wp.array(dtype=int)  # its corners (bits 0 to 2) and sides (3 to 5) that belong to no other facet
@@ -200,6 +170,7 @@ def NearPairs(scalar: type):
         normal: wp.array(dtype=V)  # of the plane between the two sides, towards the first
         gap: wp.array(dtype=scalar)  # along the normal, from the second side to the first [m]; <= 0: they cross
         least: wp.array(dtype=scalar)  # the least distance that either side must keep from the plane [m]
+        bodies: wp.array(dtype=wp.vec2i)  # of its two sides
         reserve: wp.array(dtype=scalar)  # how much more the sides may approach before anything must be done [m]
         watched: wp.array(dtype=int)  # the pairs that may come too near in this substep, in any order
         watched_count: wp.array(dtype=int)  # number of watched pairs, shape [1]
@@ -219,18 +190,20 @@ def NearPairs(scalar: type):
         most_shift: wp.array(dtype=float)  # the longest such path in each body [m]
         foreseen: wp.array(dtype=float)  # the longest path for which pairs of each body are watched [m]
         most_weight: float  # largest sum of the absolute weights of a vertex
+        anchored: wp.array(
+            dtype=int
+        )  # whether any particle of each world is pinned: what is held back loses speed
         driven: wp.array(dtype=int)  # indices of the driven particles
         done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
         contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not requested
         # Rules, see `ContactRules`:
         kind: wp.array(dtype=int)
         rules: wp.array2d(dtype=int)
-        friction: wp.array(dtype=scalar)
         restitution: wp.array(dtype=scalar)
         # Results:
         tangles: wp.array(dtype=int)  # whether any edge crosses a triangle, shape [1]
         tangled: wp.array(dtype=int)  # whether `find_tangles` has marked each vertex
-        may_meet: wp.array(dtype=int)  # whether inner surfaces may meet in this substep, shape [1]
+        may_meet: wp.array(dtype=int)  # whether any pair may come too near in this substep, shape [1]
         alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
         many: wp.array(dtype=int)  # whether there are too many pairs for a single launch; 0 after the last round
         round: wp.array(dtype=int)  # round of impulses from 0, if each phase is a launch, shape [1]
@@ -249,7 +222,7 @@ def Substep(scalar: type):
     @wp.struct
     class Substep:
         h: scalar  # length of the coming substep [s]; 0 for measurements, which change no history
-        behind: scalar  # twice the time by which velocities lag behind positions [s]
+        rate: scalar  # largest rate of all dampers at a vertex [1/s]
         per_unit: wp.float64  # units of force per newton [1/N]; in an ensemble each world has its own
         buffer: scalar  # bound on how much distances have shrunk since the last search [m]
         parts: int  # number of parts for threads of the CPU

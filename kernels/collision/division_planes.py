@@ -2,16 +2,16 @@
 
 So cloth does not pass through itself or other bodies. Near pairs of a vertex and a triangle, or of two edges, are
 listed. When a substep begins, a plane separates the vertex from the triangle, or one edge from the other. When it
-ends, `pair_gaps` finds whether any pair has lost more than half of its gap and is nearer than a fraction of the
-thickness. If so,
+ends, `pair_gaps` finds whether any pair has lost more of its gap than it may: it keeps 0.8 of it, or a tenth of
+the thickness if that is more, unless it stays wide. If so,
 
 1. impulses act between the two sides of each such pair, in a few rounds. All pairs act at the same time, so each
    divides the mass of a particle by the number of pairs that push it;
 2. if a pair would still come too near, the displacements of those particles that would reach its plane in this
-   substep are shortened. Then the other pairs of these particles are tested against their planes, and so on. The
-   pairs of these particles share their velocities (`shared_velocities`), so that no momentum is lost. Where any
-   particle is driven, velocities are cut instead, as the displacements are: the drive takes the momentum. Else the
-   force of a drive would accelerate, without work, what is held back, as in a knot that is pulled tight.
+   substep are shortened. Then the other pairs of these particles are tested against their planes, and so on.
+   Velocities stay, so that momentum and angular momentum are kept; impulses reduce them in the next substeps.
+   Where any particle is pinned or driven, which takes momentum anyway, they are cut as the displacements are. Else
+   forces would accelerate, without work, what is held back, as in a knot that is pulled tight.
 
 The two sides of a pair then stay on their sides of a plane during the whole substep, since particles move on
 straight lines. The plane is at rest if a particle of the pair is held back; else it moves with the pair, so that
@@ -32,13 +32,10 @@ from ..threads import grid_thread, wait
 from .contact_data import FLAGS, HELD_BACK, NearPairs
 from .near_pairs import vertex_of
 from .pair_gaps import longest_shifts, ways
-from .pair_impulses import pair_impulses, shared_velocities
+from .pair_impulses import pair_impulses
 
-ROUNDS, FIRST_ROUNDS = 16, 4
-"""Maximal number of rounds of impulses, and number of first rounds, which keep as much of a gap as is wanted; late
-rounds are only for pairs that would be held back. Without rounds a driven end of a folded cloth lags by 0.3 m,
-with four by some millimetres. Two blocks that meet at 20 m/s need up to 8. A block that crushes four light ones at
-8 m/s needs up to 28, but 16 rounds and holding back give the same speeds within 6 %."""
+ROUNDS = 4
+"""Maximal number of rounds of impulses."""
 ALLOWED = 0.8
 """Fraction of its distance from the plane by which a vertex may approach the plane."""
 LEAST_SHARE = 0.05
@@ -49,11 +46,9 @@ FORESEEN = 4.0
 """Ratio of the expected path by impulses to that of the last substep; pairs that it cannot close are skipped."""
 CUTS = 4
 """Rounds in which displacements are shortened. The last is for all pairs, in case more would be needed."""
-SHARED = 3 * ROUNDS + 2 * CUTS - 1
-PHASES = SHARED + 3
-"""Phases of `keep_apart`: three for each round of impulses, two for each in which displacements are shortened. Two
-more, from `SHARED` on, stand before the last: pairs share the velocities of what is held back. One phase ends
-before the next begins."""
+PHASES = 3 * ROUNDS + 2 * CUTS
+"""Phases of `keep_apart`: three for each round of impulses, two for each in which displacements are shortened; the
+last holds particles back. One phase ends before the next begins."""
 MOST_THREADS = 256
 """Threads in a block; the compiler leaves registers for this many."""
 
@@ -115,8 +110,7 @@ def keep_apart(scalar: type, blocks: int):
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
     place_of, way_towards, approach_of = ways(scalar)
-    _, may_approach, lacks, count_pushes, push, apply = pair_impulses(scalar)
-    count_shared, share_velocity = shared_velocities(scalar)
+    _, _, may_approach, lacks, count_pushes, push, apply = pair_impulses(scalar)
     zero, one, longest_shift = scalar(0.0), scalar(1.0), longest_shifts(scalar)
 
     @wp.func
@@ -206,22 +200,22 @@ def keep_apart(scalar: type, blocks: int):
         v_out: wp.array(dtype=V),
         h: scalar,
         unit: wp.float64,
+        particles: int,
         i: int,
     ) -> float:
         """Shorten the displacement of particle i to the fraction that its pairs allow; return the loss [m].
 
-        Its velocity changes by what its pairs share, or as its displacement does if any particle is driven.
+        Its velocity stays, which keeps momentum and angular momentum; it changes as the displacement does if any
+        particle is pinned or driven.
         """
         share = scalar(pairs.share[i])
-        if share == one and pairs.pushes[i] == 0:
+        if share == one:
             return float(0.0)
         lost = (share - one) * (load(x_out, i) - load(x, i))
         pairs.share[i] = 1.0
         pairs.held[i] = 0
         store(x_out, i, load(x_out, i) + lost)
-        if pairs.driven.shape[0] == 0:
-            apply(pairs, x, x_out, v_out, h, unit, False, i)
-        else:
+        if pairs.anchored[i / particles] != 0:
             store(v_out, i, load(v_out, i) + lost / h)
             if pairs.contact_impulse.shape[0] > 0 and pairs.inverse_mass[i] > zero:
                 pairs.contact_impulse[i] += wp.vec3d(lost) / wp.float64(h * pairs.inverse_mass[i])
@@ -243,26 +237,21 @@ def keep_apart(scalar: type, blocks: int):
         calm = pairs.reserve[k] - pairs.least[k] > scalar(1.001 * longest_shift(pairs, pairs.most_shift, k))
         if calm and phase <= wp.static(3 * ROUNDS):
             return
-        if phase == wp.static(SHARED):
-            count_shared(pairs, k)
-        elif phase == wp.static(SHARED + 1):
-            share_velocity(pairs, x, x_out, per_unit, k)
-        elif phase >= wp.static(3 * ROUNDS):
+        if phase >= wp.static(3 * ROUNDS):
             everywhere = bool(False)
-            if phase == wp.static(SHARED - 1):
+            if phase == wp.static(PHASES - 2):
                 particle = pairs.particle_of[pairs.first_particle[vertex_of(pairs.vertices[k], 0)]]
                 everywhere = pairs.unsettled[particle / particles] != 0
             shorten(pairs, x, x_out, apart, everywhere, calm, k)
         elif pairs.gap[k] > zero:
-            late = phase >= wp.static(3 * FIRST_ROUNDS)
-            weights, nearest, way, lack = lacks(pairs, x, x_out, apart, late, k)
-            if lack > zero:
+            weights, change = lacks(pairs, x, x_out, apart, k)
+            if change > zero:
                 if phase % 3 == 0:
                     pairs.lacking[0] = phase / 3 + 1
                     pairs.pushing[count_up(pairs.pushing_count, 0)] = k
                     count_pushes(pairs, k, weights)
                 else:
-                    push(pairs, k, weights, nearest, way, lack, per_unit)
+                    push(pairs, k, weights, change, per_unit)
 
     @wp.func
     def end_phase(
@@ -281,16 +270,16 @@ def keep_apart(scalar: type, blocks: int):
         i = pairs.particle[n]
         if phase < wp.static(3 * ROUNDS):
             pairs.pushing_count[0] = 0
-            apply(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, True, i)
+            apply(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, i)
         elif phase < wp.static(PHASES - 1):
             if pairs.share[i] < 1.0 and pairs.held[i] == 0:
                 pairs.held[i] = 1
-                if phase == wp.static(SHARED - 2):
+                if phase == wp.static(PHASES - 3):
                     pairs.unsettled[i / particles] = 1
         else:
             pairs.unsettled[i / particles] = 0
             pairs.shift[i] = 0.0
-            lost = hold_back(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, i)
+            lost = hold_back(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, particles, i)
             if lost > 0.0:
                 raise_to(flags, (i / particles) * wp.static(FLAGS) + wp.static(HELD_BACK), lost)
 
@@ -345,11 +334,9 @@ def keep_apart(scalar: type, blocks: int):
             needed = phase == 0 or pairs.lacking[0] >= (phase + 2) / 3
             if cut >= 0:
                 needed = cut == 0 or phase == wp.static(PHASES - 1) or pairs.cutting[0] != 0
-                if pairs.driven.shape[0] > 0 and phase >= wp.static(SHARED) and phase < wp.static(PHASES - 1):
-                    needed = False
             if needed:
                 n = grid_thread()
-                of_particles = cut > 0 and cut % 2 == 1 and phase < wp.static(SHARED)
+                of_particles = cut > 0 and cut % 2 == 1 and phase < wp.static(PHASES - 1)
                 if (cut < 0 and phase % 3 == 2) or of_particles or phase == wp.static(PHASES - 1):
                     while n < pairs.particle_count[0]:
                         end_phase(pairs, x, x_out, v_out, h, per_unit, particles, phase, flags, n)

@@ -46,7 +46,6 @@ class FacetTree:
     body_upper: wp.array(dtype=wp.vec3)
     near_lower: wp.array(dtype=wp.vec3)  # box outside of which no part of the body is near another
     near_upper: wp.array(dtype=wp.vec3)
-    widest: wp.array(dtype=float)  # longest side of a facet's box [m]
 
 
 @wp.struct
@@ -178,7 +177,7 @@ def begin_search(scalar: type, worlds: bool = False):
             if i < tree.body_lower.shape[0]:
                 tree.body_lower[i] = beyond
                 tree.body_upper[i] = -beyond
-                tree.widest[i] = 0.0
+                data.neighbors.moved[i] = 0.0
             i += threads
 
     return begin
@@ -202,7 +201,6 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         piece = tree.piece[p]
         least = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         most = -least
-        side = float(0.0)
         for e in range(piece[2] + lane, piece[3], wp.static(lanes)):
             c = data.surfaces.corner[tree.facet[e]]
             a = wp.vec3(load(data.surfaces.x, c[0]))
@@ -213,17 +211,13 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
             tree.upper[e] = above
             least = wp.min(least, below)
             most = wp.max(most, above)
-            side = wp.max(side, wp.max(above - below))
         least = least_corner(least)
         most = -least_corner(-most)
-        side = -least_of(-side)
         if lane == 0:
             tree.piece_lower[p] = least
             tree.piece_upper[p] = most
             extend(tree.group_lower, tree.group_upper, piece[1], least, most)
             extend(tree.body_lower, tree.body_upper, piece[0], least, most)
-            if side > tree.widest[piece[0]]:
-                wp.atomic_max(tree.widest, piece[0], side)
 
     @kernel
     def write_boxes(data: Data, tree: FacetTree, threads: int):

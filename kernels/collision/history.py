@@ -24,6 +24,8 @@ def memories(scalar: type, worlds: bool):
         body_1: int
         moved_0: V  # tangential displacement along body_0 [m]
         moved_1: V
+        fastest_0: scalar  # fastest approach to body_0 in this contact [m/s]
+        fastest_1: scalar
 
     @wp.func
     def no_memory() -> Memory:
@@ -33,16 +35,19 @@ def memories(scalar: type, worlds: bool):
         return memory
 
     @wp.func
-    def remember(known: Memory, body: int, moved: V) -> Memory:
+    def remember(known: Memory, body: int, moved: V, fastest: scalar) -> Memory:
         memory = known
         if body < known.body_0:
             memory.body_1 = known.body_0
             memory.moved_1 = known.moved_0
+            memory.fastest_1 = known.fastest_0
             memory.body_0 = body
             memory.moved_0 = moved
+            memory.fastest_0 = fastest
         elif body < known.body_1:
             memory.body_1 = body
             memory.moved_1 = moved
+            memory.fastest_1 = fastest
         return memory
 
     @wp.func
@@ -51,6 +56,8 @@ def memories(scalar: type, worlds: bool):
         data.history.contact_body[1, p] = wp.where(memory.body_1 < wp.static(NONE), memory.body_1, -1)
         data.history.tangential_displacement[0, p] = memory.moved_0
         data.history.tangential_displacement[1, p] = memory.moved_1
+        data.history.fastest[0, p] = memory.fastest_0
+        data.history.fastest[1, p] = memory.fastest_1
 
     @wp.func
     def shrink_overlap(data: Data, p: int, h: scalar):
@@ -62,9 +69,9 @@ def memories(scalar: type, worlds: bool):
 
 @functools.cache
 def displacements(scalar: type, worlds: bool):
-    """Compose (held, moved_along): a point's stored `Memory`, and its tangential displacement along a body [m].
+    """Compose (held, moved_along): a point's stored `Memory`; what it says of a body.
 
-    The displacement is 0 without contact.
+    That are the tangential displacement along the body [m] and the fastest approach [m/s], 0 without contact.
     """
     V, Data, Memory = vector(3, scalar), BodyContactData(scalar, worlds), memories(scalar, worlds)[0]
 
@@ -75,15 +82,20 @@ def displacements(scalar: type, worlds: bool):
         memory.body_1 = data.history.contact_body[1, p]
         memory.moved_0 = data.history.tangential_displacement[0, p]
         memory.moved_1 = data.history.tangential_displacement[1, p]
+        memory.fastest_0 = data.history.fastest[0, p]
+        memory.fastest_1 = data.history.fastest[1, p]
         return memory
 
     @wp.func
-    def moved_along(memory: Memory, other: int) -> V:
+    def moved_along(memory: Memory, other: int):
         found = V()
+        fastest = scalar(0.0)
         if memory.body_0 == other:
             found = memory.moved_0
+            fastest = memory.fastest_0
         elif memory.body_1 == other:
             found = memory.moved_1
-        return found
+            fastest = memory.fastest_1
+        return found, fastest
 
     return held, moved_along

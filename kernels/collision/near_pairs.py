@@ -39,15 +39,9 @@ def vertex_of(vertices: wp.vec4i, m: int) -> int:
     return v
 
 
-@wp.func
-def both_closed(closed: wp.array(dtype=int), mine: int, other: int) -> bool:
-    """Tell whether both bodies are closed: drawn surfaces of such bodies may overlap, inner surfaces may not."""
-    return closed[mine] != 0 and closed[other] != 0
-
-
 @functools.cache
 def clear_pairs(scalar: type):
-    """Compose the kernel that empties the list of pairs, before `place_inner` and `find_pairs`.
+    """Compose the kernel that empties the list of pairs, before `find_pairs`.
 
     Its threads divide the particles; there are at least as many particles as bodies.
     """
@@ -61,8 +55,6 @@ def clear_pairs(scalar: type):
             pairs.particle_count[0] = 0
         while i < pairs.in_pair.shape[0]:
             pairs.in_pair[i] = 0
-            if i < pairs.inner.inset.shape[0]:
-                pairs.inner.inset[i] = 0.0
             i += threads
 
     return clear
@@ -87,9 +79,7 @@ def PairSearch(scalar: type):
     class PairSearch:
         other: int  # the body that is searched
         alike: bool  # whether it is the same body
-        x: wp.array(dtype=V)  # positions of drawn or of inner vertices [m]
-        further: int  # index in `NearPairs` minus index here, of these vertices
-        inset: float  # distance of inner from drawn vertices, else 0 [m]
+        x: wp.array(dtype=V)  # positions of vertices [m]
         reach: scalar  # distance within which pairs are listed [m]; below 0: none are
         touching: scalar  # distance within which points of the same body may touch it [m]
 
@@ -100,7 +90,7 @@ def PairSearch(scalar: type):
 def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
     """Compose (tests_of, test_point, test_edges), which add the near pairs of two facets to the list.
 
-    The facets are of drawn or of inner surfaces. Each vertex and each edge belongs to one of the facets around it,
+    Each vertex and each edge belongs to one of the facets around it,
     so every pair is found once. If `tangled`, vertices that `find_tangles` has marked are left out. If both facets
     belong to one body, points that may touch the other facet are marked.
     """
@@ -126,6 +116,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
             raise_to(flags, wp.static(PAIRS), float(k + 1))
         else:
             pairs.vertices[k] = vertices
+            pairs.bodies[k] = wp.vec2i(pairs.body_of[vertex_of(vertices, 0)], pairs.body_of[vertices[3]])
             for m in range(4):
                 v = vertex_of(vertices, m)
                 for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
@@ -219,8 +210,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         away = wp.length(x - w[0] * other.a - w[1] * other.b - w[2] * other.c)
         c = other.corner
         if k < 3 and away < search.reach and c[1] != c[2]:
-            more = wp.vec4i(search.further, search.further, search.further, search.further)
-            add_pair(pairs, wp.vec4i(i, c[0], c[1], c[2]) + more, flags)
+            add_pair(pairs, wp.vec4i(i, c[0], c[1], c[2]), flags)
         if search.alike and away < search.touching:
             point = pairs.points[6 * number + k]
             if point >= 0 and not never_touches(data.surfaces.first_near, data.surfaces.near, wp.vec2i(i, j), c):
@@ -242,13 +232,13 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         if (i == j or m == o) and (one.corner[1] != one.corner[2] or other.corner[1] != other.corner[2]):
             return  # the pair of a grain and a triangle is listed by `test_point`
         shares = on_segments(a, b, c, d)
-        if wp.length(a + shares[0] * (b - a) - c - shares[1] * (d - c)) < search.reach:
+        away = wp.length(a + shares[0] * (b - a) - c - shares[1] * (d - c))
+        if away < search.reach:
             first = wp.vec2i(wp.min(i, j), wp.max(i, j))
             second = wp.vec2i(wp.min(m, o), wp.max(m, o))
             # Within one body the order of the two edges does not depend on which facet found the other.
             if search.alike and second[0] < first[0]:
                 first, second = second, first
-            more = wp.vec4i(-search.further, search.further, search.further, search.further)
-            add_pair(pairs, wp.vec4i(-1 - first[0], first[1], second[0], second[1]) + more, flags)
+            add_pair(pairs, wp.vec4i(-1 - first[0], first[1], second[0], second[1]), flags)
 
     return tests_of, test_point, test_edges

@@ -10,7 +10,7 @@ from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import ACTIVE, HISTORY, LONGEST_ROW, BodyContactData, Substep, first_flag
 from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
-from .pairs import FAR, NONE, never_touches, places, unit_normal
+from .pairs import FAR, NONE, never_touches, places
 
 ON_GPU, MANY_ON_GPU = 8, 4
 """Threads per point on a GPU in scenes with triangles. For few points more threads, which also divide the facets
@@ -42,7 +42,7 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, co
     def evaluate_points(
         data: Data,
         h: scalar,
-        behind: scalar,
+        rate: scalar,
         per_unit: wp.float64,
         buffer: wp.array(dtype=scalar),
         threads: int,  # per part
@@ -52,7 +52,7 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, co
         stored: wp.array(dtype=wp.float64),  # [J], shape [point_count], if measuring
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
-        step = Step(h, behind, per_unit, buffer[0], parts)
+        step = Step(h, rate, per_unit, buffer[0], parts)
         if wp.static(counts_time):
             if grid_thread() == 0 and part == 0:
                 data.neighbors.since[0] += float(h)
@@ -81,7 +81,7 @@ def find_candidates(scalar: type, worlds: bool = False):
         place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
         body = data.surfaces.body[p]
         found = overlap(place, place, tree.near_lower[body], tree.near_upper[body])
-        if found and data.surfaces.closed[body] == 0:
+        if found:
             found = data.neighbors.near_own[p] != 0
             wide = margin(place, place, around)
             for b in range(data.neighbors.body_pair_count[body]):
@@ -140,16 +140,16 @@ def Row(scalar: type):
 
 @functools.cache
 def entries(scalar: type, lanes: int, worlds: bool):
-    """Compose (enter, is_outside, keep_near) for the entries of one body in the row of a point.
+    """Compose (enter, keep_near) for the entries of one body in the row of a point.
 
-    `enter` adds the facets that the threads of the point have found. `is_outside` tells whether the point is
-    outside a closed body. `keep_near` removes entries beyond a distance.
+    `enter` adds the facets that the threads of the point have found. `keep_near` removes entries beyond a
+    distance.
     """
     Data, SearchedRow = BodyContactData(scalar, worlds), Row(scalar)
-    (_, place_on, nearest_to), normal_of = places(scalar), unit_normal(scalar)
+    _, place_on, nearest_to = places(scalar)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     ballot, wait = ballot_of_lanes(lanes), wait_for_lanes(lanes)
-    zero, doubt, far = scalar(0.0), scalar(1.01), scalar(FAR)
+    doubt, far = scalar(1.01), scalar(FAR)
 
     @wp.func
     def enter(data: Data, before: SearchedRow, facet: int, lane: int) -> SearchedRow:
@@ -160,6 +160,10 @@ def entries(scalar: type, lanes: int, worlds: bool):
             may = bool(True)
             if row.mine == row.other:
                 may = not never_touches(data.surfaces.first_near, data.surfaces.near, row.ends, c)
+            for k in range(3):
+                may = may and data.surfaces.tangled[c[k]] == 0
+            for k in range(2):
+                may = may and data.surfaces.tangled[row.ends[k]] == 0
             if may:
                 away = wp.length(row.x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, row.x)))
         listed = away < row.limit and away <= doubt * (row.nearest + scalar(2.0) * row.buffer)
@@ -173,19 +177,6 @@ def entries(scalar: type, lanes: int, worlds: bool):
         row.missed += count - row.count
         row.nearest = wp.min(row.nearest, least_of(away))
         return row
-
-    @wp.func
-    def is_outside(data: Data, row: SearchedRow, lane: int) -> bool:
-        side = zero
-        for e in range(row.begin + lane, row.count, wp.static(lanes)):
-            if data.neighbors.candidate_distance[row.point, e] <= doubt * row.nearest:
-                corner = data.surfaces.corner[data.neighbors.candidates[row.point, e]]
-                away = row.x - place_on(data.surfaces.x, corner, nearest_to(data.surfaces.x, corner, row.x))
-                seen = wp.dot(away, normal_of(data.surfaces.x, corner))
-                if wp.abs(seen) > wp.abs(side):
-                    side = seen
-        most = -least_of(-wp.abs(side))
-        return ballot(side == most and most > zero) != wp.uint32(0)
 
     @wp.func
     def keep_near(data: Data, row: SearchedRow, limit: scalar, lane: int) -> int:
@@ -220,7 +211,7 @@ def entries(scalar: type, lanes: int, worlds: bool):
             data.neighbors.candidate_distance[p, row.begin] = row.nearest
         return kept
 
-    return enter, is_outside, keep_near
+    return enter, keep_near
 
 
 @functools.cache
@@ -258,7 +249,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
     Data, margin, SearchedRow = BodyContactData(scalar, worlds), margin_of_boxes(scalar), Row(scalar)
     place_of, place_on, nearest_to = places(scalar)
     end_row = row_end(scalar, worlds)
-    (begin, find_next), (enter, is_outside, keep_near) = facets_within(lanes), entries(scalar, lanes, worlds)
+    (begin, find_next), (enter, keep_near) = facets_within(lanes), entries(scalar, lanes, worlds)
     wait, doubt = wait_for_lanes(lanes), scalar(1.01)
 
     @wp.func
@@ -320,12 +311,8 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
             if overlap(low, high, tree.body_lower[row.other], tree.body_upper[row.other]):
                 pair = data.neighbors.pairs[row.mine, b]
                 row.place = b
-                row = search_body(data, tree, row, pair.reach, known, lane)
+                row = search_body(data, tree, row, pair.thickness, known, lane)
                 most = wp.max(most, row.count + row.missed)
-                if pair.closed != 0 and row.count > row.begin:
-                    if row.nearest > doubt * (pair.thickness + buffer):
-                        if is_outside(data, row, lane):
-                            row.count = row.begin
                 # Another facet can become the nearest only if it is at most two buffers further away.
                 row.count = keep_near(data, row, doubt * (row.nearest + scalar(2.0) * buffer), lane)
         if lane == 0:

@@ -17,7 +17,7 @@ ROUNDING = 4.0
 """The least gap, as a multiple of the spacing of floating-point numbers at the coordinates of the pair."""
 
 AHEAD = 2.0
-"""Inner surfaces must be kept apart if they may come near each other in this many substeps at their present speed,
+"""Surfaces must be kept apart if they may come near each other in this many substeps at their present speed,
 which may increase."""
 
 
@@ -82,8 +82,8 @@ def longest_shifts(scalar: type):
 
     @wp.func
     def longest_shift(pairs: Pairs, paths: wp.array(dtype=float), k: int) -> float:
-        first = paths[pairs.body_of[vertex_of(pairs.vertices[k], 0)]]
-        return pairs.most_weight * (first + paths[pairs.body_of[pairs.vertices[k][3]]])
+        bodies = pairs.bodies[k]
+        return pairs.most_weight * (paths[bodies[0]] + paths[bodies[1]])
 
     return longest_shift
 
@@ -94,12 +94,12 @@ def measure_pairs(scalar: type, watched: bool):
 
     Only the current substep is tested. Without an alarm `keep_apart` does nothing. The kernel also lists the pairs
     that impulses may bring too near. Its threads divide the pairs. If `watched`, it does nothing unless
-    `find_alarm` has found that inner surfaces may meet.
+    `find_alarm` has found that surfaces may meet.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs = NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
-    (place_of, _, approach_of), (may_lose, may_approach, *_) = ways(scalar), pair_impulses(scalar)
+    (place_of, _, approach_of), (floor_of, may_lose, may_approach, *_) = ways(scalar), pair_impulses(scalar)
     zero, one, longest_shift = scalar(0.0), scalar(1.0), longest_shifts(scalar)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
@@ -184,7 +184,7 @@ def measure_pairs(scalar: type, watched: bool):
             gap = pairs.gap[k]
             if gap > zero:
                 approach = approach_of(pairs, x, x_out, k)
-                allowed = may_lose(gap, pairs.least[k], apart)
+                allowed = may_lose(gap, floor_of(pairs, k), apart)
                 if approach > allowed:
                     pairs.alarm[0] = 1
                 reserve = wp.min(allowed, may_approach(gap, pairs.least[k], apart)) - approach
@@ -198,25 +198,15 @@ def measure_pairs(scalar: type, watched: bool):
 
 @functools.cache
 def find_alarm(scalar: type, worlds: bool = False):
-    """Compose the kernel that tests whether inner surfaces may meet; then it sets `may_meet` and counts pairs.
+    """Compose the kernel that tests whether surfaces may meet; then it sets `may_meet` and counts pairs.
 
     Two sides of a pair may meet if they can come within `apart` in `AHEAD` substeps, from the vertices' positions
     when the substep begins. `measure_pairs` would find that later, and takes ten times as long. The threads divide
-    the pairs, which are only pairs of inner surfaces. `flags` gets the number of pairs.
+    the pairs. `flags` gets the number of pairs.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
     load, zero, one = records(3, scalar).load, scalar(0.0), scalar(1.0)
-
-    @wp.func
-    def mean_of(pairs: Pairs, at: wp.array(dtype=V), i: int) -> V:
-        """Return the mean of drawn vertices, with the weights of inner vertex i."""
-        chord = pairs.inner.chord[i]
-        weight = pairs.inner.weight[i]
-        mean = V()
-        for k in range(4):
-            mean += weight[k] * load(at, chord[k])
-        return mean
 
     @kernel
     def find(
@@ -229,24 +219,23 @@ def find_alarm(scalar: type, worlds: bool = False):
         parts: int,  # number of parts, one for each CPU thread
         flags: wp.array(dtype=float),
     ):
-        drawn = data.surfaces.x.shape[0]
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         k = first_of_part(grid_thread(), part)
         while k < count:
             vertices = pairs.vertices[k]
-            first = vertex_of(vertices, 0) - drawn
-            a = mean_of(pairs, data.surfaces.x, first)
-            u = mean_of(pairs, data.surfaces.v, first)
-            b = mean_of(pairs, data.surfaces.x, vertices[1] - drawn) - a
-            c = mean_of(pairs, data.surfaces.x, vertices[2] - drawn) - a
-            d = mean_of(pairs, data.surfaces.x, vertices[3] - drawn) - a
+            first = vertex_of(vertices, 0)
+            a = load(data.surfaces.x, first)
+            u = load(data.surfaces.v, first)
+            b = load(data.surfaces.x, vertices[1]) - a
+            c = load(data.surfaces.x, vertices[2]) - a
+            d = load(data.surfaces.x, vertices[3]) - a
             fastest = zero
-            second = mean_of(pairs, data.surfaces.v, vertices[1] - drawn)
+            second = load(data.surfaces.v, vertices[1])
             if vertices[0] >= 0:
                 fastest = wp.length(second - u)
                 second = u
             for m in range(2, 4):
-                v = mean_of(pairs, data.surfaces.v, vertices[m] - drawn)
+                v = load(data.surfaces.v, vertices[m])
                 fastest = wp.max(fastest, wp.max(wp.length(v - u), wp.length(v - second)))
             away = V()
             if vertices[0] < 0:

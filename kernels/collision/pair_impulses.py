@@ -13,32 +13,25 @@ from ..records import records
 from .contact_data import NearPairs
 from .near_pairs import vertex_of
 
-KEPT = 0.5
-"""Fraction of a pair's gap that impulses try to keep in a substep, unless the gap remains wide."""
+KEPT = 0.8
+"""Fraction of its gap that a pair keeps in a substep, unless the gap stays wide; below the floor it keeps all."""
 LARGEST_APPROACH = 0.8
 """Fraction of gap − least gap that a pair may lose between any two vertices, unless the gap remains wide."""
-LATE_APPROACH = 0.9
-"""Late rounds ignore pairs that lose less than this fraction: rounds converge to LARGEST_APPROACH without end."""
 HOLD_BEYOND = 0.95
-"""Particles are held back if a pair loses more than this fraction of its gap, less half of the least gap. That is
-more than late rounds ignore, by more than rounding: no pair is held back that impulses could keep apart."""
-ALL_KEPT = 4.0
-"""Below this multiple of the least gap, impulses try to keep all of the gap."""
+"""Particles are held back if a pair loses more than this fraction of its gap, less half of the least gap."""
 
 
 @functools.cache
 def pair_impulses(scalar: type):
-    """Compose (may_lose, may_approach, lacks, count_pushes, push, apply).
+    """Compose (floor_of, may_lose, may_approach, lacks, count_pushes, push, apply).
 
     `may_lose` returns by how much the gap of a pair may shrink in a substep before impulses act [m],
-    `may_approach` by how much any two of its vertices may approach before they are held back [m].
-    `lacks` finds where the gap shrinks most. It returns (weights, nearest, way, lack): the weights of the vertices
-    there; whether these are the nearest points; the displacement of the first side relative to the second in the
-    substep [m]; and how far the gap shrinks beyond what is allowed [m], at most 0 if it is allowed.
-    `late` rounds are only for pairs that would be held back otherwise.
-    In a round each pair adds 1 to `pushes` of its particles, then its impulses; then each particle applies them.
+    `may_approach` by how much any two of its vertices may approach before they are held back [m]. `lacks` finds
+    where the gap shrinks most. It returns (weights, change): the weights of the vertices there, and by how much
+    the approach is to be reduced [m], at most 0 if it is allowed. In a round each pair adds 1 to `pushes` of its
+    particles, then its impulses; then each particle applies them.
     """
-    V, W, Units = vector(3, scalar), wp.types.vector(4, scalar), wp.types.vector(3, wp.int64)
+    V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
     zero, kept = scalar(0.0), scalar(KEPT)
 
@@ -61,27 +54,13 @@ def pair_impulses(scalar: type):
                     wp.atomic_add(pairs.pushes, pairs.particle_of[s], 1)
 
     @wp.func
-    def push(pairs: Pairs, k: int, weights: W, nearest: bool, way: V, lack: scalar, per_unit: wp.float64):
+    def push(pairs: Pairs, k: int, weights: W, change: scalar, per_unit: wp.float64):
         """Add the impulses of pair k, with each particle's mass divided by the number of pairs that push it.
 
-        At the nearest points they reduce the approach by `lack` for restitution 0, reverse it for restitution 1,
-        and include friction; at other points they only reduce the approach by `lack`.
+        They act along the normal, at nearest points, so that they exert no moment. They reduce the approach by
+        `change` [m].
         """
         vertices = pairs.vertices[k]
-        normal = pairs.normal[k]
-        mine = pairs.body_of[vertex_of(vertices, 0)]
-        other = pairs.body_of[vertices[3]]
-        rule = pairs.rules[pairs.kind[mine], pairs.kind[other]]
-        approach = -wp.dot(way, normal)
-        along = way + approach * normal
-        e = pairs.restitution[rule]
-        across = lack
-        slip = wp.length(along)
-        if nearest:
-            across += e * (scalar(2.0) * approach - lack)
-        change = across * normal
-        if nearest and slip > zero:
-            change -= (wp.min(pairs.friction[rule] * across, slip) / slip) * along
         mobility = zero
         for m in range(4):
             v = vertex_of(vertices, m)
@@ -89,30 +68,26 @@ def pair_impulses(scalar: type):
                 i = pairs.particle_of[s]
                 share = weights[m] * pairs.weight[s]
                 mobility += share * share * scalar(pairs.pushes[i]) * pairs.inverse_mass[i]
-        if mobility > zero:
-            impulse = change / mobility
-            total = Units()
-            for c in range(3):
-                total[c] = wp.int64(wp.float64(impulse[c]) * per_unit)
+        if mobility == zero:
+            return
+        impulse = change / mobility * pairs.normal[k]
+        for c in range(3):
+            total = wp.int64(wp.float64(impulse[c]) * per_unit)
             # The impulses on both sides sum to exactly 0: one pushed vertex of the first side gets the rest that
             # rounding leaves.
-            rest = Units()
+            rest = wp.int64(0)
             for m in range(3, -1, -1):
                 v = vertex_of(vertices, m)
                 begin = pairs.first_particle[v]
-                on_vertex = Units()
-                for c in range(3):
-                    on_vertex[c] = wp.int64(wp.float64(total[c]) * wp.float64(weights[m]))
-                    if m == 0 or (m == 1 and weights[0] == zero):
-                        on_vertex[c] = rest[c]
-                    rest[c] = rest[c] - on_vertex[c]
+                on_vertex = wp.int64(wp.float64(total) * wp.float64(weights[m]))
+                if m == 0 or (m == 1 and weights[0] == zero):
+                    on_vertex = rest
+                rest -= on_vertex
                 for s in range(begin + 1, pairs.first_particle[v + 1]):
-                    for c in range(3):
-                        part = wp.int64(wp.float64(on_vertex[c]) * wp.float64(pairs.weight[s]))
-                        on_vertex[c] = on_vertex[c] - part
-                        wp.atomic_add(pairs.impulse, pairs.particle_of[s], c, part)
-                for c in range(3):
-                    wp.atomic_add(pairs.impulse, pairs.particle_of[begin], c, on_vertex[c])
+                    part = wp.int64(wp.float64(on_vertex) * wp.float64(pairs.weight[s]))
+                    on_vertex -= part
+                    wp.atomic_add(pairs.impulse, pairs.particle_of[s], c, part)
+                wp.atomic_add(pairs.impulse, pairs.particle_of[begin], c, on_vertex)
 
     @wp.func
     def apply(
@@ -122,10 +97,9 @@ def pair_impulses(scalar: type):
         v_out: wp.array(dtype=V),
         h: scalar,
         unit: wp.float64,
-        moves: bool,
         i: int,
     ):
-        """Change the velocity of particle i, and if it `moves` its position, by the impulses of its pairs.
+        """Change the velocity of particle i, and its position, by the impulses of its pairs.
 
         Then clear the impulses.
         """
@@ -144,8 +118,6 @@ def pair_impulses(scalar: type):
                 speed = wp.vec3d(load(x_out, i) - load(x, i)) / wp.float64(h)
                 pairs.done[i] -= wp.dot(impulse, speed)
             store(v_out, i, load(v_out, i) + moved / h)
-            if not moves:
-                return
             shift = pairs.shift[i] + float(wp.length(moved))
             pairs.shift[i] = shift
             if shift > pairs.most_shift[pairs.body[i]]:
@@ -155,8 +127,14 @@ def pair_impulses(scalar: type):
             store(x_out, i, load(x_out, i) + moved)
 
     @wp.func
-    def may_lose(gap: scalar, least: scalar, apart: scalar) -> scalar:
-        share = (scalar(1.0) - kept) * (gap - scalar(ALL_KEPT) * least)
+    def floor_of(pairs: Pairs, k: int) -> scalar:
+        """Return the gap below which pair k must not lose any more of it [m]."""
+        bodies = pairs.bodies[k]
+        return pairs.floor[bodies[0]] + pairs.floor[bodies[1]]
+
+    @wp.func
+    def may_lose(gap: scalar, floor: scalar, apart: scalar) -> scalar:
+        share = wp.min((scalar(1.0) - kept) * gap, gap - floor)
         return wp.max(zero, wp.max(share, gap - apart))
 
     @wp.func
@@ -164,20 +142,27 @@ def pair_impulses(scalar: type):
         return wp.max(scalar(HOLD_BEYOND) * gap - scalar(0.5) * least, gap - apart)
 
     @wp.func
-    def lacks(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, late: bool, k: int):
+    def lacks(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
         vertices = pairs.vertices[k]
         weights = pairs.weights[k]
         gap = pairs.gap[k]
-        way = V()
+        approach = zero
         rises = W()
         for m in range(4):
             of_vertex = way_of(pairs, x, x_out, vertex_of(vertices, m))
-            way += weights[m] * of_vertex
+            approach -= weights[m] * wp.dot(of_vertex, pairs.normal[k])
             rises[m] = wp.dot(of_vertex, pairs.normal[k])
-        lack = -wp.dot(way, pairs.normal[k]) - may_lose(gap, pairs.least[k], apart)
-        nearest = lack > zero and not late
-        if not nearest:
-            # If a side rotates, another of its vertices may be faster.
+        change = approach - may_lose(gap, floor_of(pairs, k), apart)
+        if change > zero:
+            # What bounces is back where it began. What is fast has hardly met springs of contact, which would have
+            # thrown it back; what is pressed slowly would get more energy than it loses.
+            bodies = pairs.bodies[k]
+            e = pairs.restitution[pairs.rules[pairs.kind[bodies[0]], pairs.kind[bodies[1]]]]
+            change += e * (approach - change)
+            if approach > apart:
+                change += e * approach
+        else:
+            # If a side rotates, another of its vertices may be faster. This exerts a moment, unlike the above.
             first = int(0)
             second = int(3)
             if vertices[0] < 0 and rises[1] < rises[0]:
@@ -186,96 +171,11 @@ def pair_impulses(scalar: type):
                 second = int(2)
             if vertices[0] >= 0 and rises[1] > rises[second]:
                 second = int(1)
-            approach = rises[second] - rises[first]
             room = wp.max(zero, gap - pairs.least[k])
-            lack = approach - wp.max(scalar(LARGEST_APPROACH) * room, gap - apart)
-            if late and approach <= wp.max(scalar(LATE_APPROACH) * room, gap - apart):
-                lack = zero
-            way = way_of(pairs, x, x_out, vertex_of(vertices, first))
-            way -= way_of(pairs, x, x_out, vertex_of(vertices, second))
+            change = rises[second] - rises[first] - wp.max(scalar(LARGEST_APPROACH) * room, gap - apart)
             weights = W()
             weights[first] = scalar(1.0)
             weights[second] = scalar(-1.0)
-        return weights, nearest, way, lack
+        return weights, change
 
-    return may_lose, may_approach, lacks, count_pushes, push, apply
-
-
-@functools.cache
-def shared_velocities(scalar: type):
-    """Compose (count_shared, share_velocity), by which holding back keeps momentum.
-
-    Where a particle of a pair is held back, the pair collides plastically by the same fraction: f = 1 − the least
-    fraction of displacement that any of its particles makes. Particle i in n_i such pairs has the velocity
-    v_i + Σ f_k (c_k − v_i) / n_i afterwards, where c_k is the mean velocity of pair k, weighted by m_i / n_i. The
-    impulses of each pair sum to 0. New velocities are means of old ones, so kinetic energy cannot rise. If a
-    particle of the pair is pinned, c_k is 0: it takes the momentum. Not for systems with driven particles.
-    `count_shared` counts n_i in `pushes`, then `share_velocity` adds the impulses.
-    """
-    V, Units = vector(3, scalar), wp.types.vector(3, wp.int64)
-    Pairs, load = NearPairs(scalar), records(3, scalar).load
-    zero, one = scalar(0.0), scalar(1.0)
-
-    @wp.func
-    def held_fraction(pairs: Pairs, k: int) -> scalar:
-        """Return the largest fraction of its displacement that a particle of pair k loses, else 0."""
-        least = one
-        if pairs.gap[k] > zero:
-            for m in range(4):
-                v = vertex_of(pairs.vertices[k], m)
-                for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
-                    least = wp.min(least, scalar(pairs.share[pairs.particle_of[s]]))
-        return one - least
-
-    @wp.func
-    def count_shared(pairs: Pairs, k: int):
-        if held_fraction(pairs, k) > zero:
-            for m in range(4):
-                v = vertex_of(pairs.vertices[k], m)
-                for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
-                    wp.atomic_add(pairs.pushes, pairs.particle_of[s], 1)
-
-    @wp.func
-    def share_velocity(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), per_unit: wp.float64, k: int):
-        fraction = held_fraction(pairs, k)
-        if fraction == zero:
-            return
-        mass = zero
-        moved = V()  # sum of mass times displacement [kg m]
-        pinned = bool(False)
-        last = int(0)
-        for m in range(4):
-            v = vertex_of(pairs.vertices[k], m)
-            for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
-                i = pairs.particle_of[s]
-                if pairs.inverse_mass[i] == zero:
-                    pinned = True
-                    last = i
-                else:
-                    part = one / (pairs.inverse_mass[i] * scalar(pairs.pushes[i]))
-                    mass += part
-                    moved += part * (load(x_out, i) - load(x, i))
-        if mass == zero:
-            return
-        mean = moved / mass
-        if pinned:
-            mean = V()
-        rest = Units()
-        for m in range(4):
-            v = vertex_of(pairs.vertices[k], m)
-            for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
-                i = pairs.particle_of[s]
-                if pairs.inverse_mass[i] > zero:
-                    part = fraction / (pairs.inverse_mass[i] * scalar(pairs.pushes[i]))
-                    change = part * (mean - (load(x_out, i) - load(x, i)))
-                    if not pinned:
-                        last = i
-                    for c in range(3):
-                        units = wp.int64(wp.float64(change[c]) * per_unit)
-                        rest[c] = rest[c] - units
-                        wp.atomic_add(pairs.impulse, i, c, units)
-        # The impulses of the pair sum to exactly 0: one particle gets the rest, a pinned one if there is any.
-        for c in range(3):
-            wp.atomic_add(pairs.impulse, last, c, rest[c])
-
-    return count_shared, share_velocity
+    return floor_of, may_lose, may_approach, lacks, count_pushes, push, apply

@@ -7,11 +7,10 @@ import warp as wp
 from ..basis import kernel
 from ..lanes import WARP, ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, wait_for_lanes
 from ..partition import first_of_part, next_of_part
-from ..records import records
 from ..threads import grid_thread
 from .contact_data import BodyContactData, NearPairs
-from .facet_tree import NEVER, FacetTree, box_around, facets_within, margin_of_boxes, overlap
-from .near_pairs import FIRST_OF_EDGES, PairSearch, both_closed, pairs_of_facets
+from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
+from .near_pairs import FIRST_OF_EDGES, PairSearch, pairs_of_facets
 
 ROOM = 2 * WARP
 """Entries in a queue: each thread may add one while there is not yet work for all threads."""
@@ -22,15 +21,15 @@ QUEUES = 3 * ROOM
 
 
 @functools.cache
-def searches(scalar: type, inner: bool, worlds: bool):
+def searches(scalar: type, worlds: bool):
     """Compose (search_of, box_of): which bodies the facets of a body search for near pairs, and in which box.
 
-    `search_of` returns the search for pairs with the b-th body near `body`. Its reach is below 0 if no pairs are
-    possible, or if the other body searches: that is the one with shorter edges, whose facets have fewer others
-    near. `box_of` returns the box around the facet at `place` in the tree, which the boxes of near facets overlap.
+    `search_of` returns the search for pairs with the b-th body near `body`. Its reach is below 0 if the other body
+    searches: that is the one with shorter edges, whose facets have fewer others near. `box_of` returns the box
+    around the facet at `place` in the tree, which the boxes of near facets overlap.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
-    margin, load, doubt = margin_of_boxes(scalar), records(3, scalar).load, scalar(1.01)
+    margin, doubt = margin_of_boxes(scalar), scalar(1.01)
 
     @wp.func
     def search_of(data: Data, pairs: Pairs, body: int, b: int, skin: scalar, apart: scalar) -> Search:
@@ -41,48 +40,32 @@ def searches(scalar: type, inner: bool, worlds: bool):
         search.reach = doubt * (skin + apart)
         if pairs.rank[body] > pairs.rank[search.other]:
             search.reach = scalar(-1.0)
-        elif both_closed(data.surfaces.closed, body, search.other):
-            if wp.static(inner) and not search.alike:
-                search.x = pairs.inner.x
-                search.further = data.surfaces.x.shape[0]
-                search.inset = pairs.inner.inset[search.other]  # the tree has the boxes of drawn facets
-                search.reach += pairs.inner.more[body] + pairs.inner.more[search.other]
-            else:
-                search.reach = scalar(-1.0)
         elif search.alike:
-            search.touching = doubt * (data.neighbors.pairs[body, b].reach + skin)
+            search.touching = doubt * (data.neighbors.pairs[body, b].thickness + skin)
         return search
 
     @wp.func
-    def box_of(data: Data, tree: FacetTree, search: Search, place: int):
+    def box_of(tree: FacetTree, search: Search, place: int):
         low = tree.lower[place]
         high = tree.upper[place]
-        if wp.static(inner):
-            if search.further > 0:
-                c = data.surfaces.corner[tree.facet[place]]
-                a = wp.vec3(load(search.x, c[0]))
-                b = wp.vec3(load(search.x, c[1]))
-                d = wp.vec3(load(search.x, c[2]))
-                low, high = box_around(a, b, d)
-        wide = margin(low, high, wp.max(search.reach, search.touching) + scalar(search.inset))
+        wide = margin(low, high, wp.max(search.reach, search.touching))
         return low - wide, high + wide
 
     return search_of, box_of
 
 
 @functools.cache
-def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: bool = False, grains: bool = False):
+def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, grains: bool = False):
     """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
 
     Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
     more than `apart` needs no impulse. So pairs beyond skin + `apart` are not listed; listing one changes no
-    result. Each facet has `lanes` threads. If `inner`, pairs of inner surfaces of closed bodies are listed, too.
-    If all bodies are `grains`, facets and bodies have the same indices.
+    result. Each facet has `lanes` threads. If all bodies are `grains`, facets and bodies have the same indices.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
     tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
-    search_of, box_of = searches(scalar, inner, worlds)
+    search_of, box_of = searches(scalar, worlds)
 
     @wp.func
     def test_all(data: Data, pairs: Pairs, search: Search, facet: int, found: int, flags: wp.array(dtype=float)):
@@ -145,7 +128,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
             for b in range(data.neighbors.body_pair_count[body]):
                 search = search_of(data, pairs, body, b, skin, apart)
                 if search.reach >= scalar(0.0):
-                    low, high = box_of(data, tree, search, place)
+                    low, high = box_of(tree, search, place)
                     if overlap(low, high, tree.body_lower[search.other], tree.body_upper[search.other]):
                         find_with(data, tree, pairs, search, facet, low, high, lane, flags)
 
@@ -171,7 +154,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, inner: bool, worlds: boo
 
 
 @functools.cache
-def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool = False):
+def find_pairs_of_pieces(scalar: type, tangled: bool, worlds: bool = False):
     """Compose the kernel that lists the same pairs as `find_pairs`, for so many facets that they fill a GPU.
 
     `SHARES` warps divide a piece of the tree. A warp searches the tree for all facets of the piece at once; each
@@ -181,7 +164,7 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool 
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
     tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
-    search_of, box_of = searches(scalar, inner, worlds)
+    search_of, box_of = searches(scalar, worlds)
     ballot, wait, least_of = ballot_of_lanes(WARP), wait_for_lanes(WARP), least_of_lanes(wp.float32, WARP)
 
     @wp.func
@@ -294,7 +277,7 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, inner: bool, worlds: bool 
                     high = -low
                     near = bool(False)
                     if place < piece[3]:
-                        low, high = box_of(data, tree, search, place)
+                        low, high = box_of(tree, search, place)
                         near = overlap(low, high, tree.body_lower[search.other], tree.body_upper[search.other])
                     if ballot(near) != wp.uint32(0):
                         find_with(data, tree, pairs, search, queue, share, place, low, high, lane, flags)

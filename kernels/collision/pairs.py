@@ -71,7 +71,7 @@ def unit_normal(scalar: type):
 
 @functools.cache
 def pairs(scalar: type, worlds: bool = False):
-    """Compose (find_rule, thickness_of, reach_of, stiffness_of).
+    """Compose (find_rule, thickness_of, stiffness_of).
 
     They return the contact rule and its parameters for a point of body `mine` and a facet of body `other`.
     """
@@ -82,7 +82,7 @@ def pairs(scalar: type, worlds: bool = False):
         """Return the index of the contact rule of two bodies; −1 if they pass through each other."""
         rule = data.rules.table[data.rules.kind[mine], data.rules.kind[other]]
         if mine == other and rule >= 0:
-            if data.rules.self_contact[rule] == 0:
+            if data.rules.self_contact[rule] == 0 or data.surfaces.solid[mine] != 0:
                 rule = -1
         return rule
 
@@ -95,31 +95,23 @@ def pairs(scalar: type, worlds: bool = False):
         return data.surfaces.radius[mine] + data.surfaces.radius[other]
 
     @wp.func
-    def reach_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the largest distance, on either side of a facet, at which it pushes a point out [m]."""
-        reach = thickness_of(data, rule, mine, other)
-        if data.surfaces.closed[other] != 0 and mine != other:
-            reach = wp.max(reach, data.surfaces.depth[other])
-        return reach
-
-    @wp.func
     def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the contact stiffness of one point [N/m]: a fraction of the harmonic mean for both bodies."""
+        """Return the contact stiffness of one vertex [N/m], by default the harmonic mean for both bodies."""
         k = data.rules.stiffness[rule]
         if k < scalar(0.0):
             a = data.surfaces.stiffness[mine]
             b = data.surfaces.stiffness[other]
             k = scalar(2.0) * a * b / (a + b)
-        return data.surfaces.density[mine] * k
+        return k
 
-    return find_rule, thickness_of, reach_of, stiffness_of
+    return find_rule, thickness_of, stiffness_of
 
 
 @functools.cache
 def pair_with(scalar: type, worlds: bool):
     """Compose (data, rule, mine, other, place) -> `Pair`, constants for points of `mine` and facets of `other`."""
     Data, PointAndBody = BodyContactData(scalar, worlds), Pair(scalar)
-    _, thickness_of, reach_of, stiffness_of = pairs(scalar, worlds)
+    _, thickness_of, stiffness_of = pairs(scalar, worlds)
 
     @wp.func
     def pair_of(data: Data, rule: int, mine: int, other: int, place: int) -> PointAndBody:
@@ -127,13 +119,15 @@ def pair_with(scalar: type, worlds: bool):
         pair.mine = mine
         pair.other = other
         pair.place = place
-        if mine != other:
-            pair.closed = data.surfaces.closed[other]
-        pair.reach = reach_of(data, rule, mine, other)
         pair.thickness = thickness_of(data, rule, mine, other)
         pair.stiffness = stiffness_of(data, rule, mine, other)
-        pair.density = data.surfaces.density[mine]
         pair.damping = data.rules.damping[rule]
+        pair.hysteresis = data.rules.hysteresis[rule]
+        apart = data.surfaces.spacing[mine]
+        if apart <= scalar(0.0):
+            apart = pair.thickness
+        ratio = data.surfaces.spacing[other] / apart
+        pair.crowd = wp.max(scalar(1.0), ratio * ratio)
         pair.friction = data.rules.friction[rule]
         return pair
 
@@ -152,6 +146,8 @@ def points(scalar: type, worlds: bool = False):
         body: int
         ends: wp.vec2i  # the two vertices between which it lies
         share: scalar  # weight of the second vertex
+        density: scalar  # of the stiffness of a vertex
+        host: int  # a triangle that it lies on; below 0: none
         x: V  # [m]
 
     @wp.func
@@ -161,6 +157,8 @@ def points(scalar: type, worlds: bool = False):
         point.body = body_of(data.surfaces.body, p)
         point.ends = ends_of(data.surfaces.ends, p)
         point.share = number_of(data.surfaces.share, p)
+        point.density = number_of(data.surfaces.density, p)
+        point.host = body_of(data.surfaces.host, p)
         point.x = place_of(data.surfaces.x, point.ends, point.share)
         return point
 

@@ -13,7 +13,7 @@ from .contact_data import HISTORY, BodyContactData, Substep
 from .facet_tree import FacetTree
 from .force_sums import Units, exert_on_segments
 from .history import displacements, memories
-from .law import contact_law, damping_limits
+from .law import contact_law
 from .neighbor_search import bounds_of_blocks, each_active_point, row_end
 from .pairs import ALMOST, FAR, NONE, places, points
 
@@ -24,15 +24,12 @@ def evaluate_segments_and_spheres(
     overlapping_at_start: bool,
     lanes: int,
     worlds: bool = False,
-    limited: bool = False,
-    counting: bool = False,
     grains: bool = False,
 ):
     """Compose the kernel that sums the contact forces of points if no facet is a triangle.
 
-    There are many such bodies, and none is closed. So each of the `lanes` threads of a point handles different
-    bodies near it. For `overlapping_at_start` and `limited` see `evaluate_contact`. If `counting`, the kernel only
-    counts the contacts of each particle, as `count_contacts` does. If `grains`, each body is a grain.
+    There are many such bodies, with few facets each. So each of the `lanes` threads of a point handles different
+    bodies near it. For `overlapping_at_start` see `evaluate_contact`. If `grains`, each body is a grain.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
     (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
@@ -40,7 +37,6 @@ def evaluate_segments_and_spheres(
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     held, moved_along = displacements(scalar, worlds)
     in_units, take_from, add_to = exert_on_segments(scalar)
-    count, load = damping_limits(scalar, 1)
     load_vector = records(3, scalar).load
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
@@ -92,27 +88,18 @@ def evaluate_segments_and_spheres(
         found = no_memory()
         body = own.body_0
         moved = own.moved_0
+        fastest = own.fastest_0
         for k in range(wp.static(HISTORY)):
             least = least_number(body)
             mine = body == least
             held = V(pick(mine, moved[0]), pick(mine, moved[1]), pick(mine, moved[2]))
             if least < wp.static(NONE):
-                found = remember(found, least, held)
+                found = remember(found, least, held, pick(mine, fastest))
             if mine and k == 0:
                 body = own.body_1
                 moved = own.moved_1
+                fastest = own.fastest_1
         return found
-
-    @wp.func
-    def limit_of(data: Data, point: Point, mine: int, corner: wp.vec3i, w: V) -> scalar:
-        """Return the upper limit of the damper of a contact [N s/m]."""
-        world = int(0)
-        if wp.static(worlds):
-            world = mine / data.surfaces.bodies_each
-        first, particle, weight = data.surfaces.first, data.surfaces.particle, data.surfaces.weight
-        touches, inverse_mass = data.surfaces.touches, data.surfaces.inverse_mass
-        all_loads = load(first, particle, weight, touches, inverse_mass, point.ends, point.share, corner, w, 0)
-        return data.surfaces.damping_limit[world] / all_loads
 
     @wp.func
     def evaluate_point(
@@ -147,38 +134,42 @@ def evaluate_segments_and_spheres(
                 if wp.static(overlapping_at_start):
                     overlap = overlap - data.history.initial_overlap[p]
                 mobility = zero
+                of_facet = zero
                 if overlap > zero:  # memory is read only in contact: most listed facets are not
                     mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
-                    mobility += of_facet + t * t * data.surfaces.mobility[corner[1]]
+                    of_facet += t * t * data.surfaces.mobility[corner[1]]
+                    mobility += of_facet
                 if mobility > zero:
-                    if wp.static(counting):
-                        first_of, particle = data.surfaces.first, data.surfaces.particle
-                        count(first_of, particle, data.surfaces.touches, point.ends, corner, w, 0)
-                    else:
-                        strongest = far
-                        if wp.static(limited):
-                            strongest = limit_of(data, point, pair.mine, corner, w)
-                        before = moved_along(held(data, p), pair.other)
-                        k_n, f_n, f_t, moved, _u_n, _slides = press(
-                            pair, mobility, overlap, normal, one, strongest, u, before, step
-                        )
-                        units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
-                        take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)
-                        total += units
-                        record(data, p, pair.mine, k_n, overlap, step, flags)
-                        memory = remember(memory, pair.other, moved)
-        if wp.static(counting):
-            return
+                    before, fastest_before = moved_along(held(data, p), pair.other)
+                    k_n, f_n, f_t, moved, fastest, _u_n, _u_t, _slides = press(
+                        pair,
+                        point.density,
+                        mobility,
+                        of_facet,
+                        overlap,
+                        normal,
+                        V(),
+                        u,
+                        u,
+                        before,
+                        fastest_before,
+                        step,
+                    )
+                    units = in_units(f_n * normal + f_t, per_unit_of(data, pair.mine, step))
+                    take_from(data.surfaces.force, corner[0], corner[1], t, units, step.parts)
+                    total += units
+                    record(data, p, pair.mine, k_n, overlap, step, flags)
+                    memory = remember(memory, pair.other, moved, fastest)
         add_to(data.surfaces.force, point.ends, point.share, total, step.parts)
         memory = least_of_all(memory)
         if lane == 0:
-            if step.h > zero:
+            if step.h > zero or data.history.contact_body[0, p] < 0:  # as in `body_contact`
                 keep(data, p, memory)
             if wp.static(overlapping_at_start):
                 shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=not counting)
+    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=True)
 
 
 @functools.cache
@@ -205,7 +196,7 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
                 other = data.neighbors.body_pairs[mine, b]
                 if other != mine:
                     away = wp.length(x - load(data.surfaces.x, data.surfaces.corner[other][0]))
-                    if away >= data.neighbors.pairs[mine, b].reach + buffer:
+                    if away >= data.neighbors.pairs[mine, b].thickness + buffer:
                         away = far
             those = ballot(away < far)
             at = count + count_before(those, lane)

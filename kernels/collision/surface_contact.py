@@ -8,7 +8,7 @@ velocity u of the δ-weighted mean sample,
 
     f_n = max(0, |Σ k δ n| − b_n u·n)
 
-and friction as between bodies.
+and friction as between bodies, at the point of the obstacle that the facet's shell touches, see `law`.
 
 A deep sample in a thin obstacle may be nearer to the far side. So the plane of the side where the facet entered is
 stored. δ is the depth below this plane, at most twice the distance from the nearest side, so that forces do not
@@ -25,7 +25,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..colliders.signed_distance import signed_distance
 from .contact_data import HISTORY
-from .law import TANGENTIAL, friction
+from .law import TANGENTIAL, couples, friction
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 
 CAP = 2.0
@@ -43,6 +43,7 @@ def evaluate_surface(
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
+    turning_of, turn_of, _ = couples(scalar, 1)
     zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
 
     @wp.func
@@ -151,9 +152,9 @@ def evaluate_surface(
         return inside
 
     @wp.func
-    def surface_velocity(data: Data, facet: Facet, p: int, w: V) -> V:
-        """Return the velocity of obstacle p at the point of a facet where its corners have the weights w [m/s]."""
-        y = place_of(data, p, facet.row, facet.share, w[0] * facet.a + w[1] * facet.b + w[2] * facet.c)
+    def surface_velocity(data: Data, facet: Facet, p: int, at: V) -> V:
+        """Return the velocity of obstacle p at a point [m/s]."""
+        y = place_of(data, p, facet.row, facet.share, at)
         following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # a frame's last row has no next one
         return scalar(0.5) * (
             data.turning[facet.row, p] * y
@@ -163,7 +164,7 @@ def evaluate_surface(
         )
 
     @wp.func
-    def bear(data: Data, facet: Facet, before: Inside, h: scalar, behind: scalar, unit: wp.float64):
+    def bear(data: Data, facet: Facet, before: Inside, h: scalar, most_rate: scalar, unit: wp.float64):
         """Exert the force of one contact between a facet and an obstacle.
 
         Return the new history, whether there is a force, the stored energy [J], the dissipated power [W], and the
@@ -189,19 +190,24 @@ def evaluate_surface(
         bears = size > zero and mobility > zero
         if bears:
             normal = pushed / size
+            arm = wp.min(zero, facet.begins + inside.squares / inside.deep) * normal
+            turning = turning_of(data.x, corner, wp.max(zero, -data.slack[t]))
             u = w[0] * data.v[corner[0]] + w[1] * data.v[corner[1]] + w[2] * data.v[corner[2]]
+            u += wp.cross(turn_of(data.x, data.v, corner, turning), arm)
             surface = V()
             if wp.static(moving):
-                surface = surface_velocity(data, facet, p, w)
+                at = w[0] * facet.a + w[1] * facet.b + w[2] * facet.c + arm
+                surface = surface_velocity(data, facet, p, at)
                 u = u - surface
             u_n = wp.dot(u, normal)
             u_t = u - u_n * normal
             # The samples inside have the same fraction of a vertex's mass as of the stiffness around it.
             b_n = scalar(2.0) * data.damping[p] * inside.count * k / wp.sqrt(data.whole[t] * mobility)
-            b_t = wp.sqrt(tangential) * b_n
-            late = one / (one + behind * b_n * mobility)
-            b_t = b_t / (one + behind * b_t * mobility)
-            f_n = wp.max(zero, k * size - late * b_n * u_n)
+            # A particle has as many facets as its part of the stiffness tells.
+            most_b = scalar(wp.static(float(QUADRATURE_POINTS))) * k / data.whole[t] * most_rate / mobility
+            b_t = wp.min(wp.sqrt(tangential) * b_n, most_b)
+            b_n = wp.min(b_n, most_b)
+            f_n = wp.max(zero, k * size - b_n * u_n)
             moved = inside.moved - wp.dot(inside.moved, normal) * normal + h * u_t
             moved, f_t, slides = stick_or_slide(moved, u_t, k_t, b_t, data.friction[p] * f_n)
             if wp.static(measuring):
@@ -212,16 +218,18 @@ def evaluate_surface(
                 power = wp.float64(heat)
             else:
                 by = f_n / size
-                add_to(data, corner[0], by * inside.f_a + w[0] * f_t, unit)
-                add_to(data, corner[1], by * inside.f_b + w[1] * f_t, unit)
-                add_to(data, corner[2], by * inside.f_c + w[2] * f_t, unit)
+                turn = turning * wp.cross(arm, f_t)
+                centre = third * (facet.a + facet.b + facet.c)
+                add_to(data, corner[0], by * inside.f_a + w[0] * f_t + wp.cross(turn, facet.a - centre), unit)
+                add_to(data, corner[1], by * inside.f_b + w[1] * f_t + wp.cross(turn, facet.b - centre), unit)
+                add_to(data, corner[2], by * inside.f_c + w[2] * f_t + wp.cross(turn, facet.c - centre), unit)
                 if wp.static(moving):
                     done += wp.float64(wp.dot(f_n * normal + f_t, surface))
                 if wp.static(overlapping_at_start):
                     if data.initial_overlap[t] > zero:
                         done += wp.float64(k * inside.deep * data.overlap_release_speed)
             inside.moved = moved
-            if inside.most_deep < data.thin[p]:
+            if inside.most_deep + data.slack[t] < data.thin[p]:
                 inside.side = V()
         return inside, bears, energy, power, done
 
@@ -243,7 +251,7 @@ def evaluate_surface(
         row: int,
         share: scalar,
         h: scalar,  # length of the coming substep [s]; 0 for measurements, which change no history
-        behind: scalar,  # twice the time by which velocities lag behind positions [s]
+        most_rate: scalar,  # of the dampers of a particle's facets [1/s]
         unit: wp.float64,  # of forces [N]
         stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], if measuring
         heated: wp.array(dtype=wp.float64),  # [W]
@@ -266,7 +274,7 @@ def evaluate_surface(
             ahead = wp.min(wp.dot(normal, a - middle), wp.dot(normal, b - middle))
             if found[3] + wp.min(ahead, wp.dot(normal, c - middle)) < -facet.begins:
                 inside = add_places(data, facet, recall(data, t, p))
-                inside, bears, more, heat, work = bear(data, facet, inside, h, behind, unit)
+                inside, bears, more, heat, work = bear(data, facet, inside, h, most_rate, unit)
                 energy += more
                 power += heat
                 done += work
@@ -292,7 +300,7 @@ def evaluate_surface(
         row: int,
         share: scalar,
         h: scalar,
-        behind: scalar,
+        most_rate: scalar,
         unit: wp.float64,
         threads: int,
         stored: wp.array(dtype=wp.float64),
@@ -308,7 +316,7 @@ def evaluate_surface(
             c = data.x[corner[2]]
             middle = third * (a + b + c)
             far = wp.max(wp.length_sq(a - middle), wp.max(wp.length_sq(b - middle), wp.length_sq(c - middle)))
-            far = wp.sqrt(far)
+            far = wp.sqrt(far) + wp.max(zero, -data.slack[t])
             near = data.contact_body[0, t] >= 0
             if wp.static(overlapping_at_start):
                 near = near or data.initial_overlap[t] > zero
@@ -326,7 +334,7 @@ def evaluate_surface(
                     if y[0] < high[0] + far and y[1] < high[1] + far and y[2] < high[2] + far:
                         near = True
             if near:
-                evaluate_facet(data, t, corner, a, b, c, row, share, h, behind, unit, stored, heated)
+                evaluate_facet(data, t, corner, a, b, c, row, share, h, most_rate, unit, stored, heated)
             else:
                 if wp.static((moving or overlapping_at_start) and not measuring):
                     data.power[t] = wp.float64(0.0)

@@ -41,7 +41,7 @@ def SurfaceContactData(scalar: type, moving: bool):
         corner: wp.array(dtype=wp.vec3i)  # its three vertices
         stiffness: wp.array(dtype=scalar)  # of each sample on it [N/m]
         whole: wp.array(dtype=scalar)  # of all samples around a vertex [N/m]
-        slack: wp.array(dtype=scalar)  # smaller depths are rounding errors [m]
+        slack: wp.array(dtype=scalar)  # smaller depths are rounding errors [m], less the radius of the shell
         tangential_displacement: wp.array2d(dtype=V)  # along contact_body [m], shape [HISTORY, facet_count]
         contact_body: wp.array2d(dtype=int)  # obstacle that the facet touches, −1: none
         way: wp.array2d(dtype=V)  # normal of the entry side if the facet is deep, else 0

@@ -10,15 +10,14 @@ from ..records import records
 from ..threads import grid_thread
 from .contact_data import BodyContactData, NearPairs
 from .facet_tree import FacetTree, facets_within
-from .near_pairs import both_closed
 
 
 @functools.cache
-def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
+def find_tangles(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel that marks vertices of surfaces that have crossed since the start.
 
-    Near pairs may not contain these: the vertices of an edge through a triangle and of this triangle, and the ends
-    of points that have been inside another body since the start. Each edge and each point has `lanes` threads.
+    Near pairs may not contain these: the vertices of an edge through a triangle and of this triangle. Each edge
+    has `lanes` threads.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     load, (begin, find_next) = records(3, scalar).load, facets_within(lanes)
@@ -39,19 +38,18 @@ def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
         return on_pq >= zero and on_qr >= zero and on_rp >= zero
 
     @wp.func
-    def mark_crossing(
-        data: Data, pairs: Pairs, facet: int, ends: wp.vec2i, a: V, b: V, at: wp.array(dtype=V), further: int
-    ):
+    def mark_crossing(data: Data, pairs: Pairs, facet: int, ends: wp.vec2i, a: V, b: V):
         c = data.surfaces.corner[facet]
         joined = bool(False)
         for k in range(3):
             joined = joined or c[k] == ends[0] or c[k] == ends[1]
         if c[1] != c[2] and not joined:
-            if crosses(a, b, load(at, c[0]), load(at, c[1]), load(at, c[2])):
+            x = data.surfaces.x
+            if crosses(a, b, load(x, c[0]), load(x, c[1]), load(x, c[2])):
                 for k in range(3):
-                    pairs.tangled[c[k] + further] = 1
-                pairs.tangled[ends[0] + further] = 1
-                pairs.tangled[ends[1] + further] = 1
+                    pairs.tangled[c[k]] = 1
+                pairs.tangled[ends[0]] = 1
+                pairs.tangled[ends[1]] = 1
                 pairs.tangles[0] = 1
 
     @wp.func
@@ -62,38 +60,29 @@ def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
         ends: wp.vec2i,
         other: int,
         lane: int,
-        at: wp.array(dtype=V),
-        further: int,
-        wide: wp.vec3,  # by how much boxes of the tree are enlarged [m]
     ):
-        a = load(at, ends[0])
-        b = load(at, ends[1])
-        low = wp.min(wp.vec3(a), wp.vec3(b)) - wide
-        high = wp.max(wp.vec3(a), wp.vec3(b)) + wide
+        a = load(data.surfaces.x, ends[0])
+        b = load(data.surfaces.x, ends[1])
+        low = wp.min(wp.vec3(a), wp.vec3(b))
+        high = wp.max(wp.vec3(a), wp.vec3(b))
         if wp.static(lanes == 1):
             near = wp.bvh_query_aabb(tree.binary, low, high, tree.root[other])
             found = int(0)
             while wp.bvh_query_next(near, found):
-                mark_crossing(data, pairs, tree.facet[found], ends, a, b, at, further)
+                mark_crossing(data, pairs, tree.facet[found], ends, a, b)
         else:
             cursor = begin(tree, other)
             while not cursor.ended:
                 cursor = find_next(tree, cursor, low, high, lane)
                 if cursor.facet >= 0:
-                    mark_crossing(data, pairs, cursor.facet, ends, a, b, at, further)
+                    mark_crossing(data, pairs, cursor.facet, ends, a, b)
 
     @wp.func
     def find_crossings(data: Data, tree: FacetTree, pairs: Pairs, ends: wp.vec2i, lane: int):
         mine = data.surfaces.body_of[ends[0]]
         for n in range(data.neighbors.body_pair_count[mine]):
             other = data.neighbors.body_pairs[mine, n]
-            if not both_closed(data.surfaces.closed, mine, other):
-                crossings_with(data, tree, pairs, ends, other, lane, data.surfaces.x, 0, wp.vec3())
-            elif wp.static(inner) and mine != other:
-                inset = pairs.inner.inset[other]
-                wide = wp.vec3(inset, inset, inset)
-                further = data.surfaces.x.shape[0]
-                crossings_with(data, tree, pairs, ends, other, lane, pairs.inner.x, further, wide)
+            crossings_with(data, tree, pairs, ends, other, lane)
 
     @kernel
     def find(
@@ -107,15 +96,8 @@ def find_tangles(scalar: type, lanes: int, inner: bool, worlds: bool = False):
         edge_count = pairs.edge.shape[0]
         n = first_of_part(grid_thread(), part) / wp.static(lanes)
         lane = grid_thread() % wp.static(lanes)
-        while n < edge_count + data.surfaces.ends.shape[0]:
-            if n < edge_count:
-                find_crossings(data, tree, pairs, pairs.edge[n], lane)
-            elif data.history.initial_overlap[n - edge_count] > zero:
-                ends = data.surfaces.ends[n - edge_count]
-                for k in range(2):
-                    pairs.tangled[ends[k]] = 1
-                    if wp.static(inner):
-                        pairs.tangled[ends[k] + data.surfaces.x.shape[0]] = 1
+        while n < edge_count:
+            find_crossings(data, tree, pairs, pairs.edge[n], lane)
             n = next_of_part(n, threads / wp.static(lanes), parts)
 
     return find

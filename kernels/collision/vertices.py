@@ -1,4 +1,4 @@
-"""Vertices of surfaces, from their particles; also inner vertices, and the facets that have torn."""
+"""Vertices of surfaces, from their particles; also the facets that have torn."""
 
 import functools
 
@@ -10,7 +10,6 @@ from ..partition import first_of_part, next_of_part, raise_to
 from ..records import records, table
 from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, NearPairs, first_flag
-from .facet_tree import FacetTree, overlap
 
 
 @functools.cache
@@ -19,8 +18,8 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
     It also measures how far vertices have moved since the last search, less the common drift of points in contact,
     and how far they move in a substep. A new search is due if a vertex has moved by more than half of the skin, or
-    may do so in the coming substep. Vertices far from other bodies may move further. The threads divide the
-    vertices. On the CPU each part has a single thread, since each thread would copy `data`.
+    may do so in the coming substep. The threads divide the vertices. On the CPU each part has a single thread,
+    since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -30,7 +29,6 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     @kernel
     def place(
         data: Data,
-        tree: FacetTree,
         compensation: Compensation,
         x: wp.array(dtype=V),
         v: wp.array(dtype=V),
@@ -38,7 +36,6 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         h: float,  # length of a substep [s]
         ahead: float,  # how long the lists must stay valid [s]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
-        more: float,  # additional path of two distant vertices together [m]
         beyond: float,  # a vertex that has moved further belongs to a diverging body [m]
         threads: int,  # in each part
         part: int,
@@ -49,7 +46,6 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         drift = 0.5 * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
         since = data.neighbors.since[0] + after
         skin = float(buffer[0])
-        far = skin / (skin + more)
         while i < data.surfaces.x.shape[0]:
             place = V()
             speed = V()
@@ -58,8 +54,6 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                 x_j = load(x, j)
                 if wp.static(compensated):
                     x_j = x_j - load(compensation.x, j)
-                if data.surfaces.touches.shape[0] > 0:
-                    data.surfaces.touches[j] = 0
                 place += weight_of(data.surfaces.weight, s) * x_j
                 speed += weight_of(data.surfaces.weight, s) * load(v, j)
             store(data.surfaces.x, i, place)
@@ -67,15 +61,11 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             for k in range(wp.static(dim)):
                 data.surfaces.force[i, k] = wp.int64(0)
             x_found = load(data.neighbors.x_found, i)
-            before = wp.vec3(x_found)
             moved = wp.length(wp.vec3(place - x_found) - since * drift)
             fast = wp.length(wp.vec3(speed) - drift)
-            # The box is widened so that no corner of a near facet counts as distant.
             body = entry(data.surfaces.body_of, i)
-            further = wp.vec3(1.0, 1.0, 1.0) * (more + tree.widest[body])
-            if not overlap(before, before, tree.near_lower[body] - further, tree.near_upper[body] + further):
-                moved *= far
-                fast *= far
+            if not (moved <= data.neighbors.moved[body]):
+                raise_to(data.neighbors.moved, body, moved)
             at = first_of(data, body)
             if not (h * fast <= flags[at + wp.static(WAY)]):
                 raise_to(flags, at + wp.static(WAY), h * fast)
@@ -85,35 +75,6 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                 if moved + ahead * fast > 0.5 * skin and moved < beyond:
                     data.neighbors.due[0] = wp.static(DUE)
             i = next_of_part(i, threads, parts)
-
-    return place
-
-
-@functools.cache
-def place_inner(scalar: type, worlds: bool = False):
-    """Compose the kernel that computes inner vertices for a search, and their largest distance from drawn ones.
-
-    `clear_pairs` has set this distance to 0 for each body. The kernel's threads divide the vertices.
-    """
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
-    load, store, _ = records(3, scalar)
-
-    @kernel
-    def place(data: Data, pairs: Pairs, threads: int):
-        i = grid_thread()
-        while i < pairs.inner.chord.shape[0]:
-            chord = pairs.inner.chord[i]
-            if chord[0] >= 0:
-                drawn = load(data.surfaces.x, chord[0])
-                x = drawn
-                for k in range(1, 4):
-                    x += pairs.inner.weight[i][k] * (load(data.surfaces.x, chord[k]) - drawn)
-                store(pairs.inner.x, i, x)
-                inset = float(wp.length(x - drawn))
-                body = data.surfaces.body_of[i]
-                if inset > pairs.inner.inset[body]:
-                    wp.atomic_max(pairs.inner.inset, body, inset)
-            i += threads
 
     return place
 

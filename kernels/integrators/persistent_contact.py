@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import as_function
-from ..collision.body_contact import count_contacts, evaluate_contact
+from ..collision.body_contact import evaluate_contact
 from ..collision.contact_data import BodyContactData, NearPairs
 from ..collision.facet_tree import FacetTree, begin_search, box_facets, box_neighbours
 from ..collision.near_pairs import clear_pairs
 from ..collision.neighbor_search import find_candidates, find_rows, range_of_speeds
 from ..collision.pair_gaps import find_alarm
 from ..collision.pair_search import find_pairs
-from ..collision.vertices import place_inner, place_vertices
+from ..collision.vertices import place_vertices
 from ..threads import Part, wait
 from .composition import Composition, tools
 from .persistent import Before
@@ -29,10 +29,6 @@ class ContactParts(NamedTuple):
     """Options by which a kernel with contact is composed."""
 
     overlapping_at_start: bool
-    limited: bool
-    """Whether dampers of contacts are limited."""
-    inner: bool
-    """Whether closed bodies have inner surfaces."""
     lanes: int
     """Threads per point in the evaluation of forces."""
 
@@ -44,10 +40,9 @@ def ContactNumbers(scalar: type):
     @wp.struct
     class ContactNumbers:
         h: scalar  # length of a substep [s]
-        behind: scalar
+        rate: scalar
         per_unit: wp.float64
         ahead: float
-        more: float
         beyond: float
         farthest: scalar
         apart: scalar
@@ -56,14 +51,14 @@ def ContactNumbers(scalar: type):
 
 
 @functools.cache
-def search_in_launch(scalar: type, inner: bool):
+def search_in_launch(scalar: type):
     """Compose (data, tree, pairs, numbers, buffer, flags, threads): build the lists for the current vertices."""
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
     candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))
-    inside, near = as_function(place_inner(scalar)), as_function(find_pairs(scalar, False, lanes, inner))
+    near = as_function(find_pairs(scalar, False, lanes))
     speeds = as_function(range_of_speeds(scalar, lanes))
 
     @wp.func
@@ -77,20 +72,16 @@ def search_in_launch(scalar: type, inner: bool):
         threads: int,
     ):
         begin(data, tree, 0.0, threads)
-        if wp.static(inner):
-            clear(pairs, threads)
+        clear(pairs, threads)
         wait()
         box(data, tree, threads)
-        if wp.static(inner):
-            inside(data, pairs, threads)
         wait()
         neighbours(data, tree, wp.uint64(0), numbers.farthest, buffer, threads, flags)
         wait()
         candidates(data, tree, numbers.farthest, buffer, threads, 0, 1)
         wait()
         rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
-        if wp.static(inner):
-            near(data, tree, pairs, buffer, numbers.apart, threads, 0, 1, flags)
+        near(data, tree, pairs, buffer, numbers.apart, threads, 0, 1, flags)
         wait()
         speeds(data, threads)
         wait()
@@ -102,16 +93,15 @@ def search_in_launch(scalar: type, inner: bool):
 def contact_before(composition: Composition, method: Any, options: ContactParts) -> Before:
     """Compose what `persistent` does before forces: contact between bodies, with its searches.
 
-    It is for a single world on a GPU whose bodies are all closed, and for methods of one stage.
+    It is for a single world on a GPU whose bodies are all solid, and for methods of one stage.
     """
     dim, scalar = composition.dim, composition.scalar
     SceneData, Step = tools(composition).SceneData, method(composition).Step
     Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
     place = as_function(place_vertices(dim, scalar, composition.compensated))
-    search = search_in_launch(scalar, options.inner)
+    search = search_in_launch(scalar)
     composed = scalar, options.overlapping_at_start, options.lanes
-    count_touches = as_function(count_contacts(*composed))
-    evaluate = as_function(evaluate_contact(*composed, False, options.limited))
+    evaluate = as_function(evaluate_contact(*composed))
     watch = as_function(find_alarm(scalar))
 
     @wp.struct
@@ -128,22 +118,15 @@ def contact_before(composition: Composition, method: Any, options: ContactParts)
     def meet(contact: ContactInLaunch, scene: SceneData, step: Step, part: Part):
         data, tree, pairs, numbers = contact.data, contact.tree, contact.pairs, contact.numbers
         buffer, flags, none, threads = contact.buffer, contact.flags, contact.none, part.stride
-        h, behind, per_unit = numbers.h, numbers.behind, numbers.per_unit
-        more, beyond, shift = numbers.more, numbers.beyond, step.compensation
-        dt = float(h)
-        place(
-            data, tree, shift, step.x, step.v, 0.0, dt, numbers.ahead, buffer, more, beyond, threads, 0, 1, flags
-        )
+        h, rate, per_unit = numbers.h, numbers.rate, numbers.per_unit
+        beyond, shift, dt = numbers.beyond, step.compensation, float(h)
+        place(data, shift, step.x, step.v, 0.0, dt, numbers.ahead, buffer, beyond, threads, 0, 1, flags)
         wait()
         # Equal for all threads: it changes only after the search's first barriers.
         if data.neighbors.due[0] != 0:
             search(data, tree, pairs, numbers, buffer, flags, threads)
-        if wp.static(options.inner):
-            watch(data, pairs, numbers.apart, h, threads, 0, 1, flags)
-        if wp.static(options.limited):
-            count_touches(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
-            wait()
-        evaluate(data, h, behind, per_unit, buffer, threads, 0, 1, flags, none, none)
+        watch(data, pairs, numbers.apart, h, threads, 0, 1, flags)
+        evaluate(data, h, rate, per_unit, buffer, threads, 0, 1, flags, none, none)
         wait()
 
     return Before(ContactInLaunch, meet)

@@ -17,12 +17,26 @@ CORDS = 2.0
 spheres. Springs that resist bending do not count."""
 SPACING = 0.75
 """Ratio of a lattice's spacing to the mean length of its springs, many of which are diagonals."""
-SHEET_RADIUS, ROPE_RADIUS = 0.125, 0.25
-"""Half the thickness of a sheet, and of a rope or sphere, as fractions of the spacing."""
+SOLID_RADIUS, SHEET_RADIUS, ROPE_RADIUS = 0.25, 0.125, 0.25
+"""Radius of the shell around the contact mesh of a solid body, a sheet, and a rope or sphere, over the spacing.
+
+The mesh of a solid body lies so far below its surface."""
+NEAR, FAR, HOPS = 0.6, 2.4, 3
+"""Distances in spacings, and the number of springs, within which a vertex finds a particle to be moved towards."""
+LEAST_COSINE, GOOD_COSINE, SHORTER = 0.3, 0.975, 0.02
+"""The least cosine of its direction with the normal; with which it looks no further; for how much less cosine a
+particle may be a spacing nearer."""
+LARGEST_SHARE = 0.6
+"""Largest weight of the particle towards which a vertex is moved."""
+DETERMINED = 0.05
+"""Least share of the area around a vertex that determines a direction: a flat face determines its normal only."""
 
 
 class TouchingSurfaces(NamedTuple):
-    """The surfaces of all bodies of a system. A body is a set of particles joined by springs."""
+    """The contact meshes of all bodies of a system. A body is a set of particles joined by springs.
+
+    That of a solid body is its drawn surface, moved inwards by its radius: the body touches where it is drawn.
+    """
 
     particle: NDArray[np.int64]
     """The particles whose weighted mean is each vertex, shape [vertex_count, k]."""
@@ -38,18 +52,27 @@ class TouchingSurfaces(NamedTuple):
     """The body of each vertex, shape [vertex_count]."""
     body_of_particle: NDArray[np.int32]
     """The body of each particle, shape [particle_count]."""
-    closed: NDArray[np.bool_]
+    solid: NDArray[np.bool_]
     """Whether the surface of each body has an inside, shape [body_count]."""
     spacing: NDArray[np.float64]
     """Spacing of each body's particles, from the mean length of its springs [m]; 0 for a single particle."""
     radius: NDArray[np.float64]
-    """Half the thickness of each body [m]."""
+    """Radius of the shell of each body around its facets, half of its thickness [m]."""
     stiffness: NDArray[np.float64]
     """Mean stiffness of each body's springs [N/m]; 0 without springs."""
 
+    def points(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the positions of the vertices for particles at x [m], shape [vertex_count, 3]."""
+        return np.einsum("vk,vkd->vd", self.weight, x[self.particle])
 
-def contact_surfaces(system: System) -> TouchingSurfaces:
-    """Return the surfaces that a system has for contact."""
+
+def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -> TouchingSurfaces:
+    """Return the surfaces that a system has for contact.
+
+    `shape` has positions from which to find how far vertices lie inside [m], shape [particle_count, 3]; by default
+    the system's. For all states of one motion it must be the same, so that these have the same vertices.
+    """
+    x = system.position if shape is None else shape
     lowest = pieces(system.particle_count, system.connections)
     _, body_of = np.unique(lowest, return_inverse=True)
     bodies = int(body_of.max()) + 1
@@ -90,9 +113,14 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
 
     # From original lengths, so that motion and yielding do not change the thickness.
     spacing = spring_means(system, body_of, system.original_length) * np.where(rope, 1.0, SPACING)
-    closed = drawn.copy()
-    closed[body[open_edges(triangles)[:, 0]]] = False
-    share_of_spacing = np.where(closed, 0.0, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
+    solid = drawn.copy()
+    solid[body[open_edges(triangles)[:, 0]]] = False
+    share_of_spacing = np.where(solid, SOLID_RADIUS, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
+    # By places, which worlds with other rest lengths share.
+    apart = np.diff(x[system.connections], axis=1)[:, 0]
+    placed = SPACING * spring_means(system, body_of, np.linalg.norm(apart, axis=1))[body]
+    inset = np.where(solid[body], SOLID_RADIUS * placed, 0.0)
+    particle, weight = _moved_inwards(system.connections, x, particle, weight, triangles, inset, placed)
     return TouchingSurfaces(
         particle,
         weight,
@@ -101,11 +129,86 @@ def contact_surfaces(system: System) -> TouchingSurfaces:
         corner.astype(np.int32),
         body.astype(np.int32),
         body_of.astype(np.int32),
-        closed,
+        solid,
         spacing,
         share_of_spacing * spacing,
         spring_means(system, body_of, system.stiffness),
     )
+
+
+def _moved_inwards(
+    connections: NDArray[np.integer],
+    x: NDArray[np.float64],
+    particle: NDArray[np.int64],
+    weight: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    inset: NDArray[np.float64],
+    spacing: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return vertices moved inwards by `inset` [m], as particles and their weights; each has its body's `spacing`.
+
+    Particles are at x [m]. Each vertex is moved towards a particle near its normal, a few springs away, which
+    becomes one more particle of its mean. A vertex with no particle behind it stays, as in a hollow shell.
+    """
+    chosen = np.flatnonzero(inset > 0)
+    if not len(chosen):
+        return particle, weight
+    y = np.einsum("vk,vkd->vd", weight, x[particle])
+    way = _inward(y, triangles)
+    ends = np.concatenate([connections, connections[:, ::-1]])
+    vertex, there = chosen, np.take_along_axis(particle, weight.argmax(axis=1)[:, None], axis=1)[chosen, 0]
+    best, inner = np.full(len(y), LEAST_COSINE), np.zeros(len(y), dtype=np.int64)
+    for _ in range(HOPS):
+        left = best[vertex] < GOOD_COSINE
+        vertex, there = vertex[left], there[left]
+        leaving = ends[mask_of(there, len(x))[ends[:, 0]]]
+        leaving = leaving[np.argsort(leaving[:, 0], kind="stable")]
+        first, last = (np.searchsorted(leaving[:, 0], there, side=side) for side in ("left", "right"))
+        count = last - first
+        start = np.repeat(first - (np.cumsum(count) - count), count)
+        found = np.sort(np.repeat(vertex, count) * len(x) + leaving[start + np.arange(len(start)), 1])
+        vertex, there = np.divmod(found[np.diff(found, prepend=-1) > 0], len(x))
+        towards = x[there] - y[vertex]
+        length = np.linalg.norm(towards, axis=1)
+        cosine = np.einsum("vd,vd->v", towards, way[vertex])
+        cosine /= np.maximum(length * np.linalg.norm(way[vertex], axis=1), 1e-300)
+        near = length < FAR * spacing[vertex]
+        # Of equally good directions the nearest; which is last in order of score is written last.
+        score = np.where(
+            near & (length > NEAR * spacing[vertex]), cosine - SHORTER * length / spacing[vertex], -1.0
+        )
+        order = np.argsort(score, kind="stable")
+        order = order[score[order] > best[vertex[order]]]
+        best[vertex[order]], inner[vertex[order]] = score[order], there[order]
+    moves = best > LEAST_COSINE
+    towards = np.where(moves[:, None], x[inner] - y, 0.0)
+    # As far along its way as the planes around it are to move.
+    along = np.einsum("vd,vd->v", towards, way)
+    share = inset * np.einsum("vd,vd->v", way, way) / np.maximum(along, 1e-300)
+    share = np.where(moves, np.minimum(share, LARGEST_SHARE), 0.0)[:, None]
+    particle = np.column_stack([particle, np.where(moves, inner, particle[:, 0])])
+    return particle, np.column_stack([weight * (1.0 - share), share])
+
+
+def _inward(y: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the displacement of each vertex that moves all planes around it inwards by 1, shape [vertices, 3].
+
+    It is the least-squares solution of n·w = −1 over the triangles around the vertex, weighted by area, in the
+    directions that they determine.
+    """
+    a, b, c = y[triangles].transpose(1, 0, 2)
+    area = np.cross(b - a, c - a)
+    size = np.linalg.norm(area, axis=1)
+    normal = area / np.maximum(size, 1e-300)[:, None]
+    spread, mean, total = np.zeros((len(y), 3, 3)), np.zeros((len(y), 3)), np.zeros(len(y))
+    for k in range(3):
+        np.add.at(spread, triangles[:, k], size[:, None, None] * normal[:, :, None] * normal[:, None, :])
+        np.add.at(mean, triangles[:, k], area)
+        np.add.at(total, triangles[:, k], size)
+    values, axes = np.linalg.eigh(spread)
+    along = np.einsum("vik,vi->vk", axes, mean)
+    counts = values > DETERMINED * np.maximum(total, 1e-300)[:, None]
+    return -np.einsum("vik,vk->vi", axes, np.where(counts, along / np.where(counts, values, 1.0), 0.0))
 
 
 def behind_surfaces(system: System) -> NDArray[np.bool_]:

@@ -6,9 +6,6 @@ from dataclasses import asdict, replace
 from typing import Any
 from unittest.mock import patch
 
-import numpy as np
-
-from ..engine import BodyContact
 from ..integrators import choose_forced
 from ..runtime import ImaginedGpu, Job, Kernels, compile_all, find_device, rehearsing
 from ..simulation import Simulation
@@ -42,16 +39,13 @@ def jobs_of(make: Callable[[Any], Simulation], target: str | int) -> list[Job]:
     import warp as wp
 
     arch = target if isinstance(target, int) else wp.get_device(target).arch
-    noted = dict[tuple[Any, int], None]()
     with rehearsing(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for limits in (False, True):  # what decides on it is not launched
-            with (
-                patch.object(BodyContact, "_worth_limiting", lambda _, limits=limits: np.full(1, limits)),
-                patch.object(Simulation, "_choose", lambda self, rates, *_: _one_substep(self, rates)),
-                patch.object(Kernels, "compile"),
-            ):
-                noted |= make(ImaginedGpu(arch) if arch else "cpu").model.kernels.noted
+        with (
+            patch.object(Simulation, "_choose", lambda self, rates, *_: _one_substep(self, rates)),
+            patch.object(Kernels, "compile"),
+        ):
+            noted = make(ImaginedGpu(arch) if arch else "cpu").model.kernels.noted
     there: Any = (None, target) if isinstance(target, int) else (wp.get_device(target),)
     return [Job(*one, *there) for one in noted]
 

@@ -194,7 +194,7 @@ class Run:
             lines = list(_summary(self.simulation, self.options, start, time.perf_counter() - began))
             if self._held_back:
                 where = f"at about {self._held_back_at:.4g} s by {self._held_back:.2g} m in a substep"
-                lines.append(f"contact held particles back, {where}: collisions were plastic there")
+                lines.append(f"contact held particles back, {where}: collisions were inexact there")
             if trouble is None and self.scene.observe:
                 _, *now = self.simulation.frame()
                 for name, values in self.scene.observed(*now).items():

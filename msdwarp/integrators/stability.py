@@ -104,16 +104,9 @@ def stability_limit(system: System, integrator: Integrator) -> float:
 
 
 def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY) -> tuple[float, float]:
-    """Return (largest stable substep [s], largest substep with the margin `safety` [s]).
-
-    Contact dampers that are limited reduce the limit without them by the fraction `limited_share`.
-    """
+    """Return (largest stable substep [s], largest substep with the margin `safety` [s])."""
     limit = integrator.stable_step(rates)
-    if not integrator.lagging or rates.limited_share == 0.0:
-        return limit, safety * limit
-    free = integrator.stable_step(rates._replace(damping=rates.limited_damping))
-    reserved = (1.0 - rates.limited_share) * free
-    return max(limit, reserved), max(safety * limit, min(reserved, safety * free))
+    return limit, safety * limit
 
 
 def asked_by(parts: Mapping[str, Rates], integrator: Integrator, fps: float) -> str:

@@ -75,6 +75,12 @@ class Changing(PresentWorld):
             raise ValueError(f"the change at {self._due[0].time:g} s cannot be made: {error}") from error
         self._due = self._due[1:]  # only after the change has succeeded
 
+    def _touch_by(self, shape: NDArray) -> None:
+        """Make surfaces for contact by positions `shape` [m], as in a motion that began there."""
+        if self.assembly.body_contact is not None and (shape != self.system.position).any():
+            self._surroundings = self._surroundings | {"shape": shape}
+            self._load(self.system)
+
     def _restore_contact(self, arrays: Mapping[str, NDArray]) -> None:
         """Restore the contacts between bodies from a checkpoint (`BodyContact.checkpoint`)."""
         if self.assembly.body_contact is not None:

@@ -335,8 +335,10 @@ class Ensemble(Differentiable):
             each, obstacles = self._parameter_of("friction", world).tolist(), list[Any](self._colliders)
             own["colliders"] = [replace(one, friction=mu) for one, mu in zip(obstacles, each, strict=True)]
         alone = Simulation(self.system_of(world, start=start), **(own | options))
-        if not start and self.assembly.body_contact is not None:
-            alone._restore_contact(self.assembly.body_contact.checkpoints()[world])
+        if self.assembly.body_contact is not None:
+            alone._touch_by(self._base.position)
+            if not start:
+                alone._restore_contact(self.assembly.body_contact.checkpoints()[world])
         return alone
 
     def _assembled(self) -> tuple[Assembly, State]:

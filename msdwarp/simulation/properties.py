@@ -266,7 +266,8 @@ class PresentWorld(Present):
     def held_back(self) -> float:
         """Largest distance by which contact held a particle back in a substep of the last frame, or 0 [m].
 
-        If impulses between bodies do not suffice, displacements are shortened. The collision is plastic there.
+        If impulses between bodies do not suffice, displacements are shortened; velocities are only if any particle
+        is pinned.
         """
         return float(self._held_back()[0])
 

@@ -170,6 +170,7 @@ class Simulation(Changing, Differentiable):
             "precision": precision,
             "force_algorithm": force_algorithm,
             "contact_forces": contact_forces,
+            "shape": system.position,
         }
         self._colliders = self._surroundings["colliders"]
         self._blocks: Blocks = blocks

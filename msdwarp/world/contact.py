@@ -14,9 +14,9 @@ from .loads import Load
 class Contact(Load):
     """Contact between bodies, and self-contact.
 
-    A body is a set of particles joined by connections. For bodies with a surface, points on one are tested against
-    triangles of the other. Closed surfaces push out points that are inside; sheets have two sides. Ropes touch
-    with their connections, single particles as spheres. See docs/contact.md for the law.
+    A body is a set of particles joined by connections. Each is a shell around a mesh: solid bodies touch where
+    they are drawn, with round edges; sheets have two sides; ropes touch with their connections, single particles
+    as spheres. Meshes that do not cross at the start never cross. See docs/contact.md for the law.
 
     Parameters
     ----------
@@ -25,18 +25,19 @@ class Contact(Load):
     friction
         Coulomb's coefficient μ between bodies.
     restitution
-        Speed after a collision divided by the speed before, for two single particles; 0.05 to 1. For bodies it
-        also depends on their dampers and vibrations.
+        Speed after a collision divided by the speed before, 0.05 to 1, for bodies that are stiffer than the
+        contact. For others it also depends on their own springs and dampers.
     self_contact
-        Whether bodies also touch themselves.
+        Whether bodies also touch themselves; not for solid ones, whose meshes are finer than their thickness.
     exclude
         Whether these bodies pass through each other; then all arguments but `groups` are ignored.
     groups
         Names of two groups of whole bodies to which this rule applies (see `System.named`); by default all bodies.
         If several rules apply to a pair, the last one is used.
     thickness
-        Distance at which surfaces touch [m], above 0. By default closed surfaces touch where they are drawn,
-        sheets are 1/4 of their spacing thick, and ropes 1/2. Single particles that touch each other need a value.
+        Distance of two bodies' meshes at which they touch [m], above 0. By default solid bodies, whose meshes are
+        1/4 of their spacing below the drawn surface, touch where they are drawn, sheets are 1/4 of their spacing
+        thick, and ropes 1/2. Single particles that touch each other need a value.
     stiffness
         Stiffness of a contact [N/m]. By default about that of one more layer of connections: the harmonic mean of
         both bodies' mean stiffness. Single particles have no springs, so they need a value.
@@ -77,7 +78,7 @@ class Contact(Load):
 
     @property
     def damping_ratio(self) -> float:
-        """The damping ratio ζ that corresponds to this restitution.
+        """The damping ratio ζ that corresponds to this restitution: of friction, and of contact with obstacles.
 
         Two particles in contact are a damped oscillator. They separate when the repulsive force reaches 0: the
         restitution is |v| then over the impact speed. Reference: Schwager and Pöschel, Granular Matter 9 (2007)
@@ -88,6 +89,23 @@ class Contact(Load):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if restitution_of(middle) > self.restitution else (low, middle)
         return 0.5 * (low + high)
+
+    @property
+    def hysteresis(self) -> float:
+        """The factor α of a contact's damper b = α f / v, with its spring's force f and its fastest approach v.
+
+        A body of any mass then leaves with the restitution e times the speed of its impact:
+        m x'' = −k x (1 + α x'/v) gives α (1 + e) = ln((1 + α)/(1 − α e)). References: Hunt and Crossley, J.
+        Applied Mechanics 42 (1975) 440; Lankarani and Nikravesh, J. Mechanical Design 112 (1990) 369, with the
+        exact relation in place of theirs.
+        """
+        e = self.restitution
+        low, high = 0.0, (1.0 - 1e-12) / e
+        for _ in range(80):  # the difference of both sides is negative below α
+            middle = 0.5 * (low + high)
+            less = math.log((1.0 + middle) / (1.0 - middle * e)) < middle * (1.0 + e)
+            low, high = (middle, high) if less else (low, middle)
+        return 0.5 * (low + high) if e < 1.0 else 0.0
 
     def check(self, system: System) -> None:
         """Raise ValueError if this rule cannot apply to bodies of this system."""

@@ -36,24 +36,25 @@ def assert_points_lie_on_vertices_and_edges(found, edges: int) -> None:
     assert len(on_edges) == len(np.unique(on_edges, axis=0)) == edges
 
 
-def test_a_closed_body():
-    body = box((3, 4, 5), (0.1, 0.2, 0.3))
+def test_the_mesh_of_a_solid_body_lies_a_quarter_of_its_spacing_below_its_surface():
+    body = box((3, 4, 5), 0.1)
     found = contact_surfaces(body)
     # 60 particles, of which 1 x 2 x 3 are inside. Euler: V − E + F = 2, and 3 F = 2 E.
     assert len(found.particle) == 54
     assert len(found.corner) == 2 * (54 - 2)
     assert_points_lie_on_vertices_and_edges(found, 3 * (54 - 2))
-    assert found.closed.tolist() == [True]
-    assert found.radius.tolist() == [0.0]
-    # Sums of some hundred numbers of about 0.01 m³.
-    assert volume(body, found) == pytest.approx(0.2 * 0.6 * 1.2, rel=100 * EPS64)
+    assert found.solid.tolist() == [True]
+    r = found.radius[0]
+    assert r == pytest.approx(found.spacing[0] / 4, rel=4 * EPS64)
+    # Sums of some hundred numbers of about 0.001 m³.
+    assert volume(body, found) == pytest.approx((0.2 - 2 * r) * (0.3 - 2 * r) * (0.4 - 2 * r), rel=100 * EPS64)
     assert found.spacing[0] == pytest.approx(0.75 * body.rest_length.mean(), rel=100 * EPS64)
     assert found.stiffness[0] == pytest.approx(body.stiffness.mean(), rel=100 * EPS64)
 
 
 def test_an_open_sheet_is_as_thick_as_a_quarter_of_its_spacing():
     found = contact_surfaces(sheet((4, 5), 0.1))
-    assert found.closed.tolist() == [False]
+    assert found.solid.tolist() == [False]
     assert len(found.corner) == 2 * 3 * 4
     assert_points_lie_on_vertices_and_edges(found, 3 * 5 + 4 * 4 + 3 * 4)
     assert 2 * found.radius[0] == pytest.approx(found.spacing[0] / 4, rel=4 * EPS64)
@@ -61,7 +62,7 @@ def test_an_open_sheet_is_as_thick_as_a_quarter_of_its_spacing():
 
 def test_a_rope_touches_by_its_connections():
     found = contact_surfaces(chain(7, 0.2))
-    assert found.closed.tolist() == [False]
+    assert found.solid.tolist() == [False]
     assert len(found.particle) == 7
     assert_points_lie_on_vertices_and_edges(found, 6)
     np.testing.assert_array_equal(found.corner[:, 1], found.corner[:, 2])  # segments
@@ -84,36 +85,40 @@ def test_grains_touch_as_spheres_each_a_body_of_its_own():
     np.testing.assert_array_equal(found.corner, np.arange(5)[:, None] * [1, 1, 1])
     np.testing.assert_array_equal(found.body, np.arange(5))
     assert len(found.share) == 5
-    for name in ("closed", "radius", "spacing", "stiffness"):  # nothing to take these from
+    for name in ("solid", "radius", "spacing", "stiffness"):  # nothing to take these from
         assert not getattr(found, name).any()
 
 
 def test_a_lattice_without_a_surface_is_a_heap_of_spheres():
     found = contact_surfaces(box((3, 3, 3), 0.1).replace(surface=None))
     np.testing.assert_array_equal(found.corner, np.arange(27)[:, None] * [1, 1, 1])
-    assert found.closed.tolist() == [False]
+    assert found.solid.tolist() == [False]
     assert 2 * found.radius[0] == pytest.approx(found.spacing[0] / 2, rel=4 * EPS64)
 
 
-@pytest.mark.parametrize("body", [ball(0.5, 0.2), shell(icosphere(0.5, 2))], ids=["embedded", "shell"])
-def test_round_bodies_are_closed_where_they_are_drawn(body):
+@pytest.mark.parametrize(
+    ("body", "inner"), [(ball(0.5, 0.2), True), (shell(icosphere(0.5, 2)), False)], ids=["embedded", "shell"]
+)
+def test_round_bodies_are_closed_and_stay_round(body, inner):
     found = contact_surfaces(body)
-    assert found.closed.tolist() == [True]
+    assert found.solid.tolist() == [True]
     np.testing.assert_allclose(found.weight.sum(axis=1), 1.0, rtol=0, atol=1e-9)  # weights are told apart to 1e-9
     distance = np.linalg.norm(places(body, found), axis=1)
-    # All vertices lie on the sphere: float64 weights of up to 8 particles at most 0.7 m away.
-    np.testing.assert_allclose(distance, 0.5, rtol=0, atol=1e-9)
+    # A shell has no particles inside, to which vertices could move. In a ball a vertex moves until all planes
+    # around it have moved by r. These differ by up to 0.4 rad, so that its way is up to r / cos(0.2).
+    r = found.radius[0] * inner
+    np.testing.assert_allclose(distance, radius := 0.5 - r, rtol=0, atol=0.02 * r + 1e-9)
     # One closed piece without handles, by Euler: V − E + F = 2 and 3 F = 2 E.
     assert len(found.corner) == 2 * (len(found.particle) - 2)
     # Chords of facets of angle a lose about a²/4 of the volume: here they are 0.4 rad or less.
-    assert 0.93 * np.pi / 6 < volume(body, found) < np.pi / 6
+    assert 0.93 < volume(body, found) / (4 / 3 * np.pi * radius**3) < 1.0
 
 
 def test_a_closed_body_with_a_hole_is_open():
     body = box((3, 3, 3), 0.1)
     skin = body.surface
     holed = body.replace(surface=Surface(particle=skin.particle, uv=skin.uv, triangles=skin.triangles[:-1]))
-    assert contact_surfaces(holed).closed.tolist() == [False]
+    assert contact_surfaces(holed).solid.tolist() == [False]
 
 
 def test_bodies_of_all_kinds_together():
@@ -122,7 +127,7 @@ def test_bodies_of_all_kinds_together():
     for k, part in enumerate(parts[1:]):
         together = together + part.translate((5.0 + k, 0, 0))
     found = contact_surfaces(together)
-    assert found.closed.tolist() == [True, False, False, False, False, True]
+    assert found.solid.tolist() == [True, False, False, False, False, True]
     np.testing.assert_array_equal(
         found.body_of_particle, np.repeat(range(6), [27, 4, 1, 1, 9, len(parts[4].mass)])
     )

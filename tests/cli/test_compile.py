@@ -9,7 +9,6 @@ import warp as wp
 
 from msdwarp import Contact, Plane, Scene, Simulation, box
 from msdwarp.cli.compile import jobs_of
-from msdwarp.kernels.filling import cast_rays
 from msdwarp.runtime import start_warp
 
 RUN = "from msdwarp.cli import main; main()"
@@ -98,7 +97,7 @@ def test_no_later_frame_needs_another_kernel(monkeypatch):
         simulation.step()
         deepest = max(deepest, simulation.assembly.body_contact.deepest)
     assert deepest > 0.0
-    assert launched - rehearsed == {cast_rays.module}  # which the rehearsal launches, too
+    assert launched <= rehearsed
 
 
 @pytest.mark.skipif(not supported(), reason="this Warp composes for no GPU")

@@ -100,9 +100,15 @@ def test_support_counts_on_what_is_pinned(device):
     simulation.step(360)
     force = simulation.contact_force()
     np.testing.assert_allclose(force[:27].sum(axis=0), (0, 0, -WEIGHT), rtol=0, atol=1e-3 * WEIGHT)
-    # Only the upper face of it: the lower two layers hold no point that touches.
-    low = blocks.position[:27, 2] < blocks.position[:27, 2].max() - 0.05
-    assert not force[:27][low].any()
+    # It touches at vertices that lie r inside its face, a quarter of its spacing: by that share they are the layer
+    # below, and else the upper one. Nothing touches the lowest layer.
+    spacing = 0.75 * np.linalg.norm(np.diff(blocks.position[blocks.connections], axis=1)[:, 0], axis=1).mean()
+    share = 0.25 * spacing / 0.1
+    layer = np.rint((blocks.position[:27, 2] - blocks.position[:27, 2].min()) / 0.1).astype(int)
+    assert not force[:27][layer == 0].any()
+    for k, part in ((1, share), (2, 1.0 - share)):
+        borne = force[:27][layer == k].sum(axis=0)
+        np.testing.assert_allclose(borne, (0, 0, -part * WEIGHT), rtol=0, atol=1e-3 * WEIGHT)
 
 
 def test_a_probe_of_what_cannot_touch_is_refused():

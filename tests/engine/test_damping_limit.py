@@ -8,7 +8,6 @@ from played import build
 
 from msdwarp import (
     Contact,
-    Ensemble,
     Plane,
     Scene,
     Simulation,
@@ -18,8 +17,7 @@ from msdwarp import (
     cloth,
     sheet,
 )
-from msdwarp.engine.collision.body_contact import DAMPING_LIMIT
-from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
+from msdwarp.engine.collision.body_contact import DAMPING
 
 
 def heap() -> System:
@@ -56,8 +54,7 @@ def contact_forces(simulation: Simulation, velocity: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 def test_no_rate_of_all_dampers_together_exceeds_the_limit(plain_device):
     simulation = lying(plain_device)
-    effect, system = simulation.assembly.body_contact, simulation.snapshot()
-    assert effect.limits_dampers
+    system = simulation.snapshot()
     inverse = 1.0 / system.mass[:, None]
     # The force of contacts is linear in small velocities: power iteration finds the largest rate of the dampers.
     at_rest = contact_forces(simulation, np.zeros_like(system.position))
@@ -69,7 +66,8 @@ def test_no_rate_of_all_dampers_together_exceeds_the_limit(plain_device):
         rate = np.linalg.norm(v) / 1e-6
     step = 1.0 / (simulation.fps * simulation.substeps)
     # Forces are rounded to units of 2⁻⁴⁰ of the largest: to 1e-4 of those that 1e-6 m/s cause.
-    assert 0.1 * DAMPING_LIMIT < rate * step < 1.001 * DAMPING_LIMIT
+    # The points at a vertex share DAMPING / h, and those that press on it as much; each damper acts on two sides.
+    assert 0.5 * DAMPING < rate * step < 4.0 * DAMPING
 
 
 @pytest.mark.slow
@@ -80,9 +78,6 @@ def test_energy_only_falls_at_few_substeps(plain_device):
         colliders=[Plane(offset=-1.0)],
         device=plain_device,
     )
-    plain = rate_bounds(simulation.snapshot(), simulation.assembly)
-    without = simulation.integrator.stable_step(plain)
-    assert simulation.choice.step > 1.2 * 0.8 * without  # dampers would have allowed no more
     energies = []
     for _ in range(25):
         simulation.step()
@@ -100,34 +95,6 @@ def test_contact_asks_for_few_more_substeps(name, most):
         warnings.simplefilter("ignore")
         counts = [Simulation.from_scene(one, device="cpu").substeps for one in (scene, alone)]
     assert counts[0] <= most * counts[1]
-
-
-@pytest.mark.slow
-def test_each_world_limits_as_if_it_were_alone(plain_device):
-    # In the second world the springs' own dampers take so short a step that limits would not pay there.
-    low = box((4, 4, 2), 0.1, mass=0.02, stiffness=2000.0, damping=0.01).pin(range(16))
-    high = box((3, 3, 2), 0.1, mass=0.001, stiffness=200.0, damping=0.002).translate((0.02, 0.01, 0.14))
-    scene = low + high.rotate(0.2, axis=(1, 2, 0)).with_velocity((0.0, 0.0, -1.0))
-    dampers = np.stack([scene.damping, 200.0 * scene.damping])
-    options = {
-        "contact": Contact(restitution=0.5),
-        "device": plain_device,
-        "substeps": 80,
-        "force_algorithm": "gather",
-    }
-    ensemble = Ensemble(scene, 2, damping=dampers, **options)
-    assert ensemble.assembly.body_contact.limiting.tolist() == [True, False]
-    ensemble.step(6)
-    for world in range(2):
-        alone = Simulation(scene.replace(damping=dampers[world]), **options)
-        deepest = 0.0
-        for _ in range(6):
-            alone.step()
-            deepest = max(deepest, alone.assembly.body_contact.deepest)
-        assert deepest > 0
-        # Their kernels differ, and only on a CPU no products and sums are fused: on a GPU each rounds by 6e-8.
-        atol = 0.0 if plain_device == "cpu" else 1e-5
-        np.testing.assert_allclose(ensemble.frame().position[world], alone.frame().position, rtol=0.0, atol=atol)
 
 
 def test_a_cloth_with_a_pinned_rim_has_a_bound():

@@ -80,14 +80,22 @@ def test_nothing_goes_through_what_is_thrown_at_it(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(("thickness", "speed"), [(1e-5, 20.0), (1e-6, 400.0)])
 def test_thin_sheets_do_not_pass_unseen(plain_device, thickness, speed):
-    # In a substep they go thousands of times as far as the distance at which they touch, and are not flying apart.
+    # In a substep they go hundreds of times as far as the distance at which they touch, and are not flying apart.
+    ipctk = pytest.importorskip("ipctk")
     low = sheet((6, 6), 0.05, mass=MASS, stiffness=20.0, damping=0.0)
     high = low.translate((0.013, 0.007, 0.3)).with_velocity((0.0, 0.0, -speed))
-    contact = Contact(thickness=thickness)
-    simulation = Simulation(low + high, contact=contact, gravity=0.0, device=plain_device)
-    simulation.step(4)
-    z = simulation.frame().position[:, 2].reshape(2, -1)
-    assert z[0].mean() < z[1].mean()
+    options = {"contact": Contact(thickness=thickness), "gravity": 0.0, "device": plain_device}
+    substeps = Simulation(low + high, **options).substeps
+    simulation = Simulation(low + high, fps=240 * substeps, **options)
+    oracle = crossings.Oracle(low + high, itself=False)
+    places, held_back = oracle.places(simulation.system.position), 0.0
+    for _ in range(16 * substeps):
+        simulation.step()
+        assert simulation.substeps == 1  # so that particles move on straight lines in between
+        held_back, before = max(held_back, simulation.held_back), places
+        places = oracle.places(simulation.frame().position.astype(float))
+        assert ipctk.is_step_collision_free(oracle.mesh, before, places)
+    assert held_back > 500 * thickness
     assert simulation.frame().velocity.reshape(2, -1, 3)[0, :, 2].mean() < -0.2 * speed
 
 
@@ -109,8 +117,10 @@ def check_momentum(simulation: Simulation, frames: int = 6) -> float:
     for _ in range(frames):
         simulation.step()
         furthest = max(furthest, simulation.held_back)
-        # The total is what dampers and plastic collisions leave.
-        assert simulation.measure().energy < energy
+        # The total is what dampers and plastic collisions leave. By a first-order method contacts that have just
+        # begun store what they take from velocities only in the next substep.
+        found = simulation.measure()
+        assert found.energy < energy + found.effect_energy
     # 40 to 510 kg m/s; rounding in float32 over some hundred substeps. Holding back alone takes 6 kg m/s.
     np.testing.assert_allclose(mass @ simulation.frame().velocity, momentum, atol=2.4e-5 * momentum.max())
     return furthest
@@ -127,7 +137,7 @@ def test_a_heavy_block_that_crushes_light_ones_keeps_its_momentum(plain_device, 
 @pytest.mark.gpu
 def test_phases_that_are_separate_launches_keep_momentum_too(monkeypatch):
     monkeypatch.setattr(division_planes, "MOST_IN_CLUSTER", 16)
-    assert check_momentum(crush("cuda:0", 8.0, 4)) > 0.0
+    assert check_momentum(crush("cuda:0", 50.0, 4), 3) > 0.0
 
 
 def test_what_flies_together_is_not_held_back(plain_device):

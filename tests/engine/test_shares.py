@@ -112,7 +112,10 @@ GRAINS = System(
 ALL = Contact(self_contact=True, thickness=0.1)
 TOUCHING = {
     "a cloth on a ball": (
-        LOW + sheet((9, 7), 0.2, stiffness=900.0, damping=1.0).translate((-0.8, -0.6, 1.06)),
+        LOW
+        + sheet((9, 7), 0.2, stiffness=900.0, damping=1.0)
+        .translate((-0.8, -0.6, 1.06))
+        .with_velocity((0.0, 0.0, -1.0)),
         {"contact": ALL},
     ),
     "grains": (GRAINS, {"contact": Contact(thickness=0.1, stiffness=100.0), "gravity": 0.0, "fps": 240}),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from listing import search_always
-from surfaces import nearest_distances, winding_number
+from surfaces import nearest_distances
 
 from msdwarp import RK4, Contact, Plane, Probe, Simulation, System, box, chain, icosphere, sheet, shell
 from msdwarp.engine.collision import neighbor_list as nearby
@@ -39,16 +39,40 @@ def crowd() -> System:
         sheet((4, 4), 0.1, **constants).translate((0.1, 0.0, 0.27)),
         chain(6, 0.1, **constants).rotate(1.0, axis=(0, 1, 1)).translate((0.1, 0.2, 0.0)),
         box((3, 3, 2), 0.1, **constants).translate((0.1, 0.22, 0.1)),
+        box((2, 2, 2), 0.1, **constants).translate((0.1, 0.35, 0.1)),
     ]
-    whole = parts[0]
-    for part in parts[1:]:
-        whole = whole + part
-    return whole
+    folded = sheet((6, 3), 0.1, **constants)
+    x = folded.position - folded.position.mean(axis=0)
+    over = np.where(x[:, :1] > 0, x * [-1.0, 1.0, 1.0] + [0.0, 0.0, 0.06], x)
+    return sum(parts[1:], parts[0]) + folded.replace(position=over).translate((0.9, 0, 0))
+
+
+def crossing_vertices(x: np.ndarray, corner: np.ndarray, body: np.ndarray, itself: np.ndarray) -> np.ndarray:
+    """Return a mask of the vertices at x of edges that go through triangles, and of these triangles.
+
+    Of one body they count only if it touches itself, shape [body_count].
+    An edge goes through a triangle if its ends are on both sides and the tetrahedra between it and the three sides
+    are turned alike.
+    """
+    triangles = corner[corner[:, 1] != corner[:, 2]]
+    edges = np.unique(np.sort(np.concatenate([corner[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
+    e, t = (k.ravel() for k in np.meshgrid(range(len(edges)), range(len(triangles)), indexing="ij"))
+    may = ~(edges[e][:, :, None] == triangles[t][:, None]).any(axis=(1, 2))
+    may &= (body[edges[e, 0]] != body[triangles[t, 0]]) | itself[body[triangles[t, 0]]]
+    e, t = e[may], t[may]
+    (a, b), (p, q, r) = x[edges[e]].transpose(1, 0, 2), x[triangles[t]].transpose(1, 0, 2)
+
+    def volume(one: np.ndarray, *three: np.ndarray) -> np.ndarray:
+        return np.linalg.det(np.stack(three, axis=1) - one[:, None])
+
+    turns = np.stack([volume(a, b, p, q), volume(a, b, q, r), volume(a, b, r, p)])
+    through = (volume(p, q, r, a) * volume(p, q, r, b) < 0) & ((turns > 0).all(axis=0) | (turns < 0).all(axis=0))
+    return np.isin(np.arange(len(x)), np.concatenate([edges[e[through]].ravel(), triangles[t[through]].ravel()]))
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::msdwarp.checks.StartWarning")  # some start in each other
-@pytest.mark.parametrize("contact", [Contact(), Contact(self_contact=True, thickness=0.02)], ids=["bodies", "all"])
+@pytest.mark.parametrize("contact", [Contact(), Contact(self_contact=True, thickness=0.05)], ids=["bodies", "all"])
 def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     monkeypatch.setattr(nearby, "ROOM", 256)
     system = crowd()
@@ -59,35 +83,32 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     now = np.einsum("vk,vkd->vd", s.weight, x[s.particle])
     points = now[s.ends[:, 0]] * (1 - s.share[:, None]) + now[s.ends[:, 1]] * s.share[:, None]
     mine, other = s.body[s.ends[:, 0]], s.body[s.corner[:, 0]]
-    depth = np.where(s.closed, s.spacing / 2, 0.0)  # what is closed pushes out from as deep
     own = mine[:, None] == other
     thickness = (
         np.full(own.shape, contact.thickness) if contact.thickness else s.radius[mine][:, None] + s.radius[other]
     )
-    reach = np.where(own, thickness, np.maximum(thickness, depth[other]))
-    buffer = nearby.LEAST_SKIN * max(contact.thickness or 2 * s.radius.max(), depth.max())
+    buffer = nearby.LEAST_SKIN * (contact.thickness or 2 * s.radius.max())
 
     def distances(points, at):
         a, b = (index.ravel() for index in np.meshgrid(range(len(points)), range(len(s.corner)), indexing="ij"))
         return nearest_distances(points[a], at[s.corner[b]]).reshape(len(points), -1)
 
     away = distances(points, now)
-    near = away < reach + buffer
     # Less than 2/3 of a spacing thick, a body touches all of itself but the facets that a point is a part of.
     assert (1.5 * thickness[own.any(axis=1)].min() if contact.thickness else 0.0) < s.spacing.min()
     apart = ~(s.ends[:, None, :, None] == s.corner[None, :, None, :]).any(axis=(2, 3))
-    expected = near & (~own | (apart & (contact.self_contact)))
-    # Of each body, but sheets, those are left out that cannot come to be the nearest: by twice the skin, and 1 %;
-    # and all of them, where the point is outside of a closed one by more than their thickness and the skin.
-    for body in range(len(s.closed)):
-        if s.closed[body]:
-            mine_only = other == body
-            closest = np.where(expected & mine_only, away, np.inf).min(axis=1)
-            without = np.abs(winding_number(now[s.corner[mine_only]], points)) < 0.5
-            far_off = closest > 1.01 * (thickness[:, mine_only][:, 0] + buffer)
-            expected &= ~((without & far_off & (mine != body))[:, None] & mine_only)
+    itself = contact.self_contact & ~s.solid
+    expected = (away < thickness + buffer) & (~own | (apart & itself[other]))
+    # Vertices of what has crossed since the start are left out until it is apart.
+    tangled = crossing_vertices(now, s.corner, s.body, itself)
+    assert 0 < tangled.sum() < len(tangled)
+    expected &= ~tangled[s.ends].any(axis=1)[:, None] & ~tangled[s.corner].any(axis=1)
+    # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 %.
+    for body in range(len(s.solid)):
         nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
         expected &= (other != body) | (away <= 1.01 * (nearest[:, None] + 2 * buffer))
+    for both_solid in (False, True):
+        assert (expected & ~own & ((s.solid[mine][:, None] & s.solid[other]) == both_solid)).any()
     assert found == [np.flatnonzero(row).tolist() for row in expected]
     assert (expected & own).any() == (contact.self_contact)
 

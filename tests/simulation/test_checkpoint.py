@@ -106,6 +106,19 @@ def test_a_checkpoint_of_something_else_is_refused_and_changes_nothing():
     assert_same(simulation, twin)
 
 
+def test_checkpoints_of_before_contact_remembered_speeds_are_restored():
+    die = box((2, 2, 2), 0.1, stiffness=100.0)
+    system = die + die.translate((0.02, 0.01, 0.12)).with_velocity((0.0, 0.0, -1.0))
+    simulation, twin = (Simulation(system, contact=Contact(), device="cpu") for _ in range(2))
+    simulation.step(2)
+    arrays, numbers = simulation.checkpoint()
+    assert arrays.pop("touch.fastest").shape == arrays["touch.partner"].shape  # 0.2 had none
+    twin.restore(arrays, numbers)
+    for name in ("x", "v"):
+        np.testing.assert_array_equal(twin.checkpoint()[0][name], arrays[name])
+    twin.step(2)
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("force_algorithm", ["scatter", "gather"])
 def test_a_checkpoint_goes_to_another_device_and_back(force_algorithm):
@@ -128,7 +141,14 @@ def test_checkpoints_have_the_names_of_the_first_version():
     arrays, numbers = simulation.checkpoint()
     pace = "scale least floor low high strain rounding refinement interval since calm patience anew"
     assert {name for name in numbers if name.startswith("pace.")} == {f"pace.{one}" for one in pace.split()}
-    moving = {"x", "v", "velocity.given", "carried.0", "rest_length", "broken_at"}  # the third is of 0.3
-    contact = {f"touch.{one}" for one in ("slip", "partner", "allowed", "outwards")}
+    moving = {
+        "x",
+        "v",
+        "velocity.given",
+        "carried.0",
+        "rest_length",
+        "broken_at",
+    }  # the third and "fastest" are of 0.3
+    contact = {f"touch.{one}" for one in ("slip", "partner", "allowed", "outwards", "fastest")}
     work = {f"work.{one}" for one in ("before", "done", "last", "touching")}
     assert {name for name in arrays if not name.startswith("system.")} == moving | contact | work

@@ -8,8 +8,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import contact_surfaces
-from ...kernels.collision.body_contact import contact_energy, count_contacts, evaluate_contact
-from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, STORED, BodyContactData, body_contact_term
+from ...kernels.collision.body_contact import contact_energy, evaluate_contact
+from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, BodyContactData, body_contact_term
 from ...kernels.collision.force_sums import add_impulses
 from ...kernels.collision.neighbor_search import (
     BLOCK,
@@ -24,21 +24,17 @@ from ...kernels.collision.segments_and_spheres import evaluate_segments_and_sphe
 from ...world import Contact
 from ..device.launcher import Launcher
 from ..model.model import Model
-from ..springs.linearised import largest_rates, write_diagonal_blocks, zero_blocks
 from .contact_history import SEPARATION_TIME, WithHistory
 from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import UNLIMITED, ContactSurfaces
 from .division_planes import DivisionPlanes
 from .initial_overlap import initial_containment
-from .inner_surfaces import have_inner_surfaces
 from .neighbor_list import NeighborList
 from .tables_by_world import Repeated
 from .torn_facets import TornFacets
 
-DAMPING_LIMIT = 0.4
-"""Largest rate of all limited dampers of contacts together, times the substep."""
-WORTH = 1.2
-"""Dampers are limited if the step can then be longer by this factor, which pays for the computation."""
+DAMPING = 0.25
+"""Largest rate of all dampers of contacts at a vertex together, times the substep."""
 OVERLAP = 0.01
 """Overlap at the start up to which there is no warning, as a fraction of the spacing."""
 
@@ -52,16 +48,14 @@ class BodyContact(WithHistory):
 
     The arrays have four owners: `surfaces` (constants), `rules` (by kinds of bodies), `neighbors` (rebuilt lists)
     and the effect itself (its history, in checkpoints). If `contact_forces`, the forces of bodies on each other's
-    particles are summed in `impulse`.
+    particles are summed in `impulse`. Vertices and areas are those for particles at `shape` [m], a motion's start.
     """
 
-    def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool = False) -> None:
+    def __init__(self, model: Model, rules: Sequence[Contact], contact_forces: bool, shape: NDArray) -> None:
         self._model, self._dt = model, 0.0
-        self.limits_now = False
-        """Whether dampers limit themselves in the frames that `begin` has prepared."""
-        on_host, each = contact_surfaces(model.system), Repeated(model)
+        on_host, each = contact_surfaces(model.system, shape), Repeated(model)
         self.rules = ContactRules(model, on_host, rules)
-        surfaces = self.surfaces = ContactSurfaces(model, on_host)
+        surfaces = self.surfaces = ContactSurfaces(model, on_host, shape)
         for one in surfaces.by_row:
             self.rules.check(one)
         scalar, device = model.scalar, model.device
@@ -69,40 +63,30 @@ class BodyContact(WithHistory):
         self.rules.upload(data.rules, model, each)
         surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
         self._points = model.worlds * len(on_host.share)
-        self.set_up_history(model, data.history, self._points, "touch")
+        self.set_up_history(model, data.history, self._points, "touch", {"fastest": scalar})
         thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
         given, thickest = max(0.0, thickness.max()), 0.0
-        for one, depth in zip(surfaces.by_row, surfaces.depth, strict=True):
+        for one in surfaces.by_row:
             own = 2.0 * float(one.radius.max(initial=0.0)) if (thickness < 0).any() else 0.0
             thickest = max(thickest, own, given)
-            reach = max(own, given, float(depth.max(initial=0.0)))
+            reach = max(own, given)
             stiffest = max(float(one.stiffness.max(initial=0.0)), stiffness.max(), 0.0)
             units.append(unit_of_sums(stiffest * reach))
-        self.blocks = self.rules.blocks(model, surfaces)
-        """Additions to diagonal blocks of K [N/m] and B [N s/m] of each particle, as scalars, by world."""
+        self.blocks = self.rules.blocks(surfaces)
+        """Additions to diagonal blocks of K [N/m] of each particle, as scalars, by world."""
         self.piece = body_contact_term(model.dim, scalar, model.compensated)
         self.data = self.piece.Data()
         self.members = surfaces.by_particle(self.data, model)
         self.data.force, self.data.unit = data.surfaces.force, units[0]
         if model.in_worlds:
             self.by_world = ("force",)
-            data.surfaces.bodies_each = len(on_host.closed)
+            data.surfaces.bodies_each = len(on_host.solid)
             data.surfaces.unit = each.by_row(np.array(units)[:, None], wp.float64)
         self.impulse = wp.zeros(model.particle_count, dtype=wp.vec3d, device=device) if contact_forces else None
         """Impulse of other bodies on each particle since it was zeroed [N s]; None unless requested."""
-        self.planes: DivisionPlanes | None = None
-        if not on_host.closed.all() or have_inner_surfaces(on_host, self.rules).any():
-            self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
-        model.kernels.note(*self._kernels(measuring=True), block=BLOCK)
+        self.planes = DivisionPlanes(model, surfaces, data, each, self.rules, self.impulse)
+        model.kernels.note(self._kernel(measuring=True), block=BLOCK)
         self.neighbors = NeighborList(model, surfaces, data, each, self.planes, thickest)
-        # Limits would make the bounces of grains less exact.
-        self.limiting = np.zeros(1, dtype=bool) if surfaces.grains else self._worth_limiting()
-        """Which of the worlds that differ limit dampers."""
-        if self.limits_dampers:
-            data.surfaces.touches = wp.zeros(model.worlds * model.stride, dtype=int, device=device)
-            side, shape = wp.types.vector(4, scalar), (STORED, self._points)
-            for name, kind in (("facet", int), ("until", int), ("weights", model.vector), ("side", side)):
-                setattr(data.contacts, name, wp.zeros(shape, dtype=kind, device=device))
         self._flags, self.nothing = self.neighbors.flags, wp.zeros(0, dtype=wp.float64, device=device)
         self._found = wp.empty_like(self._flags, device="cpu", pinned=True) if device.is_cuda else self._flags
         self.held_back = np.zeros(model.worlds)
@@ -114,13 +98,7 @@ class BodyContact(WithHistory):
         self.shared_points = self._points
         self._overlapping: str | None = None
         self._release_initial_overlap()
-        if self.planes is not None:
-            self.planes.start(self.overlapping_at_start)
-
-    @property
-    def limits_dampers(self) -> bool:
-        """Whether any world limits the dampers of contacts, in methods whose velocities lag behind positions."""
-        return bool(self.limiting.any())
+        self.planes.start()
 
     def lanes(self, triangles: bool) -> int:
         """Return the number of threads per point, for triangles or other facets, as in a single run."""
@@ -135,24 +113,8 @@ class BodyContact(WithHistory):
         """The two arguments of contact kernels: the struct of all data, and the tree of facets."""
         return self._data, self.neighbors.tree
 
-    def _worth_limiting(self) -> NDArray[np.bool_]:
-        """Return the rows of worlds for which limited dampers allow a much longer step, as a mask, shape [rows].
-
-        Limits cost time: all contacts are counted before forces. If λ bounds the eigenvalues of M⁻¹K and μ those
-        of M⁻¹B, methods whose velocities lag are stable for h²λ + 2hμ < 4.
-        """
-        model, blocks = self._model, zero_blocks(self._model)
-        x = model.vectors()
-        x.assign(model.spread(model.row_of("position").astype(model.dtype)))
-        write_diagonal_blocks(model, x, *blocks)
-        own = largest_rates(model, *blocks)[:, 1]
-        self.add_blocks_of_worlds(*blocks)
-        rate, whole = largest_rates(model, *blocks).T
-        free, now = (one + np.sqrt(one**2 + 4.0 * rate) for one in (own, whole))  # 4 / longest step
-        return now > WORTH * free
-
     def _release_initial_overlap(self) -> None:
-        """Find points that start inside other bodies, and allow their overlap, which then shrinks.
+        """Find points that start too near to other bodies, and allow the overlap of their shells, which shrinks.
 
         Raises ValueError if bodies in an ensemble overlap, since ensembles have no depenetration.
         """
@@ -160,12 +122,12 @@ class BodyContact(WithHistory):
         x = model.vectors()
         x.assign(model.spread(model.row_of("position").astype(model.dtype)))
         stored = self._stored_and_heated(x, model.vectors())[0].numpy()
-        points, bodies = np.flatnonzero(stored), len(surfaces.closed)
+        points, bodies = np.flatnonzero(stored), len(surfaces.solid)
         if not len(points):
             return
         a, neighbors = data.surfaces.body.numpy()[points], data.neighbors
         b = neighbors.body_pairs.numpy()[a, neighbors.candidate_pair.numpy()[points, 0]]
-        density, (worlds, a), b = data.surfaces.density.numpy()[a], np.divmod(a, bodies), b % bodies
+        density, (worlds, a), b = data.surfaces.density.numpy()[points], np.divmod(a, bodies), b % bodies
         stiffness = np.array([one.stiffness for one in self.surfaces.by_row])
         row = worlds % len(stiffness)
         k = self.rules.pair_stiffness(a, b, stiffness[row, a], stiffness[row, b])
@@ -187,8 +149,8 @@ class BodyContact(WithHistory):
         self._overlapping = (
             f"the body of particle {one} starts {deep[p]:.3g} m inside "
             f"{'itself' if a[p] == b[p] else f'that of particle {other}'} ({len(points)} points of surfaces start "
-            f"inside bodies): they are moved apart within {SEPARATION_TIME} s, unless they are deeper than "
-            "half a spacing; move them apart, or have them ignore each other by Contact(groups=..., exclude=True)"
+            f"inside bodies): they are moved apart within {SEPARATION_TIME} s, unless their contact meshes cross; "
+            "move them apart, or have them ignore each other by Contact(groups=..., exclude=True)"
         )
 
     def overlapping(self) -> str | None:
@@ -197,21 +159,17 @@ class BodyContact(WithHistory):
 
     def tear(self, broken_at: wp.array) -> None:
         """Leave out facets whose springs have broken; `broken_at` as in `Fracture`."""
-        if self.planes is not None:  # only closed bodies have none, and they keep their facets
-            given = self.surfaces.on_host, self._data, self.planes.pairs
-            self.neighbors.torn = TornFacets(self._model, *given, broken_at)
+        given = self.surfaces.on_host, self._data, self.planes.pairs
+        self.neighbors.torn = TornFacets(self._model, *given, broken_at)
 
     def use_launcher(self, launcher: Launcher) -> None:
         """Let `launcher` divide searches and contact forces among CPU threads."""
         self.neighbors.launcher = launcher
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Set the length of substeps [s], and the limit of dampers that follows from it."""
+        """Set the length of substeps [s]."""
         self._dt = self.neighbors.dt = dt
-        limits = self.limits_now = self.limits_dampers and self.steps.lagging
-        rate = np.where(self.limiting & limits, DAMPING_LIMIT / dt, UNLIMITED)
-        self._data.surfaces.damping_limit.assign(np.resize(rate, self._model.worlds).astype(self._model.dtype))
-        self._model.kernels.note(*self._kernels(measuring=False), *self._kernels(measuring=True), block=BLOCK)
+        self._model.kernels.note(*(self._kernel(measuring) for measuring in (False, True)), block=BLOCK)
         if self.impulse is not None:
             self._model.kernels.note(self._add_impulses())
 
@@ -226,7 +184,7 @@ class BodyContact(WithHistory):
     @property
     def recorded_for(self) -> tuple[int, bool]:
         """What recorded launches depend on: how often searches may begin, and whether pairs are kept apart."""
-        return self.neighbors.check_every, self.planes is not None and self.planes.awake
+        return self.neighbors.check_every, self.planes.awake
 
     def begin_substep(self, substep: int) -> bool:
         """Pass the number of the coming substep to the neighbor list."""
@@ -245,8 +203,7 @@ class BodyContact(WithHistory):
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the contact forces for positions x and velocities v."""
-        lag = self._dt if self.steps.lagging else 0.0
-        self._evaluate(False, [self._dt if begins else 0.0, lag], [self.nothing, self.nothing])
+        self._evaluate(False, [self._dt if begins else 0.0, DAMPING / self._dt], [self.nothing, self.nothing])
 
     def _evaluate(self, measuring: bool, times: list[float], sums: list[wp.array]) -> None:
         """Launch a kernel over the active points, which exerts contact forces or, if `measuring`, sums energies.
@@ -256,19 +213,17 @@ class BodyContact(WithHistory):
         model, lanes = self._model, self.lanes(self.surfaces.triangles or measuring)
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
-        for kernel in self._kernels(measuring):
-            self.neighbors.share(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
+        kernel = self._kernel(measuring)
+        self.neighbors.share(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
-    def _kernels(self, measuring: bool) -> list[Any]:
-        """Return the kernels that `_evaluate` launches."""
+    def _kernel(self, measuring: bool) -> Any:
+        """Return the kernel that `_evaluate` launches."""
         model, surfaces = self._model, self.surfaces
         triangles = surfaces.triangles or measuring
         composed = model.scalar, self.overlapping_at_start, self.lanes(triangles), model.in_worlds
         if triangles:
-            kernels = [(contact_energy if measuring else evaluate_contact)(*composed, self.limits_now)]
-            return [count_contacts(*composed), *kernels] if self.limits_now else kernels
-        kernels = [evaluate_segments_and_spheres(*composed, self.limits_now, False, surfaces.grains)]
-        return [evaluate_segments_and_spheres(*composed, True, True), *kernels] if self.limits_now else kernels
+            return (contact_energy if measuring else evaluate_contact)(*composed)
+        return evaluate_segments_and_spheres(*composed, surfaces.grains)
 
     def add_up(self, seconds: float) -> None:
         """Launch the addition of contact forces times `seconds` [s] to `impulse`, if requested."""
@@ -300,7 +255,7 @@ class BodyContact(WithHistory):
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
         if not self._model.in_worlds:
             return [arrays]
-        points, bodies = len(surfaces.share), len(surfaces.closed)
+        points, bodies = len(surfaces.share), len(surfaces.solid)
         for world in range(self._model.worlds):
             own = {name: values[:, world * points : (world + 1) * points] for name, values in arrays.items()}
             contact_body = own["touch.partner"]
@@ -313,21 +268,21 @@ class BodyContact(WithHistory):
         """The unit in which the forces of each world of an ensemble are summed [N], shape [worlds]."""
         return self._data.surfaces.unit
 
-    def blocks_of(self, worlds: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return additions to diagonal blocks of K [N/m] and B [N s/m], shape [worlds, particle_count] each."""
-        stiffness, damping = self.blocks
-        each = np.arange(worlds) % len(stiffness)
-        return stiffness[each], damping[each]
+    def blocks_of(self, worlds: int) -> NDArray[np.float64]:
+        """Return additions to diagonal blocks of K [N/m], shape [worlds, particle_count]."""
+        return self.blocks[np.arange(worlds) % len(self.blocks)]
 
     def add_blocks_of_worlds(self, stiffness: wp.array, damping: wp.array) -> None:
-        """Add the blocks of `add_blocks` for all worlds that differ, shape [different, particle_count] each."""
-        for blocks, each in zip((stiffness, damping), self.blocks_of(len(stiffness)), strict=True):
-            blocks.assign(blocks.numpy() + each[..., None, None] * np.eye(self._model.dim))
+        """Add the blocks of `add_blocks` for all worlds that differ, shape [different, particle_count]."""
+        each = self.blocks_of(len(stiffness))
+        stiffness.assign(stiffness.numpy() + each[..., None, None] * np.eye(self._model.dim))
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness and damping of contacts to diagonal blocks, as if all points were in contact."""
-        for blocks, each in zip((stiffness, damping), self.blocks, strict=True):
-            blocks.assign(blocks.numpy() + each[0, :, None, None] * np.eye(self._model.dim))
+        """Add the stiffness of contacts to diagonal blocks, as if all points were in contact.
+
+        Dampers limit themselves, so that they do not shorten the step.
+        """
+        stiffness.assign(stiffness.numpy() + self.blocks[0, :, None, None] * np.eye(self._model.dim))
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the energy that contacts store [J] and the power they dissipate [W], by world."""
@@ -339,5 +294,5 @@ class BodyContact(WithHistory):
         """Return the energy that the contacts of each point store [J] and the power they dissipate [W]."""
         self.neighbors.search(x, v, None, 0.0, False, True)
         sums = [wp.zeros(self._points, dtype=wp.float64, device=self._model.device) for _ in range(2)]
-        self._evaluate(True, [0.0, 0.0], sums)
+        self._evaluate(True, [0.0, DAMPING / self._dt if self._dt else UNLIMITED], sums)
         return sums

@@ -17,6 +17,7 @@ SEPARATION_TIME = 0.5
 STORED = {
     "tangential_displacement": "slip",
     "contact_body": "partner",
+    "fastest": "fastest",
     "initial_overlap": "allowed",
     "way": "way",
     "level": "level",
@@ -73,7 +74,8 @@ class WithHistory(Effect):
     def take_history(self, arrays: Mapping[str, NDArray]) -> None:
         """Take what touches, and how far it has slipped, from a `checkpoint`."""
         for name in self._names:
-            getattr(self._history, name).assign(arrays[f"{self._prefix}.{STORED[name]}"])
+            if (stored := f"{self._prefix}.{STORED[name]}") in arrays:  # those of before 0.3 lack some
+                getattr(self._history, name).assign(arrays[stored])
 
     @property
     def changing(self) -> list[wp.array]:

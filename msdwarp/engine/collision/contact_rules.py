@@ -1,7 +1,6 @@
 """ContactRules: the rule of each pair of bodies, contact stiffness, and contributions to the stability bound."""
 
 from collections.abc import Sequence
-from math import lcm
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,6 @@ restitution of a pair is within 2 % of the given one for most times of impact in
 """
 CONTACTS_OF_A_ROPE = 4.0
 """Assumed number of simultaneous contacts of a particle that is connected to others, as in a rope."""
-MASS_FACTOR = 1.2
-"""Ratio of the largest mass of a point of a surface to the mass of a vertex, in the bound of the damping.
-
-A contact with the damping b and the gradient g has a rate of at most b Σ|g_j| |g_i| / m, and b is proportional to
-1/√Σg². So the factor is (Σ|g_j|)² / (4 Σg²), largest for the midpoint of an edge at the centre of a triangle.
-"""
-MASS_FACTOR_OF_A_SPHERE = 2.0
-"""MASS_FACTOR of a particle without a surface, whose number of contacts is assumed."""
 NOTHING = 1e-30
 """Stands for the spacing of a body without one, such as a single particle [m]."""
 UNITS = 2.0**-40
@@ -52,7 +43,7 @@ class ContactRules:
         self._rules = rules
         given = np.array([(one.thickness, one.stiffness) for one in rules], dtype=float)  # None becomes NaN
         self.thickness, self.stiffness = np.nan_to_num(given, nan=-1.0).T
-        bodies, body = len(surfaces.closed), surfaces.body_of_particle
+        bodies, body = len(surfaces.solid), surfaces.body_of_particle
         names = sorted({name for one in rules for name in one.groups or ()})
         within = np.zeros((bodies, len(names)), dtype=bool)
         count = np.bincount(body, minlength=bodies)
@@ -63,7 +54,8 @@ class ContactRules:
                     f"contact.groups names {name!r}, which holds a part of a body; it must hold whole ones"
                 )
             within[:, k] = held > 0
-        kinds, kind = np.unique(within, axis=0, return_inverse=True)
+        still = np.bincount(body[~np.isfinite(model.mass) & ~model.driven], minlength=bodies) == count
+        kinds, kind = np.unique(np.column_stack([within, still]), axis=0, return_inverse=True)
         self.restitution = [one.restitution for one in rules]
         self.kind, self.table = kind.reshape(-1).astype(np.int32), np.full([len(kinds)] * 2, -1, dtype=np.int32)
         for number, one in enumerate(rules):
@@ -73,6 +65,9 @@ class ContactRules:
                 continue
             a, b = (kinds[:, names.index(name)] for name in one.groups)
             self.table[np.outer(a, b) | np.outer(b, a)] = value
+        self.table[
+            np.outer(kinds[:, -1], kinds[:, -1])
+        ] = -1  # what is pinned as a whole presses on nothing like it
 
     def upload(self, data: Any, model: Model, each: Repeated) -> None:
         """Fill the struct that kernels read."""
@@ -82,6 +77,7 @@ class ContactRules:
             ("self_contact", [int(one.self_contact) for one in self._rules], int),
             ("friction", [one.friction for one in self._rules], model.scalar),
             ("damping", [one.damping_ratio for one in self._rules], model.scalar),
+            ("hysteresis", [one.hysteresis for one in self._rules], model.scalar),
             ("thickness", self.thickness, model.scalar),
             ("stiffness", self.stiffness, model.scalar),
         ):
@@ -130,20 +126,13 @@ class ContactRules:
         hops[wide] = 1.5 * thickness[wide] / surfaces.spacing[wide]
         return hops
 
-    def blocks(self, model: Model, surfaces: ContactSurfaces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return contributions to diagonal blocks of K [N/m] and B [N s/m], shape [rows, particle_count] each."""
-        masses, by_row = model.row_of("mass"), surfaces.by_row
-        masses = np.broadcast_to(masses, (len(masses), model.particle_count))
-        each = (
-            self._blocks(masses[k % len(masses)], by_row[k % len(by_row)], surfaces.density)
-            for k in range(lcm(len(by_row), len(masses)))
-        )
-        stiffness, damping = zip(*each, strict=True)
-        return np.array(stiffness), np.array(damping)
+    def blocks(self, surfaces: ContactSurfaces) -> NDArray[np.float64]:
+        """Return contributions to diagonal blocks of K [N/m], shape [rows, particle_count]."""
+        return np.array([self._blocks(one, surfaces.density, surfaces.shape) for one in surfaces.by_row])
 
     def _blocks(
-        self, mass: NDArray[np.float64], surfaces: TouchingSurfaces, density: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, surfaces: TouchingSurfaces, density: NDArray[np.float64], x: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return `blocks` for one row of the model's parameters.
 
         A contact of stiffness k and gradient g has the stiffness matrix k g gᵀ. By Gershgorin's theorem it is
@@ -151,15 +140,15 @@ class ContactRules:
         those of the facet. Half of that is returned, since the stability bound doubles blocks. All points of a
         surface are assumed to be in contact, with equally many points of other bodies.
         """
-        bodies = len(surfaces.closed)
+        bodies = len(surfaces.solid)
         own, spacing = surfaces.stiffness, np.maximum(surfaces.spacing, NOTHING)
-        stiff, reaction, ratio = (np.zeros(bodies) for _ in range(3))
+        stiff, reaction = (np.zeros(bodies) for _ in range(2))
         # Equal bodies of the same kind count once.
-        table = np.stack([self.kind, own, spacing, surfaces.closed], axis=1)
+        table = np.stack([self.kind, own, spacing, surfaces.solid], axis=1)
         alike, number = np.unique(table, axis=0, return_inverse=True)
         number = number.reshape(-1)
         for a, (kind_a, k_a, s_a, _) in enumerate(alike):
-            most = opposite = zeta = 0.0
+            most = opposite = 0.0
             for kind_b, k_b, s_b, _ in alike:
                 which = self.table[int(kind_a), int(kind_b)]
                 if which < 0:
@@ -169,24 +158,22 @@ class ContactRules:
                 # From spacings follow the other body's points per point here; grains are a thickness apart.
                 apart = s_b if s_b > NOTHING else (one.thickness or s_a)
                 most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / apart) ** 2))
-                zeta = max(zeta, 2**0.5 * one.damping_ratio)
             mine = number == a
-            stiff[mine], reaction[mine], ratio[mine] = most, opposite, zeta
+            stiff[mine], reaction[mine] = most, opposite
         body, ends, share = surfaces.body, surfaces.ends, surfaces.share
         weights = np.zeros(len(surfaces.particle))
-        np.add.at(weights, ends[:, 0], 1 - share)
-        np.add.at(weights, ends[:, 1], share)
+        np.add.at(weights, ends[:, 0], density * (1 - share))
+        np.add.at(weights, ends[:, 1], density * share)
         bare = np.bincount(body[surfaces.corner[:, 0]], minlength=bodies) > 0
-        bare &= ~surfaces.closed & (surfaces.radius > 0.2 * spacing)
+        bare &= ~surfaces.solid & (surfaces.radius > 0.2 * spacing)
         contacts = np.where(surfaces.spacing == 0, CONTACTS_OF_A_SPHERE, np.where(bare, CONTACTS_OF_A_ROPE, 1.0))
-        each = contacts[body] * (stiff + reaction)[body] * density[body] * weights
-        mass = np.where(np.isfinite(mass), mass, 0.0)
-        # Below 0 where a vertex lies outside of its cell, and particles with positive weights are pinned.
-        heavy = np.abs((surfaces.weight * mass[surfaces.particle]).sum(axis=1))
-        factor = np.where(contacts > 1, MASS_FACTOR_OF_A_SPHERE, MASS_FACTOR)
-        root = np.sqrt((factor * np.maximum(stiff, reaction))[body] * heavy)
-        damped = contacts[body] * ratio[body] * density[body] * root * 2 * weights
-        return spread_to_particles(surfaces, each, len(mass)), spread_to_particles(surfaces, damped, len(mass))
+        each = contacts[body] * (stiff + reaction)[body] * weights
+        # Not all vertices around a particle inside press along one axis at a time. Those on faces press along
+        # these. So do the others if pressed by the same plane: of a cube's centre a third by its faces, half with
+        # its edges.
+        summed = spread_to_particles(surfaces, each, len(surfaces.body_of_particle))
+        along = spread_to_particles(surfaces, each[:, None, None] * _directions(surfaces, x), len(summed))
+        return 0.5 * (summed + np.linalg.eigvalsh(along)[:, -1])
 
 
 def harmonic_mean(a: Any, b: Any) -> Any:
@@ -194,10 +181,25 @@ def harmonic_mean(a: Any, b: Any) -> Any:
     return 2 * a * b / (a + b)
 
 
+def _directions(surfaces: TouchingSurfaces, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return for vertices at x [m] the mean of n nᵀ over the facets around each, 1 where there is no triangle."""
+    a, b, c = x[surfaces.corner].transpose(1, 0, 2)
+    area = np.cross(b - a, c - a)
+    size = np.linalg.norm(area, axis=1)
+    total, outer = np.zeros(len(x)), np.zeros((len(x), 3, 3))
+    of_facet = area[:, :, None] * area[:, None, :] / np.maximum(size, NOTHING)[:, None, None]
+    for k in range(3):
+        np.add.at(total, surfaces.corner[:, k], size)
+        np.add.at(outer, surfaces.corner[:, k], of_facet)
+    bare = (total == 0)[:, None, None]
+    return np.where(bare, np.eye(3), outer / np.where(bare, 1.0, total[:, None, None]))
+
+
 def spread_to_particles(
     surfaces: TouchingSurfaces, values: NDArray[np.float64], particle_count: int
 ) -> NDArray[np.float64]:
     """Return for each particle the sum over vertices of their values times its absolute weights in them."""
-    total = np.zeros(particle_count)
-    np.add.at(total, surfaces.particle, np.abs(surfaces.weight) * values[:, None])
+    total = np.zeros((particle_count, *values.shape[1:]))
+    for k in range(surfaces.particle.shape[1]):
+        np.add.at(total, surfaces.particle[:, k], (np.abs(surfaces.weight[:, k]) * values.T).T)
     return total

@@ -22,25 +22,23 @@ class ContactSurfaces:
     data: Any = None
     """The struct of the arrays; None before `upload`."""
 
-    def __init__(self, model: Model, surfaces: TouchingSurfaces) -> None:
+    def __init__(self, model: Model, surfaces: TouchingSurfaces, shape: NDArray[np.float64]) -> None:
         self.on_host, self.by_row = surfaces, surfaces_by_row(model, surfaces)
         """The surfaces; and the surfaces with the stiffness and thickness of each row of worlds."""
-        bodies, corner = len(surfaces.closed), surfaces.corner
+        corner = surfaces.corner
         self.triangles = bool((corner[:, 1] != corner[:, 2]).any())
-        self.grains = bool((corner == corner[:, :1]).all()) and len(corner) == bodies
+        self.grains = bool((corner == corner[:, :1]).all()) and len(corner) == len(surfaces.solid)
         """Whether each body is a grain; then facets and bodies have the same indices."""
-        # A lattice is at least one spacing thick. A point beyond its middle has entered from the other side.
-        self.depth = [np.where(one.closed, 0.5 * one.spacing, 0.0) for one in self.by_row]
-        """Largest depth from which each body pushes a point out [m], by row."""
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
-        on_points = np.bincount(self.body_of_point, minlength=bodies)
-        self.density = bearing_vertices(surfaces) / np.maximum(on_points, 1)
-        """Independent vertices per point of each body."""
+        self.shape = surfaces.points(shape)
+        """Positions of the vertices for particles at `shape` [m]."""
+        self.density = densities(surfaces, self.shape, self.body_of_point)
+        """Stiffness of each point as a fraction of that of an independent vertex, in proportion to its area."""
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
         """Fill the struct that kernels read; each body has no self-contact within its number `hops` of edges."""
         self.data, surfaces, scalar = data, self.on_host, model.scalar
-        vertices, bodies = len(surfaces.particle), len(surfaces.closed)
+        vertices, bodies = len(surfaces.particle), len(surfaces.solid)
         present = surfaces.weight != 0
         data.first = each.starts(present.sum(axis=1))
         data.particle = each.alike(surfaces.particle[present], int, model.stride)
@@ -49,10 +47,10 @@ class ContactSurfaces:
         data.mobility = each.by_row((surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2), scalar)
         first, near = neighbourhoods(surfaces, hops)
         data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
-        if surfaces.closed.any():  # only contact with closed bodies reads triangles around a vertex
-            facet, first = facets_around(surfaces)
-            data.first_facet = each.starts(np.diff(first))
-            data.facet = each.alike(facet, int, len(surfaces.corner))
+        facet, first = facets_around(surfaces)
+        data.first_facet = each.starts(np.diff(first))
+        data.facet = each.alike(facet, int, len(surfaces.corner))
+        data.tangled = wp.zeros(model.worlds * vertices, dtype=int, device=model.device)
         data.body_of = each.alike(surfaces.body, int, bodies)
         data.x, data.v = (in_records(model.worlds * vertices, model.dim, scalar, model.device) for _ in "xv")
         start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
@@ -61,14 +59,15 @@ class ContactSurfaces:
         mass = np.full((len(model.row_of("mass")), model.stride), np.inf)
         mass[:, : model.particle_count] = model.row_of("mass")
         data.inverse_mass = each.by_row(1.0 / mass, scalar)
-        data.damping_limit = wp.full(model.worlds, UNLIMITED, dtype=scalar, device=model.device)
         data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
         data.body = each.alike(self.body_of_point, int, bodies)
+        data.density = each.alike(self.density, scalar)
+        host = hosts(surfaces)
+        data.host = each.alike(np.where(host < 0, -(2**30), host), int, len(surfaces.corner))  # below 0 in all
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
         data.owner = each.alike(self.body_of_facet, int, bodies)
-        data.closed = each.alike(surfaces.closed.astype(np.int32), int)
-        data.depth, data.density = each.by_row(np.array(self.depth), scalar), each.alike(self.density, scalar)
-        for name in ("stiffness", "radius"):
+        data.solid = each.alike(surfaces.solid.astype(np.int32), int)
+        for name in ("stiffness", "radius", "spacing"):
             setattr(data, name, each.by_row(np.array([getattr(one, name) for one in self.by_row]), scalar))
 
     def by_particle(self, data: Any, model: Model) -> NDArray[np.bool_]:
@@ -84,10 +83,67 @@ class ContactSurfaces:
 
 def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
     """Return the number of independent vertices of each body: at most the number of particles they depend on."""
-    bodies = len(surfaces.closed)
+    bodies = len(surfaces.solid)
     carriers = np.unique(surfaces.particle[surfaces.weight != 0])
     carrying = np.bincount(surfaces.body_of_particle[carriers], minlength=bodies)
     return np.minimum(carrying, np.bincount(surfaces.body, minlength=bodies))
+
+
+def densities(surfaces: TouchingSurfaces, x: NDArray[np.float64], body: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return each point's stiffness as a fraction of that of an independent vertex of its body, by its area.
+
+    Vertices are at x [m], shape [vertex_count, 3]. Of a triangle's area, or a segment's length, half belongs to
+    its corners and half to the midpoints of its sides, where these are points.
+    """
+    vertices, bodies, corner = len(surfaces.particle), len(surfaces.solid), surfaces.corner
+    a, b, c = x[corner].transpose(1, 0, 2)
+    triangle, grain = corner[:, 1] != corner[:, 2], corner[:, 0] == corner[:, 1]
+    size = np.where(triangle, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1), np.linalg.norm(b - a, axis=1))
+    size = np.where(grain, 1.0, size)
+    share = np.zeros(len(body))
+    sides, of_side = sides_between(surfaces)
+    middle = np.searchsorted(sides, side_keys(surfaces, surfaces.ends[vertices:]))
+    number = np.full(len(sides), -1)
+    number[middle] = vertices + np.arange(len(middle))
+    for k in range(3):
+        present = triangle if k else np.ones(len(corner), dtype=bool)
+        if k == 1:
+            present = ~grain
+        parts = np.where(triangle, 3.0, np.where(grain, 1.0, 2.0))
+        np.add.at(share, corner[present, k], (0.5 * size / parts)[present])
+    for k in range(3):
+        present = (triangle | (~grain & (k == 0))) & (number[of_side[:, k]] >= 0)
+        parts = np.where(triangle, 3.0, 1.0)
+        np.add.at(share, number[of_side[present, k]], (0.5 * size / parts)[present])
+    total = np.bincount(body, share, bodies)
+    return share * (bearing_vertices(surfaces) / np.maximum(total, 1e-300))[body]
+
+
+def side_keys(surfaces: TouchingSurfaces, ends: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return a number for each pair of vertices, in any order."""
+    return np.sort(ends.astype(np.int64), axis=-1) @ np.array([len(surfaces.particle), 1])
+
+
+def sides_between(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the keys of all sides of facets in ascending order, and which each facet has, [facet_count, 3]."""
+    corner = surfaces.corner
+    keys, of = np.unique(
+        side_keys(surfaces, np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1)), return_inverse=True
+    )
+    return keys, of.reshape(corner.shape)
+
+
+def hosts(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
+    """Return for each point a triangle on which it lies, -1 if it is on none."""
+    vertices, corner = len(surfaces.particle), surfaces.corner
+    found = np.full(len(surfaces.ends), -1)
+    triangles = np.flatnonzero(corner[:, 1] != corner[:, 2])
+    found[corner[triangles]] = triangles[:, None]
+    sides, of_side = sides_between(surfaces)
+    on_side = np.full(len(sides), -1)
+    on_side[of_side[triangles]] = triangles[:, None]
+    found[vertices:] = on_side[np.searchsorted(sides, side_keys(surfaces, surfaces.ends[vertices:]))]
+    return found
 
 
 def facets_around(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -13,27 +13,24 @@ from ...kernels.collision.near_pairs import clear_pairs
 from ...kernels.collision.pair_gaps import find_alarm, measure_pairs
 from ...kernels.collision.pair_search import QUEUES, SHARES, find_pairs, find_pairs_of_pieces
 from ...kernels.collision.tangles import find_tangles
-from ...kernels.collision.vertices import place_inner
 from ...kernels.lanes import WARP
-from ..device.vector_arrays import in_records
 from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
 from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import ContactSurfaces
-from .inner_surfaces import INSET, chords, have_inner_surfaces, inner_vertices
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
 """The least gap, as a fraction of the thickness of contact; without it rounding would finally close gaps."""
+FLOOR = 0.1
+"""Fraction of its thickness below which a pair loses nothing more of its gap in a substep."""
 APART = 0.25
 """Pairs with larger gaps, as fractions of the thickness, are ignored: contact forces act long before."""
-APART_INSIDE = 0.1
-"""APART for inner surfaces, as a fraction of their distance where bodies touch."""
 ROOM = 4
 """Initial room for near pairs, as a multiple of the number of vertices."""
 LEAST_ROOM = 2**13
-"""Initial room for pairs of inner surfaces."""
+"""Initial room for pairs of solid bodies."""
 MOST_IN_CLUSTER = 2**15
 """With more pairs each phase is a separate launch, since a cluster has too few threads."""
 CLUSTER = 8
@@ -71,15 +68,11 @@ class DivisionPlanes(Effect):
         """The `NeighborList` that pairs are listed with."""
         self.tangles = False
         """Whether anything crossed at the start, or was inside another body."""
-        inner = have_inner_surfaces(on_host, rules)
-        self._grains, self.inner = surfaces.grains, bool(inner.any())
-        """Whether closed bodies have inner surfaces, which planes also separate."""
+        self._grains, drawn = surfaces.grains, surfaces.data
         thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
-        if on_host.closed.all():
-            thick = 2.0 * INSET * on_host.spacing
         thickness = float(thick[thick > 0].min(initial=thick.max()))  # the smallest thickness of any contact
         self.least_gap = LEAST_GAP * thickness
-        self.apart = (APART_INSIDE if on_host.closed.all() else APART) * thickness
+        self.apart = APART * thickness
         scalar, device = model.scalar, model.device
         data = self.pairs = NearPairs(scalar)()
         edge, owned, points = edges(on_host)
@@ -87,11 +80,11 @@ class DivisionPlanes(Effect):
         data.edge, data.owned = each.alike(edge, wp.vec2i, vertices), each.alike(owned, int)
         data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.share))  # below 0 in all
         data.rank = each.alike(ranks(surfaces, edge), int)
-        self._add_vertices(surfaces, each, inner)
-        counts = np.diff(data.first_particle.numpy())  # 0 for a vertex without an inner one
+        data.first_particle, data.particle_of, data.weight = drawn.first, drawn.particle, drawn.weight
+        data.mobility, data.body_of, data.tangled = drawn.mobility, drawn.body_of, drawn.tangled
+        counts = np.diff(data.first_particle.numpy())
         of_vertex = np.repeat(np.arange(len(counts)), counts)
         data.most_weight = float(np.bincount(of_vertex, np.abs(data.weight.numpy())).max())
-        data.tangled = wp.zeros_like(data.body_of)
         numbers = "count", "particle_count", "pushing_count", "tangles", "lacking", "cutting", "exceeded"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
@@ -105,63 +98,28 @@ class DivisionPlanes(Effect):
         )
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
         data.share, data.shift = (wp.full(particles, one, dtype=float, device=device) for one in (1.0, 0.0))
-        data.body = each.alike(np.resize(on_host.body_of_particle, model.stride), int, len(on_host.closed))
-        bodies = len(surfaces.data.closed)
+        data.body = each.alike(np.resize(on_host.body_of_particle, model.stride), int, len(on_host.solid))
+        bodies = len(surfaces.data.solid)
         data.most_shift, data.foreseen = (wp.zeros(bodies, dtype=float, device=device) for _ in "mf")
         mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
+        data.anchored = each.by_row(~np.isfinite(mass).all(axis=1, keepdims=True), int)
         data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
         if model.driven.any():
             self.done = data.done = wp.zeros(particles, dtype=wp.float64, device=device)
         if impulse is not None:
             data.contact_impulse = impulse
-        given = contact.rules
-        data.kind, data.rules, data.friction = given.kind, given.table, given.friction
+        data.kind, data.rules = contact.rules.kind, contact.rules.table
         data.restitution = wp.array(rules.restitution, dtype=scalar, device=device)
+        half = [np.where(one.radius > 0.0, one.radius, 0.5 * rules.thickness.max()) for one in surfaces.by_row]
+        data.floor = each.by_row(FLOOR * np.array(half), scalar)
         heaviest = float(mass[np.isfinite(mass)].max(initial=0.0))
         self.per_unit = 1.0 / unit_of_sums(heaviest * thickness)
-        # The inner surfaces of closed bodies seldom come near each other.
-        self.may_sleep, self._quiet = bool(on_host.closed.all()), 0
+        # Solid bodies seldom come so near each other that pairs must be kept apart.
+        self.may_sleep, self._quiet = bool(on_host.solid.all()), 0
         self.awake = not self.may_sleep
         """Whether pairs are kept apart in the coming frame; if wrongly not, the frame is repeated."""
         self._measure: Any = measure_pairs(scalar, self.may_sleep)
         self._give_room(LEAST_ROOM if self.may_sleep else ROOM * model.worlds * (vertices + len(edge)))
-
-    def _add_vertices(self, surfaces: ContactSurfaces, each: Repeated, inner: NDArray[np.bool_]) -> None:
-        """Write the vertices of pairs: of drawn surfaces, then of inner surfaces (of the bodies `inner`)."""
-        data, on_host, drawn, model = self.pairs, surfaces.on_host, surfaces.data, self._model
-        data.first_particle, data.particle_of, data.weight = drawn.first, drawn.particle, drawn.weight
-        data.mobility, data.body_of = drawn.mobility, drawn.body_of
-        if not self.inner:
-            return
-        device, scalar, vertices = model.device, model.scalar, len(on_host.particle)
-        x = np.einsum("vk,vkd->vd", on_host.weight, model.row_of("position")[0][on_host.particle])
-        chord, weight = chords(on_host, x, inner)
-        counts, particle, share = inner_vertices(on_host, chord, weight)
-        mass = model.row_of("mass")
-        squares = share**2 / np.broadcast_to(mass, (len(mass), model.particle_count))[:, particle]
-        of = np.repeat(np.arange(vertices), counts)
-        mobility = np.array([np.bincount(of, one, minlength=vertices) for one in squares])
-        first = each.starts(counts).numpy()
-
-        def both(one: wp.array, other: Any) -> wp.array:
-            joined = np.concatenate([one.numpy(), other])
-            return wp.array(joined, dtype=one.dtype, device=device)
-
-        data.first_particle = both(drawn.first, first[1:] + int(drawn.first.numpy()[-1]))
-        data.particle_of = both(drawn.particle, each.alike(particle, int, model.stride).numpy())
-        data.weight = both(drawn.weight, each.alike(share, scalar).numpy())
-        data.mobility = both(drawn.mobility, each.by_row(mobility, scalar).numpy())
-        data.body_of = both(drawn.body_of, drawn.body_of.numpy())
-        none = np.where(chord < 0, -(2**30), chord)  # below 0 in all worlds
-        data.inner.chord = each.alike(none, wp.vec4i, vertices)
-        data.inner.weight = each.alike(weight, wp.types.vector(4, scalar))
-        data.inner.x = in_records(len(drawn.x), model.dim, scalar, device)
-        bodies = len(drawn.closed)
-        data.inner.inset = wp.zeros(bodies, dtype=float, device=device)
-        data.inner.more = wp.zeros(bodies, dtype=scalar, device=device)
-        opposite = np.zeros(len(on_host.closed))
-        np.maximum.at(opposite, on_host.body, np.where(chord[:, 0] < 0, 0.0, 1.0 - weight[:, 0]))
-        self._share_of_opposite = np.tile(opposite, model.worlds)
 
     def begin(self, substeps: int, dt: float) -> None:
         """On a CPU, load kernels that only later frames need: noted kernels compile ahead for a GPU alone."""
@@ -169,26 +127,21 @@ class DivisionPlanes(Effect):
             for kernel in (self._measure, self._keep):
                 wp.load_module(kernel.module, self._model.device)
 
-    def meet(self, neighbors: Any, more: float) -> None:
-        """Set the `NeighborList` whose searches also list pairs, with a margin `more` [m] for far vertices."""
+    def meet(self, neighbors: Any) -> None:
+        """Set the `NeighborList` whose searches also list pairs."""
         self.neighbors, device = neighbors, self._model.device
         self._searching = 0
         """Threads that search for all facets of a piece at once; 0 if each facet is searched for separately."""
         if device.is_cuda and len(neighbors.tree.facet) > MANY_FACETS and not self._grains:
             self._searching = min(SHARES * WARP * len(neighbors.tree.piece), MOST_SEARCHING)
             self.pairs.queue = wp.zeros(QUEUES * (self._searching // WARP), dtype=wp.vec3i, device=device)
-        if self.inner:
-            # As means of drawn vertices, they move with distant ones in proportion to their weight.
-            self.pairs.inner.more.assign(0.5 * more * self._share_of_opposite)
         self._note_kernels()
 
     def _note_kernels(self) -> None:
         """Note the kernels of searches, and those that keep pairs apart, which may wake in any frame."""
         model, neighbors, note = self._model, self.neighbors, self._model.kernels.note
         scalar, worlds = model.scalar, model.in_worlds
-        note(self._find_pairs(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes, self.inner, worlds))
-        if self.inner:
-            note(place_inner(scalar, worlds))
+        note(self._find_pairs(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes, worlds))
         if self.may_sleep:
             note(find_alarm(scalar, worlds))
         if len(self.pairs.driven):
@@ -201,10 +154,10 @@ class DivisionPlanes(Effect):
 
     def _find_pairs(self) -> Any:
         """Return the kernel that lists near pairs."""
-        kinds, worlds = (self._model.scalar, self.tangles), (self.inner, self._model.in_worlds)
+        kinds, worlds = (self._model.scalar, self.tangles), self._model.in_worlds
         if self._searching:
-            return find_pairs_of_pieces(*kinds, *worlds)
-        return find_pairs(*kinds, 1 if self._grains else self.neighbors.lanes, *worlds, self._grains)
+            return find_pairs_of_pieces(*kinds, worlds)
+        return find_pairs(*kinds, 1 if self._grains else self.neighbors.lanes, worlds, self._grains)
 
     def find(self, frame_begins: bool) -> None:
         """Launch the listing of near pairs with the tree of the `NeighborList`, before its search.
@@ -213,9 +166,6 @@ class DivisionPlanes(Effect):
         """
         data, model, neighbors = self.pairs, self._model, self.neighbors
         neighbors.launch(clear_pairs(model.scalar), len(data.in_pair), [data], [])
-        if self.inner:
-            kernel = place_inner(model.scalar, model.in_worlds)
-            neighbors.launch(kernel, len(data.inner.chord), [self._contact, data], [])
         if self.tangles and frame_begins:
             self._find_tangles()
         lanes = 1 if self._grains else neighbors.lanes
@@ -223,21 +173,21 @@ class DivisionPlanes(Effect):
         inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.apart]
         neighbors.share(self._find_pairs(), threads, inputs, [neighbors.flags])
 
-    def start(self, overlapping: bool) -> None:
-        """Exclude surfaces that cross or contain each other at the start, until they have separated."""
+    def start(self) -> None:
+        """Exclude surfaces that cross each other at the start, until they have separated."""
         self._find_tangles()
-        self.tangles = overlapping or bool(self.pairs.tangles.numpy()[0])
+        self.tangles = bool(self.pairs.tangles.numpy()[0])
         self._model.kernels.note(self._find_pairs())
 
     def _find_tangles(self) -> None:
-        pairs, surfaces, neighbors = self.pairs, self._contact.surfaces, self.neighbors
+        pairs, neighbors = self.pairs, self.neighbors
         pairs.tangled.zero_()
         inputs, lanes = [self._contact, neighbors.tree, pairs], neighbors.lanes
-        kernel = find_tangles(self._model.scalar, lanes, self.inner, self._model.in_worlds)
-        neighbors.share(kernel, lanes * (len(pairs.edge) + len(surfaces.ends)), inputs, [])
+        kernel = find_tangles(self._model.scalar, lanes, self._model.in_worlds)
+        neighbors.share(kernel, lanes * len(pairs.edge), inputs, [])
 
     def watch(self) -> None:
-        """Launch the test whether inner surfaces may come so near that their pairs must be kept apart."""
+        """Launch the test whether surfaces may come so near that their pairs must be kept apart."""
         if self.may_sleep:
             kernel, neighbors = find_alarm(self._model.scalar, self._model.in_worlds), self.neighbors
             inputs = [self._contact, self.pairs, self.apart, neighbors.dt]
@@ -248,16 +198,15 @@ class DivisionPlanes(Effect):
 
         At a frame's end it also launches the test of motion that shows whether lists were valid.
         """
-        if not self.awake:
-            return
         model, neighbors, steps = self._model, self.neighbors, self.steps
-        if len(self.pairs.driven):
-            outputs = [after.x, after.v]
-            inputs = [self.pairs, before.x, steps.dt, self.least_gap]
-            neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
-        measured = [self.pairs, before.x, after.x, self.least_gap, self.apart]
-        neighbors.share(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
-        self._keep_apart(before, after)
+        if self.awake:
+            if len(self.pairs.driven):
+                outputs = [after.x, after.v]
+                inputs = [self.pairs, before.x, steps.dt, self.least_gap]
+                neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
+            measured = [self.pairs, before.x, after.x, self.least_gap, self.apart]
+            neighbors.share(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
+            self._keep_apart(before, after)
         if substep + 1 == steps.substeps:  # otherwise the next substep tests it
             neighbors.place(after.x, after.v, after.compensation)
 
@@ -293,7 +242,7 @@ class DivisionPlanes(Effect):
     def judge(self, pairs: int) -> bool:
         """Decide whether coming frames keep pairs apart; return whether the finished frame must be repeated.
 
-        `pairs` is the number of pairs if inner surfaces might meet or the list was full, else 0. If it was full,
+        `pairs` is the number of pairs if surfaces might meet or the list was full, else 0. If it was full,
         the repeated frame decides.
         """
         if pairs > len(self.pairs.vertices):
@@ -317,7 +266,9 @@ class DivisionPlanes(Effect):
         data.watched, data.pushing = (wp.zeros(room, dtype=int, device=device) for _ in "wp")
         data.weights = wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device)
         data.normal = wp.zeros(room, dtype=self._model.vector, device=device)
-        data.gap, data.least, data.reserve = (wp.zeros(room, dtype=scalar, device=device) for _ in "glr")
+        data.bodies = wp.zeros(room, dtype=wp.vec2i, device=device)
+        for name in ("gap", "least", "reserve"):
+            setattr(data, name, wp.zeros(room, dtype=scalar, device=device))
         self._small = not device.is_cuda or room <= MOST_IN_CLUSTER
         self._blocks = CLUSTER if device.is_cuda and device.arch >= 90 else 1
         self._keep: Any = keep_apart(scalar, self._blocks)
@@ -353,6 +304,6 @@ def ranks(surfaces: ContactSurfaces, edge: NDArray[np.int32]) -> NDArray[np.int3
     """Return the rank of each body by the mean length of its edges at the start, 0 for the shortest."""
     on_host, x = surfaces.on_host, surfaces.data.x.numpy()
     length = np.linalg.norm(x[edge[:, 1]] - x[edge[:, 0]], axis=1)
-    body, bodies = on_host.body[edge[:, 0]], len(on_host.closed)
+    body, bodies = on_host.body[edge[:, 0]], len(on_host.solid)
     mean = np.bincount(body, length, bodies) / np.maximum(np.bincount(body, minlength=bodies), 1)
     return np.argsort(np.argsort(mean, kind="stable"), kind="stable").astype(np.int32)

@@ -30,7 +30,6 @@ def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int
     for name, count in counts.items():
         for side in ("lower", "upper"):
             setattr(tree, name + side, wp.zeros(count, dtype=wp.vec3, device=device))
-    tree.widest = wp.zeros(bodies, dtype=float, device=device)
     tree.root = wp.zeros(bodies, dtype=int, device=device)
     return tree
 

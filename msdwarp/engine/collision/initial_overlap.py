@@ -11,16 +11,16 @@ from ...kernels.filling import find_depths
 from .contact_rules import ContactRules
 
 DEEP = 0.45
-"""Depth below the surface in spacings: beyond half a spacing points are not pushed out."""
+"""Depth below the contact mesh, in spacings, beyond which a particle is inside: contact does not push it out."""
 SAMPLES = 64
 """Maximal number of particles of a body that are tested."""
 
 
 def initial_containment(system: System, surfaces: TouchingSurfaces, rules: ContactRules) -> str | None:
-    """Return a warning about the body that starts deepest inside a closed body that it can touch, or None."""
+    """Return a warning about the body that starts deepest inside a solid body that it can touch, or None."""
     x, body = system.position, surfaces.body_of_particle
-    bodies = len(surfaces.closed)
-    if not surfaces.closed.any() or bodies < 2:
+    bodies = len(surfaces.solid)
+    if not surfaces.solid.any() or bodies < 2:
         return None
     low, high = np.full((bodies, 3), np.inf), np.full((bodies, 3), -np.inf)
     np.minimum.at(low, body, x)
@@ -30,7 +30,7 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
     vertices = np.einsum("vk,vkd->vd", surfaces.weight, x[surfaces.particle])
     owner = surfaces.body[surfaces.corner[:, 0]]
     deepest, worst = 0.0, (0, 0)
-    for outer in np.flatnonzero(surfaces.closed):
+    for outer in np.flatnonzero(surfaces.solid):
         deep = DEEP * surfaces.spacing[outer]
         inner_low, inner_high = low[outer] + deep, high[outer] - deep
         near = ((low < inner_high) & (high > inner_low)).all(axis=1)
@@ -40,6 +40,7 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
         if not (particles := np.concatenate([*tried, np.zeros(0, dtype=int)])).size:
             continue
         depth = _depths(vertices, surfaces.corner[owner == outer], x[particles])
+        depth[depth >= 0] += surfaces.radius[outer]  # the contact mesh is so far below the surface
         p = int(np.argmax(depth))
         if depth[p] > max(deep, deepest):
             deepest, worst = float(depth[p]), (int(particles[p]), int(outer))
@@ -49,9 +50,8 @@ def initial_containment(system: System, surfaces: TouchingSurfaces, rules: Conta
     one, other = (body_name(system.groups, np.flatnonzero(body == k)) for k in (body[particle], outer))
     return (
         f"{one} starts inside {other}: particle {particle} is "
-        f"{deepest:.3g} m deep in it, and contact pushes out only up to a depth of half a spacing, which is "
-        f"{0.5 * surfaces.spacing[outer]:.3g} m; move them apart, or have them ignore each other by "
-        "Contact(groups=..., exclude=True)"
+        f"{deepest:.3g} m deep in it, and contact does not push out what is that deep; move them apart, or have "
+        "them ignore each other by Contact(groups=..., exclude=True)"
     )
 
 

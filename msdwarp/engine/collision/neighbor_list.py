@@ -89,7 +89,7 @@ class NeighborList:
     It replaces arrays that recorded launches write to, and then increases `Model.generation`.
 
     Its arrays are the `neighbors` of `contact`, the struct of contact on the device; `planes` lists near pairs;
-    `thickest` is the largest distance at which a facet pushes a point outside its body [m].
+    `thickest` is the largest distance at which a facet pushes a point [m].
     """
 
     def __init__(
@@ -103,11 +103,10 @@ class NeighborList:
     ) -> None:
         self._model, self._contact, self.data = model, contact, contact.neighbors
         on_host, data = surfaces.on_host, self.data
-        scalar, device, closed = model.scalar, model.device, on_host.closed
-        bodies, self._points = model.worlds * len(closed), model.worlds * len(on_host.share)
-        self.farthest = farthest = max(thickest, *(one[closed].max(initial=0.0) for one in surfaces.depth))
+        scalar, device = model.scalar, model.device
+        bodies, self._points = model.worlds * len(on_host.solid), model.worlds * len(on_host.share)
+        self.farthest = farthest = thickest
         """Largest distance at which a facet pushes a point [m]."""
-        self._around = max(farthest, float(surfaces.data.depth.numpy().max()))
         spacing = on_host.spacing[on_host.spacing > 0]
         spacings = SPACINGS_OF_SKIN_ON_GPU if device.is_cuda else SPACINGS_OF_SKIN
         least_spacing = float(spacing.min()) if len(spacing) else 0.0
@@ -138,8 +137,6 @@ class NeighborList:
         data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
         data.since = wp.zeros(1, dtype=float, device=device)
         data.due = wp.full(1, FORCED, dtype=int, device=device)
-        # A facet that the search has not found may come nearer than its reach by this much without touching.
-        self._more = max(0.0, self._around - thickest)
         self._warp = WARP if device.is_cuda else 1
         self._grains = surfaces.grains
         many = self._points > MOST_BY_WARPS or self._grains
@@ -154,11 +151,15 @@ class NeighborList:
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
+        data.moved = wp.zeros(bodies, dtype=float, device=device)
         self._binary: wp.Bvh | None = None
         """Binary tree of the boxes around facets, if single threads search."""
         self._bodies: wp.Bvh | None = None
         """Tree of the boxes around bodies, if there are many."""
-        self.planes, many_bodies = planes, len(closed) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES)
+        self.planes, many_bodies = (
+            planes,
+            len(on_host.solid) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES),
+        )
         note, kinds = model.kernels.note, (scalar, model.in_worlds)
         self._begin_search, self._find_candidates = note(begin_search(*kinds)), note(find_candidates(*kinds))
         self._box_facets = note(box_facets(scalar, self._warp, model.in_worlds))
@@ -171,7 +172,7 @@ class NeighborList:
             note(find_roots())
         note(*(place_vertices(model.dim, scalar, one, model.in_worlds) for one in {False, model.compensated}))
         if planes is not None:
-            planes.meet(self, self._more)
+            planes.meet(self)
         model.kernels.compile()
         self._begin(0.0)
         if self.lanes == 1:
@@ -180,7 +181,7 @@ class NeighborList:
             self.tree.binary = self._binary.id
             wp.launch(find_roots(), bodies, [self._binary.id], [self.tree.root], device=device)
         if many_bodies:
-            worlds = wp.array(np.arange(bodies) // len(closed), dtype=int, device=device)
+            worlds = wp.array(np.arange(bodies) // len(on_host.solid), dtype=int, device=device)
             boxes = self.tree.body_lower, self.tree.body_upper
             self._bodies = wp.Bvh(*boxes, groups=worlds if model.in_worlds else None)
             if model.in_worlds:
@@ -217,8 +218,8 @@ class NeighborList:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
         ahead = (self.check_every + LEAST_ALLOWANCE) * self.dt if checks else 0.0
-        inputs = [contact, self.tree, compensation, x, v, after, self.dt, ahead, self.buffer, self._more]
-        self.share(kernel, len(contact.surfaces.x), [*inputs, self._farthest_way], [self.flags])
+        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self._farthest_way]
+        self.share(kernel, len(contact.surfaces.x), inputs, [self.flags])
 
     def search(
         self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
@@ -247,9 +248,9 @@ class NeighborList:
         self.data.due.fill_(FORCED)
 
     @property
-    def margins(self) -> tuple[float, float, float]:
-        """Arguments `more` and `beyond` of `place_vertices`, and the largest distance of any contact [m]."""
-        return self._more, self._farthest_way, self._around
+    def margins(self) -> tuple[float, float]:
+        """Argument `beyond` of `place_vertices`, and the largest distance of any contact [m]."""
+        return self._farthest_way, self.farthest
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and enlarge the lists until all fit."""
@@ -294,7 +295,7 @@ class NeighborList:
     def _find_rows(self, frame_begins: bool = True) -> None:
         """Launch the search for near pairs and for the facets near each point, with the current boxes."""
         contact, tree, many = self._contact, self.tree, len(self.tree.body_lower)
-        around = [self._around, self.buffer]
+        around = [self.farthest, self.buffer]
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
         threads = many if by_tree else self._warp * many
         self.launch(self._box_neighbours, threads, [contact, tree, tree_of_bodies, *around], [self.flags])

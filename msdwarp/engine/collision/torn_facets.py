@@ -19,10 +19,10 @@ NO_SPRING = -(2**30)
 
 
 class TornFacets:
-    """Leaves out of contact, from the next frame on, the facets of open surfaces and ropes that have torn.
+    """Leaves out of contact, from the next frame on, the facets of sheets and ropes that have torn.
 
     A triangle tears when two of its sides break, or the first if one has no spring, as it is drawn; see
-    `bodies.Edges`. Closed bodies keep their surfaces, which must have an inside.
+    `bodies.Edges`. Solid bodies keep their surfaces.
 
     `contact` is the device's struct of contact, `pairs` that of near pairs, `broken_at` as in `Fracture`.
     """
@@ -39,13 +39,13 @@ class TornFacets:
         springs[~triangle, 1:] = NO_SPRING  # the sides of a segment are one spring
         found = (springs >= 0).sum(axis=1)
         least = np.where(found == 3, 2, 1)
-        least[(found == 0) | surfaces.closed[surfaces.body[corner[:, 0]]]] = NEVER
+        least[(found == 0) | surfaces.solid[surfaces.body[corner[:, 0]]]] = NEVER
         data.broken_at = broken_at
         data.spring = each.alike(springs, int, model.connection_count)
         data.least = each.alike(least, int)
         data.corner, data.owned = wp.clone(contact.surfaces.corner), wp.clone(pairs.owned)
         along = _springs(model, surfaces, surfaces.ends)
-        along[surfaces.closed[surfaces.body[surfaces.ends[:, 0]]]] = NO_SPRING
+        along[surfaces.solid[surfaces.body[surfaces.ends[:, 0]]]] = NO_SPRING
         data.along = each.alike(along, int, model.connection_count)
         data.share = each.alike(surfaces.share, wp.float64)
 

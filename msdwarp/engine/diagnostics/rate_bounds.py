@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ...bodies import LINEAR, System, is_uniform, stored
 from ...runtime import in_turn
-from ..collision.body_contact import DAMPING_LIMIT
 from ..loads.forces import ForceField
 from ..model.effect import Effect
 from ..model.model import Model
@@ -43,10 +42,6 @@ class Rates(NamedTuple):
     """Contribution of effects to `stiffness` [1/s²]; every method treats them explicitly."""
     effect_damping: float = 0.0
     """Contribution of effects to `damping` [1/s]."""
-    limited_damping: float = 0.0
-    """If the step limits the dampers of contacts: `damping` without these dampers [1/s]."""
-    limited_share: float = 0.0
-    """Fraction of the longest stable step that limited dampers use; 0 if none are limited."""
     own: float = 0.0
     """Substeps per second that resolve functions of one's own, and of time, whatever the method."""
 
@@ -82,17 +77,11 @@ def world_rates(assembly: Assembly, state: State) -> list[Rates]:
     write_diagonal_blocks(model, state.x, *blocks)
     bounds = _with_effects(assembly, state, blocks, assembly.all)
     own = own_rates(assembly, state)
-    effects, limited, share = np.zeros((model.different, 2)), np.zeros(model.different), 0.0
-    contact = assembly.body_contact
-    if contact is not None and contact.limits_dampers:
-        share = 0.5 * DAMPING_LIMIT  # h²λ + 2hμ < 4, with μ at most DAMPING_LIMIT / h for these dampers
-        damped = contact.blocks_of(model.different)[1]
-        blocks[1].assign(blocks[1].numpy() - damped[..., None, None] * np.eye(model.dim))
-        limited = np.where(contact.limiting, largest_rates(model, *blocks)[:, 1], bounds[:, 1])
+    effects = np.zeros((model.different, 2))
     if acts_on_rates(assembly.all) and not model.in_worlds:
         effects = _with_effects(assembly, state, zero_blocks(model), assembly.all)
     return [
-        Rates._make((*rates, _least_ratio(model, k), *effects[k], limited[k], share, own[k]))
+        Rates._make((*rates, _least_ratio(model, k), *effects[k], own[k]))
         for k, rates in enumerate(bounds.tolist())
     ]
 
@@ -146,7 +135,7 @@ def rates_by_part(assembly: Assembly, state: State, world: int = 0) -> dict[str,
 
     Keys are words for the part, with the group of the particle at which the rate is largest.
     """
-    model, found, contact = assembly.model, dict[str, Rates](), assembly.body_contact
+    model, found = assembly.model, dict[str, Rates]()
     mass = model.row_of("mass")[world % len(model.row_of("mass"))]
     for effect in (None, *assembly.all):
         blocks, kind = zero_blocks(model), type(effect).__name__
@@ -161,10 +150,7 @@ def rates_by_part(assembly: Assembly, state: State, world: int = 0) -> dict[str,
                 both = np.where(np.arange(2) == k, rates, 0.0).tolist()
                 ratio = math.inf if effect or k else _least_ratio(model, world)
                 own = own_rates(assembly, state)[world] if isinstance(effect, ForceField) else 0.0
-                share = 0.5 * DAMPING_LIMIT if effect and effect is contact and contact.limits_dampers else 0.0
-                found[what + word + of] = Rates(
-                    both[0], both[1], ratio, *(both if effect else ()), limited_share=share, own=own
-                )
+                found[what + word + of] = Rates(both[0], both[1], ratio, *(both if effect else ()), own=own)
     return found
 
 

@@ -73,6 +73,8 @@ class Surroundings(NamedTuple):
     """Whether the contact force on each particle is requested."""
     settles: bool
     """Whether the system is moved to equilibrium (`Fire`)."""
+    shape: NDArray[np.float64]
+    """Positions by which surfaces for contact are made [m], shape [particle_count, dim]: of the start."""
 
     @property
     def hard_colliders(self) -> list[Collider]:
@@ -106,7 +108,7 @@ def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
     if all(one.exclude for one in rules):
         return None
     sums_forces = not model.in_worlds and around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
-    return BodyContact(model, rules, sums_forces)
+    return BodyContact(model, rules, sums_forces, around.shape)
 
 
 def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
@@ -190,9 +192,10 @@ class Assembly:
         return bool(overlapping)
 
     def contacts(self) -> dict[str, NDArray]:
-        """Return which surfaces touch, and how far they have slipped."""
+        """Return which surfaces touch, and how far they have slipped; not how fast they came, to be at rest."""
         effects = [one for one in (self.surface_contact, self.body_contact) if one is not None]
-        return {name: values for one in effects for name, values in one.checkpoint().items()}
+        each = {name: values for one in effects for name, values in one.checkpoint().items()}
+        return {name: values for name, values in each.items() if not name.endswith(".fastest")}
 
     def press(self, contacts: Mapping[str, NDArray]) -> None:
         """Take over `contacts` of the same system at rest: what overlaps is pressed together, with friction."""
@@ -280,6 +283,7 @@ def assemble(
     probes: Mapping[str, Probe] | None = None,
     contact_forces: bool = False,
     settles: bool = False,
+    shape: NDArray[np.float64] | None = None,
     **options: Any,
 ) -> Assembly:
     """Return a system on a device with its effects.
@@ -294,7 +298,8 @@ def assemble(
         loads = [replace(one, restitution=1.0) if isinstance(one, Contact) else one for one in loads]
     model = Model(system, gravity=gravity, driven=driven_particles(loads, system), **options)
     measured = checked_probes(probes or {}, system, colliders, loads)
-    around = Surroundings(tuple(colliders), collider_rule, loads, measured, contact_forces, settles)
+    shape = system.position if shape is None else shape
+    around = Surroundings(tuple(colliders), collider_rule, loads, measured, contact_forces, settles, shape)
     return Assembly(model, around)
 
 

@@ -9,7 +9,8 @@ from ...kernels.collision.contact_data import NearPairs
 from ...kernels.collision.neighbor_search import ON_GPU
 from ...kernels.integrators.persistent import MOST_THREADS, persistent
 from ...kernels.integrators.persistent_contact import ContactNumbers, ContactParts, contact_before
-from ..collision.body_contact import BodyContact
+from ..collision.body_contact import DAMPING, BodyContact
+from ..model.state import Instant
 from .dynamics import Dynamics
 from .persistent import CLUSTER, whole
 from .stages import Stage, stages_for
@@ -47,8 +48,8 @@ class ContactLaunch:
     def _kernel(self) -> tuple[Any, Any]:
         """Return the kernel, and what it does before forces."""
         effect, composition = self._effect, self._dynamics.composition
-        kinds = effect.overlapping_at_start, effect.limits_now, effect.planes is not None
-        before = contact_before(composition, self._method, ContactParts(*kinds, effect.lanes(triangles=True)))
+        parts = ContactParts(effect.overlapping_at_start, effect.lanes(triangles=True))
+        before = contact_before(composition, self._method, parts)
         return persistent(composition, self._method, CLUSTER, before=before), before
 
     def launch(self, substeps: int, first: int) -> None:
@@ -57,8 +58,8 @@ class ContactLaunch:
         neighbors, planes = effect.neighbors, effect.planes
         dynamics.go_to_substep(first)
         numbers, pairs, h = ContactNumbers(model.scalar)(), NearPairs(model.scalar)(), effect.steps.dt
-        numbers.more, numbers.beyond, numbers.farthest = neighbors.margins
-        numbers.h, numbers.behind, numbers.per_unit = h, h if effect.steps.lagging else 0.0, 1.0 / effect.data.unit
+        numbers.beyond, numbers.farthest = neighbors.margins
+        numbers.h, numbers.rate, numbers.per_unit = h, DAMPING / h, 1.0 / effect.data.unit
         numbers.ahead = AHEAD * h
         if planes is not None:
             pairs, numbers.apart = planes.pairs, planes.apart
@@ -70,9 +71,13 @@ class ContactLaunch:
         inputs = [dynamics.scene, stages_for(kernel, self._steps), substeps, whole(model, threads), contact]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 
+    def test_motion(self, now: Instant) -> None:
+        """Launch the test of motion that shows, at a frame's end, whether lists were valid."""
+        self._effect.neighbors.place(now.x, now.v, now.compensation)
+
 
 def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int) -> ContactLaunch | None:
-    """Return the launch of a scene's frames; None unless it is small, of closed bodies, without other effects."""
+    """Return the launch of a scene's frames; None unless it is small, of solid bodies, without other effects."""
     model, effect, algorithm = dynamics.model, dynamics.assembly.body_contact, dynamics.composition.force_algorithm
     if effect is None or model.in_worlds or not model.device.is_cuda or model.device.arch < 90 or per_substep != 1:
         return None

@@ -103,6 +103,7 @@ class Stepper:
             self.contact.launch(substeps, first)
             if substeps % 2:
                 self._state.flip()
+            self.contact.test_motion(self._state.state_in)
         elif self.blocks is None:
             begun, pairs = 2, (substeps - 3) // 2  # the first two and the last substep differ from the others
             if not self._repeats or pairs < 2:
