@@ -102,7 +102,7 @@ class DivisionPlanes(Effect):
         bodies = len(surfaces.data.solid)
         data.most_shift, data.foreseen = (wp.zeros(bodies, dtype=float, device=device) for _ in "mf")
         mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
-        data.anchored = each.by_row(~np.isfinite(mass).all(axis=1, keepdims=True), int)
+        data.anchored = each.by_row(np.array([[int(np.isinf(one).any())] for one in mass]), int)
         data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
         if model.driven.any():
             self.done = data.done = wp.zeros(particles, dtype=wp.float64, device=device)
