@@ -122,7 +122,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                 elif wp.trace(other_turning) == zero:
                     share = scalar(1.0)
                 arm = -share * gap * normal
-                if wp.trace(turning) > zero or wp.trace(other_turning) > zero:
+                if wp.trace(other_turning) > zero:
                     other_arm = (scalar(1.0) - share) * gap * normal
                 u_c += wp.cross(turn_of(x, v, host, turning), arm)
                 u_c -= wp.cross(turn_of(x, v, nearest.corner, other_turning), other_arm)

@@ -192,7 +192,7 @@ def NearPairs(scalar: type):
         most_weight: float  # largest sum of the absolute weights of a vertex
         anchored: wp.array(
             dtype=int
-        )  # whether any particle of each world is pinned: what is held back loses speed
+        )  # of each world: whether any particle is pinned; then what is held loses speed
         driven: wp.array(dtype=int)  # indices of the driven particles
         done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
         contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not requested

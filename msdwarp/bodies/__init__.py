@@ -3,7 +3,13 @@
 from .angles import Angles
 from .cells import CORNERS, NONE, Cells
 from .connectivity import pieces
-from .contact_surfaces import TouchingSurfaces, behind_surfaces, contact_surfaces, spring_means
+from .contact_surfaces import (
+    TouchingSurfaces,
+    behind_surfaces,
+    contact_surfaces,
+    facet_moments,
+    spring_means,
+)
 from .dampers import LINEAR, CoulombDamper, Damper, OwnDamper, QuadraticDamper, UnknownDamper
 from .device_functions import check_types
 from .facets import Facets, facets_of, open_edges, sides_of

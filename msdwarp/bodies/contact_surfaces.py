@@ -196,6 +196,17 @@ def _inward(y: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.
     It is the least-squares solution of n·w = −1 over the triangles around the vertex, weighted by area, in the
     directions that they determine.
     """
+    spread, mean, total = facet_moments(y, triangles)
+    values, axes = np.linalg.eigh(spread)
+    along = np.einsum("vik,vi->vk", axes, mean)
+    counts = values > DETERMINED * np.maximum(total, 1e-300)[:, None]
+    return -np.einsum("vik,vk->vi", axes, np.where(counts, along / np.where(counts, values, 1.0), 0.0))
+
+
+def facet_moments(
+    y: NDArray[np.float64], triangles: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return Σ A n nᵀ, Σ A n and Σ A over the triangles around each vertex at y [m]; A is twice the area [m²]."""
     a, b, c = y[triangles].transpose(1, 0, 2)
     area = np.cross(b - a, c - a)
     size = np.linalg.norm(area, axis=1)
@@ -205,10 +216,7 @@ def _inward(y: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.
         np.add.at(spread, triangles[:, k], size[:, None, None] * normal[:, :, None] * normal[:, None, :])
         np.add.at(mean, triangles[:, k], area)
         np.add.at(total, triangles[:, k], size)
-    values, axes = np.linalg.eigh(spread)
-    along = np.einsum("vik,vi->vk", axes, mean)
-    counts = values > DETERMINED * np.maximum(total, 1e-300)[:, None]
-    return -np.einsum("vik,vk->vi", axes, np.where(counts, along / np.where(counts, values, 1.0), 0.0))
+    return spread, mean, total
 
 
 def behind_surfaces(system: System) -> NDArray[np.bool_]:

@@ -103,15 +103,9 @@ def stability_limit(system: System, integrator: Integrator) -> float:
     return integrator.stable_step(rate_bounds(system))
 
 
-def _longest_steps(rates: Rates, integrator: Integrator, safety: float = SAFETY) -> tuple[float, float]:
-    """Return (largest stable substep [s], largest substep with the margin `safety` [s])."""
-    limit = integrator.stable_step(rates)
-    return limit, safety * limit
-
-
 def asked_by(parts: Mapping[str, Rates], integrator: Integrator, fps: float) -> str:
     """Return as text how many substeps a frame parts ask for: the three with the largest numbers."""
-    limits = {name: (_longest_steps(rates, integrator)[0], rates.own) for name, rates in parts.items()}
+    limits = {name: (integrator.stable_step(rates), rates.own) for name, rates in parts.items()}
     wanted = {name: max(1.0 / limit, own) for name, (limit, own) in limits.items() if limit > 0.0}
     asked = {name: max(1, math.ceil(each / fps)) for name, each in wanted.items()}
     most = sorted(asked, key=asked.__getitem__, reverse=True)[:3]
@@ -120,7 +114,7 @@ def asked_by(parts: Mapping[str, Rates], integrator: Integrator, fps: float) -> 
 
 def choose_forced(rates: Rates, integrator: Integrator, fps: float, substeps: int) -> StepChoice:
     """Return a choice of `substeps`, stable or not; limit and `least` are 0 if no step is stable."""
-    limit = _longest_steps(rates, integrator)[0]
+    limit = integrator.stable_step(rates)
     least = max(1, math.ceil(1.0 / (fps * limit))) if limit > 0.0 else 0
     return StepChoice(rates, limit, least, substeps, fps)
 
@@ -145,7 +139,7 @@ def choose_stable(
                 f"{math.ceil(choice.least / safety)} with a margin"
             )
         return choice
-    wanted = max(1.0 / _longest_steps(rates, integrator, safety)[1], rates.own) / fps
+    wanted = max(1.0 / (safety * integrator.stable_step(rates)), rates.own) / fps
     if wanted > MOST_SUBSTEPS:
         raise UnstableStep(
             f"{wanted:.2g} substeps a frame would be needed, more than {MOST_SUBSTEPS}: raise fps, "

@@ -26,7 +26,7 @@ from ..device.launcher import Launcher
 from ..model.model import Model
 from .contact_history import SEPARATION_TIME, WithHistory
 from .contact_rules import ContactRules, unit_of_sums
-from .contact_surfaces import UNLIMITED, ContactSurfaces
+from .contact_surfaces import ContactSurfaces
 from .division_planes import DivisionPlanes
 from .initial_overlap import initial_containment
 from .neighbor_list import NeighborList
@@ -35,6 +35,8 @@ from .torn_facets import TornFacets
 
 DAMPING = 0.25
 """Largest rate of all dampers of contacts at a vertex together, times the substep."""
+UNLIMITED = 1e30
+"""A rate above that of any damper [1/s]."""
 OVERLAP = 0.01
 """Overlap at the start up to which there is no warning, as a fraction of the spacing."""
 
@@ -65,11 +67,11 @@ class BodyContact(WithHistory):
         self._points = model.worlds * len(on_host.share)
         self.set_up_history(model, data.history, self._points, "touch", {"fastest": scalar})
         thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
-        given, thickest = max(0.0, thickness.max()), 0.0
+        thickest = 0.0
         for one in surfaces.by_row:
             own = 2.0 * float(one.radius.max(initial=0.0)) if (thickness < 0).any() else 0.0
-            thickest = max(thickest, own, given)
-            reach = max(own, given)
+            reach = max(own, thickness.max(), 0.0)
+            thickest = max(thickest, reach)
             stiffest = max(float(one.stiffness.max(initial=0.0)), stiffness.max(), 0.0)
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(surfaces)

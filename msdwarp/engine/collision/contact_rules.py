@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import TouchingSurfaces
+from ...bodies import TouchingSurfaces, facet_moments
 from ...world import Contact
 from ..model.model import Model
 from .contact_surfaces import ContactSurfaces
@@ -183,14 +183,7 @@ def harmonic_mean(a: Any, b: Any) -> Any:
 
 def _directions(surfaces: TouchingSurfaces, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return for vertices at x [m] the mean of n nᵀ over the facets around each, 1 where there is no triangle."""
-    a, b, c = x[surfaces.corner].transpose(1, 0, 2)
-    area = np.cross(b - a, c - a)
-    size = np.linalg.norm(area, axis=1)
-    total, outer = np.zeros(len(x)), np.zeros((len(x), 3, 3))
-    of_facet = area[:, :, None] * area[:, None, :] / np.maximum(size, NOTHING)[:, None, None]
-    for k in range(3):
-        np.add.at(total, surfaces.corner[:, k], size)
-        np.add.at(outer, surfaces.corner[:, k], of_facet)
+    outer, _, total = facet_moments(x, surfaces.corner)
     bare = (total == 0)[:, None, None]
     return np.where(bare, np.eye(3), outer / np.where(bare, 1.0, total[:, None, None]))
 

@@ -12,9 +12,6 @@ from ..device.vector_arrays import in_records
 from ..model.model import Model
 from .tables_by_world import Repeated, surfaces_by_row
 
-UNLIMITED = 1e30
-"""A rate above that of any damper [1/s]."""
-
 
 class ContactSurfaces:
     """The surfaces of the bodies of a system, in one world or many."""
@@ -32,7 +29,8 @@ class ContactSurfaces:
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
         self.shape = surfaces.points(shape)
         """Positions of the vertices for particles at `shape` [m]."""
-        self.density = densities(surfaces, self.shape, self.body_of_point)
+        self._sides = sides_between(surfaces)
+        self.density = densities(surfaces, self.shape, self.body_of_point, *self._sides)
         """Stiffness of each point as a fraction of that of an independent vertex, in proportion to its area."""
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
@@ -62,7 +60,7 @@ class ContactSurfaces:
         data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
         data.body = each.alike(self.body_of_point, int, bodies)
         data.density = each.alike(self.density, scalar)
-        host = hosts(surfaces)
+        host = hosts(surfaces, *self._sides)
         data.host = each.alike(np.where(host < 0, -(2**30), host), int, len(surfaces.corner))  # below 0 in all
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
         data.owner = each.alike(self.body_of_facet, int, bodies)
@@ -89,33 +87,34 @@ def bearing_vertices(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
     return np.minimum(carrying, np.bincount(surfaces.body, minlength=bodies))
 
 
-def densities(surfaces: TouchingSurfaces, x: NDArray[np.float64], body: NDArray[np.int32]) -> NDArray[np.float64]:
+def densities(
+    surfaces: TouchingSurfaces,
+    x: NDArray[np.float64],
+    body: NDArray[np.int32],
+    of_side: NDArray[np.int64],
+    of_point: NDArray[np.int64],
+) -> NDArray[np.float64]:
     """Return each point's stiffness as a fraction of that of an independent vertex of its body, by its area.
 
     Vertices are at x [m], shape [vertex_count, 3]. Of a triangle's area, or a segment's length, half belongs to
-    its corners and half to the midpoints of its sides, where these are points.
+    its corners and half to the midpoints of its sides, where these are points. `of_side` and `of_point` are those
+    of `sides_between`.
     """
-    vertices, bodies, corner = len(surfaces.particle), len(surfaces.solid), surfaces.corner
+    vertices, corner = len(surfaces.particle), surfaces.corner
     a, b, c = x[corner].transpose(1, 0, 2)
     triangle, grain = corner[:, 1] != corner[:, 2], corner[:, 0] == corner[:, 1]
     size = np.where(triangle, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1), np.linalg.norm(b - a, axis=1))
-    size = np.where(grain, 1.0, size)
-    share = np.zeros(len(body))
-    sides, of_side = sides_between(surfaces)
-    middle = np.searchsorted(sides, side_keys(surfaces, surfaces.ends[vertices:]))
-    number = np.full(len(sides), -1)
-    number[middle] = vertices + np.arange(len(middle))
+    half = 0.5 * np.where(grain, 1.0, size)
+    corners, sides = np.where(triangle, 3, np.where(grain, 1, 2)), np.where(triangle, 3, np.where(grain, 0, 1))
+    share, number = np.zeros(len(body)), np.full(of_side.max(initial=-1) + 1, -1)
+    number[of_point] = vertices + np.arange(len(of_point))
     for k in range(3):
-        present = triangle if k else np.ones(len(corner), dtype=bool)
-        if k == 1:
-            present = ~grain
-        parts = np.where(triangle, 3.0, np.where(grain, 1.0, 2.0))
-        np.add.at(share, corner[present, k], (0.5 * size / parts)[present])
+        present = k < corners
+        np.add.at(share, corner[present, k], half[present] / corners[present])
     for k in range(3):
-        present = (triangle | (~grain & (k == 0))) & (number[of_side[:, k]] >= 0)
-        parts = np.where(triangle, 3.0, 1.0)
-        np.add.at(share, number[of_side[present, k]], (0.5 * size / parts)[present])
-    total = np.bincount(body, share, bodies)
+        present = (k < sides) & (number[of_side[:, k]] >= 0)
+        np.add.at(share, number[of_side[present, k]], half[present] / sides[present])
+    total = np.bincount(body, share, len(surfaces.solid))
     return share * (bearing_vertices(surfaces) / np.maximum(total, 1e-300))[body]
 
 
@@ -124,25 +123,31 @@ def side_keys(surfaces: TouchingSurfaces, ends: NDArray[np.integer]) -> NDArray[
     return np.sort(ends.astype(np.int64), axis=-1) @ np.array([len(surfaces.particle), 1])
 
 
+def keys_of_sides(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
+    """Return `side_keys` of the three sides of each facet, shape [facet_count, 3]."""
+    return side_keys(surfaces, np.stack([surfaces.corner, np.roll(surfaces.corner, -1, axis=1)], axis=-1))
+
+
 def sides_between(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the keys of all sides of facets in ascending order, and which each facet has, [facet_count, 3]."""
-    corner = surfaces.corner
-    keys, of = np.unique(
-        side_keys(surfaces, np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1)), return_inverse=True
-    )
-    return keys, of.reshape(corner.shape)
+    """Return the number of each side of each facet, [facet_count, 3], and that on which each midpoint lies.
+
+    Facets on both sides of an edge have the same number for it.
+    """
+    keys, of_side = np.unique(keys_of_sides(surfaces), return_inverse=True)
+    of_point = np.searchsorted(keys, side_keys(surfaces, surfaces.ends[len(surfaces.particle) :]))
+    return of_side.reshape(surfaces.corner.shape), of_point
 
 
-def hosts(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
-    """Return for each point a triangle on which it lies, -1 if it is on none."""
-    vertices, corner = len(surfaces.particle), surfaces.corner
-    found = np.full(len(surfaces.ends), -1)
+def hosts(
+    surfaces: TouchingSurfaces, of_side: NDArray[np.int64], of_point: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return for each point a triangle on which it lies, -1 if it is on none; inputs as of `densities`."""
+    corner, found = surfaces.corner, np.full(len(surfaces.ends), -1)
     triangles = np.flatnonzero(corner[:, 1] != corner[:, 2])
     found[corner[triangles]] = triangles[:, None]
-    sides, of_side = sides_between(surfaces)
-    on_side = np.full(len(sides), -1)
+    on_side = np.full(of_side.max(initial=-1) + 1, -1)
     on_side[of_side[triangles]] = triangles[:, None]
-    found[vertices:] = on_side[np.searchsorted(sides, side_keys(surfaces, surfaces.ends[vertices:]))]
+    found[len(surfaces.particle) :] = on_side[of_point]
     return found
 
 

@@ -18,7 +18,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
 from .contact_rules import ContactRules, unit_of_sums
-from .contact_surfaces import ContactSurfaces
+from .contact_surfaces import ContactSurfaces, keys_of_sides, side_keys
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
@@ -284,19 +284,18 @@ def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int
     """
     corner = surfaces.corner
     facets, triangle = len(corner), corner[:, 1] != corner[:, 2]
-    sides = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     numbers = np.flatnonzero(np.stack([np.ones(facets, dtype=bool), triangle, triangle], axis=1))
-    edge, first_side = np.unique(sides[numbers], axis=0, return_index=True)
+    key, first_side = np.unique(keys_of_sides(surfaces).reshape(-1)[numbers], return_index=True)
     vertex, first_corner = np.unique(corner, return_index=True)
     vertices = len(surfaces.particle)
     owned, points = np.zeros((facets, 6), dtype=np.int32), np.full((facets, 6), -1)
     facet, part = np.divmod(np.append(first_corner, numbers[first_side]), 3)
     part[len(vertex) :] += 3
     owned[facet, part] = 1 << part
-    number = np.full(len(edge), -1)
-    middles = np.sort(surfaces.ends[vertices:], axis=1) @ [vertices, 1]
-    number[np.searchsorted(edge @ [vertices, 1], middles)] = vertices + np.arange(len(middles))
+    number, middles = np.full(len(key), -1), side_keys(surfaces, surfaces.ends[vertices:])
+    number[np.searchsorted(key, middles)] = vertices + np.arange(len(middles))
     points[facet, part] = np.append(vertex, number)
+    edge = np.stack(np.divmod(key, vertices), axis=1)
     return edge.astype(np.int32), owned.sum(axis=1), points.reshape(-1)
 
 

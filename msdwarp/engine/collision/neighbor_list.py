@@ -98,21 +98,20 @@ class NeighborList:
         surfaces: ContactSurfaces,
         contact: Any,
         each: Repeated,
-        planes: DivisionPlanes | None,
+        planes: DivisionPlanes,
         thickest: float,
     ) -> None:
         self._model, self._contact, self.data = model, contact, contact.neighbors
         on_host, data = surfaces.on_host, self.data
         scalar, device = model.scalar, model.device
         bodies, self._points = model.worlds * len(on_host.solid), model.worlds * len(on_host.share)
-        self.farthest = farthest = thickest
-        """Largest distance at which a facet pushes a point [m]."""
+        self.farthest = thickest
         spacing = on_host.spacing[on_host.spacing > 0]
         spacings = SPACINGS_OF_SKIN_ON_GPU if device.is_cuda else SPACINGS_OF_SKIN
         least_spacing = float(spacing.min()) if len(spacing) else 0.0
-        self._widest = max(WIDEST_SKIN * farthest, spacings * least_spacing)
-        self._least_skin = LEAST_SKIN * farthest
-        self._farthest_way = FARTHEST_WAY * max(farthest, float(spacing.max(initial=0.0)))
+        self._widest = max(WIDEST_SKIN * thickest, spacings * least_spacing)
+        self._least_skin = LEAST_SKIN * thickest
+        self._farthest_way = FARTHEST_WAY * max(thickest, float(spacing.max(initial=0.0)))
         self._skin_now = self._least_skin
         self.too_far = 0.0
         """The longest path of a vertex in a substep of the last frame [m], if it was too long; else 0."""
@@ -171,8 +170,7 @@ class NeighborList:
         if self.lanes == 1 or (many_bodies and model.in_worlds):
             note(find_roots())
         note(*(place_vertices(model.dim, scalar, one, model.in_worlds) for one in {False, model.compensated}))
-        if planes is not None:
-            planes.meet(self)
+        planes.meet(self)
         model.kernels.compile()
         self._begin(0.0)
         if self.lanes == 1:
@@ -238,7 +236,7 @@ class NeighborList:
 
     def _find_if_due(self, after: float, frame_begins: bool) -> None:
         """Launch a search that the device skips if lists are still valid."""
-        if frame_begins and self.planes is not None and self.planes.tangles:
+        if frame_begins and self.planes.tangles:
             self._find(after, True)
         else:
             self.launcher.launch_if(self.data.due, partial(self._find, after))
@@ -299,8 +297,7 @@ class NeighborList:
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
         threads = many if by_tree else self._warp * many
         self.launch(self._box_neighbours, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
-        if self.planes is not None:
-            self.planes.find(frame_begins)
+        self.planes.find(frame_begins)
         self.share(self._find_candidates, self._points, [contact, tree, *around], [])
         inputs, searching = [contact, tree, *around], MOST_SEARCHING
         self.share(self._find_in_rows, self.lanes * self._points, inputs, [self.flags], searching, BLOCK)
@@ -331,7 +328,7 @@ class NeighborList:
             self.buffer.fill_(wanted)
             self.invalidate()
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
-        overflown |= self.planes is not None and self.planes.judge(pairs)
+        overflown |= self.planes.judge(pairs)
         self._make_room(int(longest), int(body_pairs), pairs)
         return not held or overflown
 
@@ -340,7 +337,7 @@ class NeighborList:
 
         They get some room to spare, since searches between frames cannot be repeated.
         """
-        data, extended = self.data, self.planes is not None and self.planes.extend(near_pairs)
+        data, extended = self.data, self.planes.extend(near_pairs)
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
         if extended:
             self.invalidate()

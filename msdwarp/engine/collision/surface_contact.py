@@ -42,7 +42,7 @@ DAMPING = 1 / 20
 """Largest rate of the dampers of a particle's facets, times the substep. From 1/12 on a ball with a fine surface
 trembles between planes; so dampers shorten no step."""
 LEAST_RESTITUTION = 0.3
-"""Lower restitutions are raised to this: particles take most of an impact; stronger dampers need shorter steps."""
+"""Lower restitutions are raised to this: particles take most of an impact; the limit would weaken such dampers."""
 
 
 def surface_contact_of(

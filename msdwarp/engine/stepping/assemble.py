@@ -175,8 +175,7 @@ class Assembly:
                 model, self.colliders, self.body_contact, obstacles, around.loads
             )
         self.all += [self.surface_contact] if self.surface_contact is not None else []
-        planes = self.body_contact.planes if self.body_contact is not None else None
-        self.all += [planes] if planes is not None else []
+        self.all += [self.body_contact.planes] if self.body_contact is not None else []
         self.external_work = self._work()
         self.all += [self.external_work] if self.external_work is not None else []
         self.fire = Fire(model) if around.settles else None

@@ -5,7 +5,6 @@ from typing import Any
 
 import warp as wp
 
-from ...kernels.collision.contact_data import NearPairs
 from ...kernels.collision.neighbor_search import ON_GPU
 from ...kernels.integrators.persistent import MOST_THREADS, persistent
 from ...kernels.integrators.persistent_contact import ContactNumbers, ContactParts, contact_before
@@ -42,8 +41,7 @@ class ContactLaunch:
 
         False if pairs are kept apart: the kernel would compile for half a minute and save a tenth of the time.
         """
-        planes = self._effect.planes
-        return (planes is None or not planes.awake) and self._effect.neighbors.active <= MOST_ACTIVE
+        return not self._effect.planes.awake and self._effect.neighbors.active <= MOST_ACTIVE
 
     def _kernel(self) -> tuple[Any, Any]:
         """Return the kernel, and what it does before forces."""
@@ -57,16 +55,14 @@ class ContactLaunch:
         dynamics, effect, model = self._dynamics, self._effect, self._dynamics.model
         neighbors, planes = effect.neighbors, effect.planes
         dynamics.go_to_substep(first)
-        numbers, pairs, h = ContactNumbers(model.scalar)(), NearPairs(model.scalar)(), effect.steps.dt
+        numbers, h = ContactNumbers(model.scalar)(), effect.steps.dt
         numbers.beyond, numbers.farthest = neighbors.margins
         numbers.h, numbers.rate, numbers.per_unit = h, DAMPING / h, 1.0 / effect.data.unit
-        numbers.ahead = AHEAD * h
-        if planes is not None:
-            pairs, numbers.apart = planes.pairs, planes.apart
+        numbers.ahead, numbers.apart = AHEAD * h, planes.apart
         (kernel, before), threads = self._kernel(), CLUSTER * MOST_THREADS
         contact = before.Data()
         contact.data, contact.tree = effect.on_device
-        contact.pairs, contact.numbers, contact.none = pairs, numbers, effect.nothing
+        contact.pairs, contact.numbers, contact.none = planes.pairs, numbers, effect.nothing
         contact.buffer, contact.flags = neighbors.buffer, neighbors.flags
         inputs = [dynamics.scene, stages_for(kernel, self._steps), substeps, whole(model, threads), contact]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
@@ -83,8 +79,8 @@ def contact_launch(dynamics: Dynamics, stages: Sequence[Stage], per_substep: int
         return None
     if not dynamics.only_contact_precedes or algorithm.evaluate is not None or algorithm.tears:
         return None
-    planes = effect.planes  # they never sleep if any body is open, such as a rope or a grain
-    if planes is not None and (planes.tangles or not planes.may_sleep):
+    # They never sleep if any body is open, such as a rope or a grain.
+    if effect.planes.tangles or not effect.planes.may_sleep:
         return None
     sizes = effect.shared_points, len(effect.neighbors.tree.body_lower), model.particle_count
     if any(size > most for size, most in zip(sizes, MOST, strict=True)):
