@@ -118,13 +118,17 @@ def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
     face = _shaded(_mix(np.zeros_like(u), colour, dot), 1 - 0.10 * _step(rim - 0.95, 0.1))
     images = []
     for count in DIE:
-        image = face
+        image = face.copy()
         for column, row in PIPS[count]:
-            x, y = u - 0.5 * column, v - 0.5 * row
+            at = [
+                np.flatnonzero(np.abs(w - 0.5 * k) < 0.18 + 4 / size) for w, k in ((v[:, 0], row), (u[0], column))
+            ]
+            here = np.ix_(*at)  # the pixels around the dot
+            x, y = u[here] - 0.5 * column, v[here] - 0.5 * row
             hollow = 1 - _step(np.hypot(x, y) - 0.18, 4 / size)
             bowl = 1 + 0.9 * np.clip((0.6 * x - 0.8 * y) / 0.18, -1, 1)  # its lower wall is lit from above
-            dots = _shaded(_mix(np.ones_like(u), colour, dot), 0.8 + 0.2 * bowl)
-            image = np.where(hollow[..., None] > 0, _over(image, dots, hollow), image)
+            dots = _shaded(_mix(np.ones_like(x), colour, dot), 0.8 + 0.2 * bowl)
+            image[here] = _over(image[here], dots, hollow)
         images.append(image)
     return _faces(images)
 
@@ -240,12 +244,14 @@ def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int
     )
     place = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=-1)
     # Waves in space, seen where they cut the sphere: no seam and no poles.
-    mottle = np.zeros(turn.shape)
+    near, mottle = place.astype(np.float32), np.zeros(turn.shape, np.float32)  # single precision: half the time
     for octave, share in ((4.0, 0.5), (9.0, 0.35), (21.0, 0.25)):
         for _ in range(14):
             wave = octave * (0.7 + 0.6 * random.random()) * _direction(random)
-            mottle += share / np.sqrt(14) * np.cos(place @ wave + 2 * np.pi * random.random())
+            phase = np.float32(2 * np.pi * random.random())
+            mottle += np.float32(share / np.sqrt(14)) * np.cos(near @ wave.astype(np.float32) + phase)
     image = _shaded(_mix(np.zeros_like(turn), colour, fleck), 1 + 0.07 * mottle)
+    paint = _mix(np.ones(1), colour, fleck)
     for _ in range(flecks):
         middle, length = _direction(random), 0.015 + 0.03 * random.random()
         grain = np.cross(middle, _direction(random))
@@ -257,7 +263,7 @@ def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int
         across = np.sqrt(np.maximum(1 - along**2 - outwards**2, 0))
         distance = np.hypot(along / length, across / (0.45 * length))
         share = np.where(outwards > 0, 0.9 * (1 - _step(distance - 1, 0.3)), 0.0)
-        image[rows] = _over(image[rows], _mix(np.ones(share.shape), colour, fleck), share)
+        image[rows] = _over(image[rows], paint, share)
     return image
 
 
