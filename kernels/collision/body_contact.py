@@ -23,10 +23,15 @@ from ..records import table
 from .contact_data import BodyContactData, Substep
 from .force_sums import exert_force
 from .history import displacements, memories
-from .law import TANGENTIAL, contact_law, couples
-from .nearest_facet import nearest_facets, own_normals
+from .law import TANGENTIAL, contact_law, triangles
+from .nearest_facet import nearest_facets
 from .neighbor_search import each_active_point
-from .pairs import ALMOST, Pair, next_in_order, places, points
+from .pairs import ALMOST, Pair, hosts_of_points, next_in_order, places, points
+
+FACING = 0.8
+"""Least cosine between the normals of two surfaces for which a damper sees the approach to both, see `law`."""
+DOUBT = 0.01
+"""Part of the skin that covers the rounding of paths since the last search."""
 
 
 @functools.cache
@@ -60,9 +65,8 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     moved_along = displacements(scalar, worlds)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)
-    normal_at = own_normals(scalar, lanes)
-    (turning_of, turn_of, exert_couple), corner_of = couples(scalar, lanes), table(wp.vec3i)
-    zero, half, tangential = scalar(0.0), scalar(0.5), scalar(TANGENTIAL)
+    (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar, worlds)
+    zero, one, half, tangential = scalar(0.0), scalar(1.0), scalar(0.5), scalar(TANGENTIAL)
 
     @wp.func
     def bear(
@@ -97,35 +101,35 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         if bears:
             before, fastest_before = moved_along(past, pair.other)
             x = data.surfaces.x
-            around = data.surfaces.first_facet
-            own = normal_at(around, data.surfaces.facet, data.surfaces.corner, x, point.ends, lane)
-            if data.surfaces.solid[pair.mine] == 0 and wp.dot(own, normal) > zero:
-                own = -own  # a sheet has two sides
-            host = wp.vec3i()
+            host, w_host = host_of(data, point)
             radius = data.surfaces.radius[pair.mine]
             other_radius = data.surfaces.radius[pair.other]
+            mine = triangle_of(x, host, radius)
+            other = triangle_of(x, nearest.corner, other_radius)
+            own = wp.normalize(mine.normal)
+            facing = wp.dot(own, normal)
+            if data.surfaces.solid[pair.mine] == 0 and facing > zero:
+                own = -own  # a sheet has two sides
+                facing = -facing
+            if facing > scalar(-FACING):
+                own = V()
             arm = V()
             other_arm = V()
             u_c = u
             if pair.friction > zero:
-                # Friction acts where the shells meet.
-                if point.host >= 0:
-                    host = corner_of(data.surfaces.corner, point.host)
+                # Friction acts where the shells meet. A side that can take no couple has the point on itself.
                 share = half
                 if radius + other_radius > zero:
                     share = radius / (radius + other_radius)
-                # A side that can take no couple has the point on itself.
-                turning = turning_of(x, host, radius)
-                other_turning = turning_of(x, nearest.corner, other_radius)
-                if wp.trace(turning) == zero:
+                if mine.inverse == zero:
                     share = zero
-                elif wp.trace(other_turning) == zero:
-                    share = scalar(1.0)
+                elif other.inverse == zero:
+                    share = one
                 arm = -share * gap * normal
-                if wp.trace(other_turning) > zero:
-                    other_arm = (scalar(1.0) - share) * gap * normal
-                u_c += wp.cross(turn_of(x, v, host, turning), arm)
-                u_c -= wp.cross(turn_of(x, v, nearest.corner, other_turning), other_arm)
+                if other.inverse > zero:
+                    other_arm = (one - share) * gap * normal
+                u_c += wp.cross(turn_by(mine, spin_of(mine, v, host)), arm)
+                u_c -= wp.cross(turn_by(other, spin_of(other, v, nearest.corner)), other_arm)
             k_n, f_n, f_t, moved, fastest, u_n, u_t, slides = press(
                 pair,
                 point.density,
@@ -151,13 +155,8 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                 on = data.surfaces.force
                 f = f_n * normal + f_t
                 by = per_unit_of(data, pair.mine, step)
-                exert(on, point.ends, point.share, nearest.corner, nearest.w, f, by, lane, step.parts)
-                if pair.friction > zero:
-                    # Found again, as kept matrices would take registers.
-                    turning = turning_of(x, host, radius)
-                    exert_couple(on, x, host, turning, wp.cross(arm, f_t), by, lane, step.parts)
-                    turning = turning_of(x, nearest.corner, other_radius)
-                    exert_couple(on, x, nearest.corner, turning, wp.cross(f_t, other_arm), by, lane, step.parts)
+                exert(on, host, w_host, mine, f, wp.cross(arm, f_t), by, lane, step.parts)
+                exert(on, nearest.corner, nearest.w, other, -f, wp.cross(f_t, other_arm), by, lane, step.parts)
                 if lane == 0:
                     record(data, p, pair.mine, k_n, overlap, step, flags)
         return bears, moved, fastest, energy, power
@@ -202,7 +201,7 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
                 if scalar(ALMOST) * nearest_then - scalar(paths) > pair.thickness:
                     if data.neighbors.candidate_pair[p, n - 1] == pair.place:
                         break
-            nearest = find_nearest(data, point, lane, pair, first, step.buffer)
+            nearest = find_nearest(data, point, lane, pair, first, scalar(paths) + scalar(DOUBT) * step.buffer)
             away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
             if nearest.squared < pair.thickness * pair.thickness:
                 gap, normal = separate(nearest, away)

@@ -10,11 +10,12 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 from ..records import table
 
-MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = range(8)
-"""Indices of flags: longest path of a vertex since the last search [m], and in a substep; longest row; most bodies
+MOVED, WAY, NEAR_WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = range(9)
+"""Indices of flags: longest path of a vertex since the last search, less what its body may move beyond half of the
+skin [m]; longest path in a substep, of all vertices and of those of bodies near others; longest row; most bodies
 near one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also
 has, for all worlds, the numbers of near pairs and of points with facets near them."""
-FLAGS = 8
+FLAGS = 9
 NOT_DUE, DUE, FORCED = range(3)
 """Whether lists must be made: no; yes, since vertices have moved far; yes, since positions were changed."""
 HISTORY = 2
@@ -59,8 +60,6 @@ def BodyContactData(scalar: type, worlds: bool = False):
         mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg], shape [vertex_count]
         first_near: wp.array(dtype=int)  # row starts of near, shape [vertex_count + 1]
         near: wp.array(dtype=int)  # vertices of the same body that it never touches, shape [any]
-        first_facet: wp.array(dtype=int)  # row starts of facet, shape [vertex_count + 1]
-        facet: wp.array(dtype=int)  # triangles around the vertex, shape [any]
         body_of: wp.array(dtype=int)  # its body
         tangled: wp.array(dtype=int)  # whether its surface has crossed another since the start
         x: wp.array(dtype=V)  # position [m]
@@ -117,6 +116,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         speeds: wp.array(dtype=wp.vec3)  # of active points by axis: max v and max −v [m/s], shape [2]
         # Bodies:
         moved: wp.array(dtype=float)  # longest path of its vertices since the last search [m]
+        slack: wp.array(dtype=float)  # how far they may move before the next [m]
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
         pairs: wp.array2d(dtype=PointAndBody)  # constants of each such pair
         body_pair_count: wp.array(dtype=int)  # length of each row

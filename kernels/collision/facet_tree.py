@@ -16,7 +16,7 @@ from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, l
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
-from .pairs import pair_with, pairs
+from .pairs import ALMOST, pair_with, pairs
 
 NEVER = 1e30
 """A speed that no point reaches [m/s], and a coordinate beyond all others [m]."""
@@ -247,6 +247,9 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
 
     A point outside this box touches none of them and is not tested further; most points of a large body are
     outside. Each body has `lanes` threads that test all other bodies of its world; if 0, one that searches a tree.
+    The kernel also finds how far each body may move before the next search, its slack: half of the skin, or for a
+    body near no other half of what its distance from the nearest exceeds that of contact. So no two come to touch
+    unnoticed, and what flies alone causes no search.
     """
     Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
     find_rule, first_of, pair_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds), pair_with(scalar, worlds)
@@ -264,19 +267,23 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         data: Data,
         tree: FacetTree,
         bodies: wp.uint64,
-        around: scalar,
+        farthest: scalar,
+        skin: scalar,
         flags: wp.array(dtype=float),
         i: int,
         lane: int,  # index among the threads of body i
     ):
         lower = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         upper = -lower
+        around = farthest + skin
         wide = margin(tree.body_lower[i], tree.body_upper[i], around)
         low = tree.body_lower[i] - wide
         high = tree.body_upper[i] + wide
         j = int(0)
         count = int(0)
+        free = float(wp.static(NEVER))  # least distance from a box around a body that it may touch [m]
         if wp.static(by_tree):
+            free = 0.0
             if wp.static(worlds):
                 own = data.neighbors.root_of_world[i / data.surfaces.bodies_each]
                 near_bodies = wp.bvh_query_aabb(bodies, low, high, own)
@@ -300,8 +307,13 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                 j = first + lane
                 rule = int(-1)
                 if j < end:
-                    if overlap(low, high, tree.body_lower[j], tree.body_upper[j]):
-                        rule = find_rule(data, i, j)
+                    rule = find_rule(data, i, j)
+                if rule >= 0:
+                    below = tree.body_lower[j] - tree.body_upper[i]
+                    apart = wp.max(wp.max(below, tree.body_lower[i] - tree.body_upper[j]), wp.vec3())
+                    if not overlap(low, high, tree.body_lower[j], tree.body_upper[j]):
+                        rule = -1
+                        free = wp.min(free, wp.length(apart))
                 those = ballot(rule >= 0)
                 if rule >= 0:
                     list_pair(data, rule, i, j, count + count_before(those, lane))
@@ -311,7 +323,12 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                 count += count_bits(those)
         lower = wp.vec3(least_of(lower[0]), least_of(lower[1]), least_of(lower[2]))
         upper = -wp.vec3(least_of(-upper[0]), least_of(-upper[1]), least_of(-upper[2]))
+        free = least_of(free)
         if lane == 0:
+            beyond = float(0.0)  # what the distance from the nearest body exceeds contact and skin
+            if count == 0:
+                beyond = wp.static(ALMOST) * wp.max(beyond, free - wide[0])
+            data.neighbors.slack[i] = 0.5 * (float(skin) + beyond)
             data.neighbors.body_pair_count[i] = wp.min(count, data.neighbors.body_pairs.shape[1])
             at = first_of(data, i) + wp.static(MOST_BODY_PAIRS)
             if count > int(flags[at]):
@@ -334,7 +351,7 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         i = grid_thread() / wp.static(lanes)
         while i < tree.body_lower.shape[0]:
             lane = grid_thread() % wp.static(lanes)
-            find_neighbours(data, tree, bodies, farthest + buffer[0], flags, i, lane)
+            find_neighbours(data, tree, bodies, farthest, buffer[0], flags, i, lane)
             i += threads / wp.static(lanes)
 
     return extend_neighbours

@@ -10,6 +10,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..partition import add_whole
 from .contact_data import body_contact_term
+from .law import triangles
 
 Units = wp.types.vector(3, wp.int64)
 """A force in units."""
@@ -17,43 +18,38 @@ Units = wp.types.vector(3, wp.int64)
 
 @functools.cache
 def exert_force(scalar: type, lanes: int):
-    """Compose (force, ends, s, corner, w, f, per_unit, lane, parts), which adds f [N] to a point, −f to a facet.
+    """Compose (force, corner, w, triangle, f, couple, per_unit, lane, parts), which adds f [N] to a facet.
 
-    The point lies between the vertices `ends`; s is the weight of the second. It touches the facet where the
-    corners have the weights w. In units of 1 / per_unit [N] the forces on the corners sum to exactly −f.
+    The force acts where the corners have the weights w, with a couple [N m] if the facet takes one. In units of
+    1 / per_unit [N] the forces on the corners sum to exactly f. The `lanes` threads of a contact divide the
+    coordinates.
     """
-    V = vector(3, scalar)
-
-    @wp.func
-    def part(total: wp.int64, share: scalar) -> wp.int64:
-        return wp.int64(wp.float64(total) * wp.float64(share))
+    V, (Triangle, _, turn_by, _) = vector(3, scalar), triangles(scalar)
+    third = scalar(1.0 / 3.0)
 
     @wp.func
     def exert(
         force: wp.array2d(dtype=wp.int64),
-        ends: wp.vec2i,
-        s: scalar,
         corner: wp.vec3i,
         w: V,
+        triangle: Triangle,
         f: V,
+        couple: V,
         per_unit: wp.float64,  # [1/N]
         lane: int,
         parts: int,  # number of parts for threads of the CPU
     ):
-        """Add force f to a point, and −f to a facet; each thread of the point adds some of the coordinates."""
+        turn = turn_by(triangle, couple)
+        middle = third * (triangle.first + triangle.second)
+        first = w[1] * f + wp.cross(turn, triangle.first - middle)
+        second = w[2] * f + wp.cross(turn, triangle.second - middle)
         for k in range(lane, 3, wp.static(lanes)):
             total = wp.int64(wp.float64(f[k]) * per_unit)
-            if ends[0] == ends[1]:
-                add_whole(force, ends[0], k, total, parts)
-            else:
-                second = part(total, s)
-                add_whole(force, ends[1], k, second, parts)
-                add_whole(force, ends[0], k, total - second, parts)
-            on_1 = part(total, w[1])
-            on_2 = part(total, w[2])
-            add_whole(force, corner[1], k, -on_1, parts)
-            add_whole(force, corner[2], k, -on_2, parts)
-            add_whole(force, corner[0], k, on_1 + on_2 - total, parts)
+            on_1 = wp.int64(wp.float64(first[k]) * per_unit)
+            on_2 = wp.int64(wp.float64(second[k]) * per_unit)
+            add_whole(force, corner[0], k, total - on_1 - on_2, parts)
+            add_whole(force, corner[1], k, on_1, parts)
+            add_whole(force, corner[2], k, on_2, parts)
 
     return exert
 

@@ -19,7 +19,7 @@ import functools
 import warp as wp
 
 from ..basis import vector
-from ..partition import add_whole, raise_to
+from ..partition import raise_to
 from ..records import records
 from .contact_data import DEEPEST, BodyContactData, Pair, Substep, first_flag
 
@@ -142,65 +142,59 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
 
 
 @functools.cache
-def couples(scalar: type, lanes: int):
-    """Compose (turning_of, turn_of, exert_couple) for triangles.
+def triangles(scalar: type):
+    """Compose (Triangle, triangle_of, turn_by, spin_of): rigid turns of a triangle, see the module's docstring.
 
-    `turning_of` returns J⁻¹ of a triangle [1/m²]; 0 for what can take no couple: a segment, a point, or a triangle
-    much lower than the `radius` of its shell, which is the arm, so that the forces would be large. `turn_of`
-    returns ω [1/s] for velocities of the vertices. `exert_couple` adds forces that make a couple [N m] to the
-    vertices, as integers that sum to 0; the `lanes` threads of a contact divide the coordinates.
+    With the sides e and f from the first corner, and N = e × f, J⁻¹ c is
+    ((2e − f)(e·c) + (2f − e)(f·c)) / N² + N (N·c) / (N² Σρ²).
     """
     V, load = vector(3, scalar), records(3, scalar).load
-    M, half, third = wp.types.matrix((3, 3), scalar), scalar(0.5), scalar(1.0 / 3.0)
+    zero, one, two, third = scalar(0.0), scalar(1.0), scalar(2.0), scalar(1.0 / 3.0)
+
+    @wp.struct
+    class Triangle:
+        first: V  # sides from the first corner to the others [m]
+        second: V
+        normal: V  # their cross product [m²], outward
+        inverse: scalar  # 1 / normal² [1/m⁴]; 0 if it takes no couple
+        spread: scalar  # Σ ρ² of the corners [m²]
 
     @wp.func
-    def centre_of(x: wp.array(dtype=V), corner: wp.vec3i) -> V:
-        return third * (load(x, corner[0]) + load(x, corner[1]) + load(x, corner[2]))
+    def triangle_of(x: wp.array(dtype=V), corner: wp.vec3i, radius: scalar) -> Triangle:
+        """Return a triangle of a shell of some radius.
+
+        It takes no couple if it is a segment or a point, or much lower than the radius, which is the arm, so that
+        the forces would be large.
+        """
+        a = load(x, corner[0])
+        e = load(x, corner[1]) - a
+        f = load(x, corner[2]) - a
+        triangle = Triangle(e, f, V(), zero, zero)
+        if corner[1] != corner[2]:
+            normal = wp.cross(e, f)
+            triangle.normal = normal
+            triangle.spread = two * third * (wp.dot(e, e) + wp.dot(f, f) - wp.dot(e, f))
+            square = wp.dot(normal, normal)
+            if third * square > scalar(wp.static(LOWEST * LOWEST)) * radius * radius * triangle.spread:
+                triangle.inverse = one / square
+        return triangle
 
     @wp.func
-    def turning_of(x: wp.array(dtype=V), corner: wp.vec3i, radius: scalar) -> M:
-        inertia = M()
-        if corner[1] == corner[2]:
-            return inertia
-        centre = centre_of(x, corner)
-        for k in range(3):
-            arm = load(x, corner[k]) - centre
-            inertia += wp.dot(arm, arm) * wp.identity(n=3, dtype=scalar) - wp.outer(arm, arm)
-        size = half * wp.trace(inertia)
-        if wp.determinant(inertia) <= scalar(wp.static(LOWEST * LOWEST)) * radius * radius * size * size:
-            return M()
-        return wp.inverse(inertia)
+    def turn_by(t: Triangle, couple: V) -> V:
+        """Return the turn J⁻¹ c, whose forces t × ρ at the corners make the couple."""
+        if t.inverse == zero:
+            return V()
+        along_e = wp.dot(t.first, couple)
+        along_f = wp.dot(t.second, couple)
+        turn = (two * along_e - along_f) * t.first + (two * along_f - along_e) * t.second
+        return t.inverse * (turn + wp.dot(t.normal, couple) / t.spread * t.normal)
 
     @wp.func
-    def turn_of(x: wp.array(dtype=V), v: wp.array(dtype=V), corner: wp.vec3i, turning: M) -> V:
-        centre = centre_of(x, corner)
-        spin = V()
-        for k in range(3):
-            spin += wp.cross(load(x, corner[k]) - centre, load(v, corner[k]))
-        return turning * spin
+    def spin_of(t: Triangle, v: wp.array(dtype=V), corner: wp.vec3i) -> V:
+        """Return Σ ρ × u [m²/s] for the velocities of the vertices."""
+        u = load(v, corner[1])
+        w = load(v, corner[2])
+        mean = third * (load(v, corner[0]) + u + w)
+        return wp.cross(t.first, u - mean) + wp.cross(t.second, w - mean)
 
-    @wp.func
-    def exert_couple(
-        force: wp.array2d(dtype=wp.int64),
-        x: wp.array(dtype=V),
-        corner: wp.vec3i,
-        turning: M,
-        couple: V,
-        per_unit: wp.float64,  # [1/N]
-        lane: int,
-        parts: int,  # number of parts for threads of the CPU
-    ):
-        if corner[1] == corner[2]:
-            return
-        centre = centre_of(x, corner)
-        turn = turning * couple
-        first = wp.cross(turn, load(x, corner[0]) - centre)
-        second = wp.cross(turn, load(x, corner[1]) - centre)
-        for k in range(lane, 3, wp.static(lanes)):
-            on_first = wp.int64(wp.float64(first[k]) * per_unit)
-            on_second = wp.int64(wp.float64(second[k]) * per_unit)
-            add_whole(force, corner[0], k, on_first, parts)
-            add_whole(force, corner[1], k, on_second, parts)
-            add_whole(force, corner[2], k, -on_first - on_second, parts)
-
-    return turning_of, turn_of, exert_couple
+    return Triangle, triangle_of, turn_by, spin_of

@@ -1,4 +1,4 @@
-"""The facet of a body nearest to a point, its distance, and the normal of the surface at the point.
+"""The facet of a body nearest to a point, and its distance.
 
 Only facets that `neighbor_search` has listed for the point are examined.
 """
@@ -10,9 +10,8 @@ import warp as wp
 from ..basis import vector
 from ..lanes import chosen_of_lanes, least_of_lanes
 from ..records import table
-from ..springs.lanes import sum_over_lanes
 from .contact_data import BodyContactData, Pair
-from .pairs import ALMOST, FAR, NONE, places, points, unit_normal
+from .pairs import ALMOST, FAR, NONE, places, points
 
 UNLIKE = {wp.float32: 2.0**-12, wp.float64: 2.0**-30}
 """How much squared distances count more, relatively: by a share for each facet, larger than their rounding.
@@ -49,7 +48,6 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         squared: scalar  # distance² [m²]
         w: V  # weights of its corners at the nearest point
         until: int  # end of the body's facets in the row
-        w_own: V  # weights at the nearest of the facets that this thread has tested
 
     @wp.func
     def find_nearest(
@@ -58,7 +56,7 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         lane: int,  # index among the threads of the point
         pair: PointAndBody,
         first: int,
-        buffer: scalar,  # bound on how much distances have shrunk since the last search [m]
+        shrunk: scalar,  # bound on how much distances have shrunk since the last search [m]
     ) -> Nearest:
         found = Nearest()
         p = point.number
@@ -84,10 +82,9 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
                 counted = weighted(f, each) * wp.dot(away, away)
                 if counted < best or (counted == best and f < facet):
                     best = counted
-                    near = wp.sqrt(best) + buffer
+                    near = wp.sqrt(best) + shrunk
                     facet = f
                     w = w_f
-        found.w_own = w
         if wp.static(lanes > 1):
             until = least_number(until)
             nearest = least_of(best)
@@ -95,9 +92,10 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
                 facet = int(wp.static(NONE))
             best = nearest
             own = facet
+            w_own = w
             facet = least_number(facet)
             for k in range(3):
-                w[k] = pick(own == facet, found.w_own[k])
+                w[k] = pick(own == facet, w_own[k])
         found.facet = facet
         found.corner = corner_of(data.surfaces.corner, facet % wp.static(NONE))  # facet 0 if there is none
         found.squared = best / weighted(found.facet, each)
@@ -114,39 +112,3 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
         return gap, normal
 
     return Nearest, find_nearest, separate
-
-
-@functools.cache
-def own_normals(scalar: type, lanes: int):
-    """Compose (first_facet, facet, corner, x, ends, lane) -> the unit normal of the surface at a point; 0 if none.
-
-    The point lies between the vertices `ends`; its `lanes` threads divide the facets around it.
-    """
-    V, normal_of, sum_of = vector(3, scalar), unit_normal(scalar), sum_over_lanes(3, scalar, lanes)
-    entry, corner_of = table(int), table(wp.vec3i)
-
-    @wp.func
-    def normal_at(
-        first_facet: wp.array(dtype=int),
-        facet: wp.array(dtype=int),
-        corner: wp.array(dtype=wp.vec3i),
-        x: wp.array(dtype=V),
-        ends: wp.vec2i,
-        lane: int,
-    ) -> V:
-        outward = V()
-        first = entry(first_facet, ends[0])
-        count = entry(first_facet, ends[0] + 1) - first
-        second = int(0)  # start of the facets around the second vertex, if the ends differ
-        both = int(count)
-        if ends[0] != ends[1]:
-            second = entry(first_facet, ends[1])
-            both += entry(first_facet, ends[1] + 1) - second
-        for e in range(lane, both, wp.static(lanes)):
-            at = first + e
-            if e >= count:
-                at = second + e - count
-            outward += normal_of(x, corner_of(corner, entry(facet, at)))
-        return wp.normalize(sum_of(outward))
-
-    return normal_at

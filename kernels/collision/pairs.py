@@ -172,6 +172,34 @@ def points(scalar: type, worlds: bool = False):
     return Point, point_of, mobility_of
 
 
+@functools.cache
+def hosts_of_points(scalar: type, worlds: bool):
+    """Compose (data, point) -> (corner, w): a facet on which a contact point lies, and its weights there.
+
+    If there is none, it is the segment between the point's two vertices.
+    """
+    V, Data, Point = vector(3, scalar), BodyContactData(scalar, worlds), points(scalar, worlds)[0]
+    corner_of, zero, one = table(wp.vec3i), scalar(0.0), scalar(1.0)
+
+    @wp.func
+    def host_of(data: Data, point: Point):
+        corner = wp.vec3i(point.ends[0], point.ends[1], point.ends[1])
+        w = V(one - point.share, point.share, zero)
+        if point.host >= 0:
+            host = corner_of(data.surfaces.corner, point.host)
+            if host[1] != host[2]:  # else it has torn
+                corner = host
+                w = V()
+                for k in range(3):
+                    if corner[k] == point.ends[1]:
+                        w[k] = point.share
+                    if corner[k] == point.ends[0]:
+                        w[k] = one - point.share
+        return corner, w
+
+    return host_of
+
+
 @wp.func
 def next_in_order(
     candidate_pair: wp.array2d(dtype=int),

@@ -25,7 +25,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..colliders.signed_distance import signed_distance
 from .contact_data import HISTORY
-from .law import TANGENTIAL, couples, friction
+from .law import TANGENTIAL, friction, triangles
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 
 CAP = 2.0
@@ -43,7 +43,7 @@ def evaluate_surface(
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
-    turning_of, turn_of, _ = couples(scalar, 1)
+    _, triangle_of, turn_by, spin_of = triangles(scalar)
     zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
 
     @wp.func
@@ -191,9 +191,9 @@ def evaluate_surface(
         if bears:
             normal = pushed / size
             arm = wp.min(zero, facet.begins + inside.squares / inside.deep) * normal
-            turning = turning_of(data.x, corner, wp.max(zero, -data.slack[t]))
+            triangle = triangle_of(data.x, corner, wp.max(zero, -data.slack[t]))
             u = w[0] * data.v[corner[0]] + w[1] * data.v[corner[1]] + w[2] * data.v[corner[2]]
-            u += wp.cross(turn_of(data.x, data.v, corner, turning), arm)
+            u += wp.cross(turn_by(triangle, spin_of(triangle, data.v, corner)), arm)
             surface = V()
             if wp.static(moving):
                 at = w[0] * facet.a + w[1] * facet.b + w[2] * facet.c + arm
@@ -218,7 +218,7 @@ def evaluate_surface(
                 power = wp.float64(heat)
             else:
                 by = f_n / size
-                turn = turning * wp.cross(arm, f_t)
+                turn = turn_by(triangle, wp.cross(arm, f_t))
                 centre = third * (facet.a + facet.b + facet.c)
                 add_to(data, corner[0], by * inside.f_a + w[0] * f_t + wp.cross(turn, facet.a - centre), unit)
                 add_to(data, corner[1], by * inside.f_b + w[1] * f_t + wp.cross(turn, facet.b - centre), unit)

@@ -9,7 +9,7 @@ from ..compensation import compensated_sum
 from ..partition import first_of_part, next_of_part, raise_to
 from ..records import records, table
 from ..threads import grid_thread
-from .contact_data import DUE, FORCED, MOVED, WAY, BodyContactData, NearPairs, first_flag
+from .contact_data import DUE, FORCED, MOVED, NEAR_WAY, WAY, BodyContactData, NearPairs, first_flag
 
 
 @functools.cache
@@ -17,9 +17,9 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     """Compose the kernel that updates vertices from their particles and clears their forces and contacts.
 
     It also measures how far vertices have moved since the last search, less the common drift of points in contact,
-    and how far they move in a substep. A new search is due if a vertex has moved by more than half of the skin, or
-    may do so in the coming substep. The threads divide the vertices. On the CPU each part has a single thread,
-    since each thread would copy `data`.
+    and how far they move in a substep. A new search is due if a vertex has moved by more than the slack of its
+    body, or may do so in the coming substep. The threads divide the vertices. On the CPU each part has a single
+    thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -69,10 +69,15 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             at = first_of(data, body)
             if not (h * fast <= flags[at + wp.static(WAY)]):
                 raise_to(flags, at + wp.static(WAY), h * fast)
+            near = data.neighbors.body_pair_count[body] > 0
+            if near and not (h * fast <= flags[at + wp.static(NEAR_WAY)]):
+                raise_to(flags, at + wp.static(NEAR_WAY), h * fast)
             if data.neighbors.due[0] != wp.static(FORCED):
-                if not (moved <= flags[at + wp.static(MOVED)]):
-                    raise_to(flags, at + wp.static(MOVED), moved)
-                if moved + ahead * fast > 0.5 * skin and moved < beyond:
+                slack = data.neighbors.slack[body]
+                beside = moved - slack + 0.5 * skin
+                if not (beside <= flags[at + wp.static(MOVED)]):
+                    raise_to(flags, at + wp.static(MOVED), beside)
+                if moved + ahead * fast > slack and moved < beyond:
                     data.neighbors.due[0] = wp.static(DUE)
             i = next_of_part(i, threads, parts)
 

@@ -45,9 +45,6 @@ class ContactSurfaces:
         data.mobility = each.by_row((surfaces.weight**2 * inverse[:, surfaces.particle]).sum(axis=2), scalar)
         first, near = neighbourhoods(surfaces, hops)
         data.first_near, data.near = each.starts(np.diff(first)), each.alike(near, int, vertices)
-        facet, first = facets_around(surfaces)
-        data.first_facet = each.starts(np.diff(first))
-        data.facet = each.alike(facet, int, len(surfaces.corner))
         data.tangled = wp.zeros(model.worlds * vertices, dtype=int, device=model.device)
         data.body_of = each.alike(surfaces.body, int, bodies)
         data.x, data.v = (in_records(model.worlds * vertices, model.dim, scalar, model.device) for _ in "xv")
@@ -149,14 +146,6 @@ def hosts(
     on_side[of_side[triangles]] = triangles[:, None]
     found[len(surfaces.particle) :] = on_side[of_point]
     return found
-
-
-def facets_around(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the triangles around each vertex, concatenated by vertex, and row starts by vertex."""
-    corner = surfaces.corner
-    triangles = np.flatnonzero(corner[:, 1] != corner[:, 2])
-    order, first = rows(corner[triangles].reshape(-1), len(surfaces.particle))
-    return np.repeat(triangles, 3)[order], first
 
 
 def neighbourhoods(

@@ -20,6 +20,7 @@ from ...kernels.collision.contact_data import (
     LONGEST_ROW,
     MOST_BODY_PAIRS,
     MOVED,
+    NEAR_WAY,
     PAIRS,
     WAY,
     Pair,
@@ -81,10 +82,10 @@ decision."""
 class NeighborList:
     """Lists the facets near each point.
 
-    A list is valid until a vertex has moved by half of the skin. The device rebuilds the lists when it places
-    vertices and one is about to move that far. A frame must be repeated if lists had no room, or if a vertex was
-    faster than expected. Listed facets without contact change nothing: results depend neither on the skin nor on
-    how often lists are rebuilt.
+    A list is valid until a vertex has moved by half of the skin, or by more if its body is near no other. The
+    device rebuilds the lists when it places vertices and one is about to move that far. A frame must be repeated
+    if lists had no room, or if a vertex was faster than expected. Listed facets without contact change nothing:
+    results depend neither on the skin nor on how often lists are rebuilt.
 
     It replaces arrays that recorded launches write to, and then increases `Model.generation`.
 
@@ -150,7 +151,7 @@ class NeighborList:
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
-        data.moved = wp.zeros(bodies, dtype=float, device=device)
+        data.moved, data.slack = (wp.zeros(bodies, dtype=float, device=device) for _ in "ms")
         self._binary: wp.Bvh | None = None
         """Binary tree of the boxes around facets, if single threads search."""
         self._bodies: wp.Bvh | None = None
@@ -314,14 +315,15 @@ class NeighborList:
         flags = flags[counts & (flags[:, WAY] < self._farthest_way)]
         if not len(flags):
             return False
-        moved, way, longest, body_pairs = flags.max(axis=0)[[MOVED, WAY, LONGEST_ROW, MOST_BODY_PAIRS]].tolist()
+        highest = flags.max(axis=0)[[MOVED, WAY, NEAR_WAY, LONGEST_ROW, MOST_BODY_PAIRS]]
+        moved, way, near_way, longest, body_pairs = highest.tolist()
         held = moved <= 0.5 * self._skin_now
         narrowest = 2.0 * way * (CHECK_EVERY + ALLOWANCE)
         if narrowest > self._widest:
             self.check_every = 1
         elif narrowest < 0.5 * self._widest:
             self.check_every = self._check_every
-        wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * way))
+        wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * near_way))
         wanted = max(wanted, 2.0 * way * (self.check_every + ALLOWANCE), 0.0 if held else SKIN_BY_WAY * moved)
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted
