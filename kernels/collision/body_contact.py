@@ -26,7 +26,7 @@ from .history import displacements, memories
 from .law import TANGENTIAL, contact_law, triangles
 from .nearest_facet import nearest_facets
 from .neighbor_search import each_active_point
-from .pairs import ALMOST, Pair, hosts_of_points, next_in_order, places, points
+from .pairs import ALMOST, NONE, Pair, crowding, hosts_of_points, next_in_order, places, points
 
 FACING = 0.8
 """Least cosine between the normals of two surfaces for which a damper sees the approach to both, see `law`."""
@@ -66,6 +66,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     moved_along = displacements(scalar, worlds)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)
     (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar, worlds)
+    crowd_share = crowding(scalar, worlds)[0]
     zero, one, half, tangential = scalar(0.0), scalar(1.0), scalar(0.5), scalar(TANGENTIAL)
 
     @wp.func
@@ -133,6 +134,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
             k_n, f_n, f_t, moved, fastest, u_n, u_t, slides = press(
                 pair,
                 point.density,
+                crowd_share(data, point, wp.static(int(measuring))),
                 mobility,
                 of_facet,
                 overlap,
@@ -170,7 +172,7 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
     bear = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
     _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
-    wait, zero = wait_for_lanes(lanes), scalar(0.0)
+    wait, count_touching, zero = wait_for_lanes(lanes), crowding(scalar, worlds)[1], scalar(0.0)
 
     @wp.func
     def evaluate_point(
@@ -226,6 +228,8 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
                 # A later stage keeps only what has met since the substep began: it sees the fastest approach.
                 if n > 0 and (step.h > zero or past.body_0 < 0):
                     keep(data, p, memory)
+                    if memory.body_0 < wp.static(NONE):
+                        count_touching(data, point, step.parts)
                 if wp.static(overlapping_at_start):
                     shrink_overlap(data, p, step.h)
 

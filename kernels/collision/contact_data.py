@@ -18,6 +18,8 @@ has, for all worlds, the numbers of near pairs and of points with facets near th
 FLAGS = 9
 NOT_DUE, DUE, FORCED = range(3)
 """Whether lists must be made: no; yes, since vertices have moved far; yes, since positions were changed."""
+WHOLE = 1024.0
+"""Unit of the sums of densities of points, which are integers so that their order does not matter."""
 HISTORY = 2
 """Number of bodies that a point can stick to at a time; along others it only slides."""
 
@@ -65,12 +67,15 @@ def BodyContactData(scalar: type, worlds: bool = False):
         x: wp.array(dtype=V)  # position [m]
         v: wp.array(dtype=V)  # velocity [m/s]
         force: wp.array2d(dtype=wp.int64)  # on the vertex, in units, shape [vertex_count, 3]
+        # Density at the vertex of the points that touch, in this substep and in the last, in parts of WHOLE:
+        touching: wp.array2d(dtype=wp.int64)  # shape [vertex_count, 2]
         inverse_mass: wp.array(dtype=scalar)  # of particles [1/kg], shape [particle_count]
         # Points:
         ends: wp.array(dtype=wp.vec2i)  # its two vertices, shape [point_count]
         share: wp.array(dtype=scalar)  # weight of the second vertex
         body: wp.array(dtype=int)  # its body
         density: wp.array(dtype=scalar)  # of the stiffness of a vertex, by its area
+        crowd: wp.array(dtype=scalar)  # sum of the densities of all points around it
         host: wp.array(dtype=int)  # a triangle that it lies on; below 0: none
         # Facets:
         corner: wp.array(dtype=wp.vec3i)  # its three vertices, shape [facet_count]

@@ -5,8 +5,9 @@ import functools
 import warp as wp
 
 from ..basis import vector
+from ..partition import add_whole
 from ..records import records, table
-from .contact_data import BodyContactData, Pair
+from .contact_data import WHOLE, BodyContactData, Pair
 from .nearest_point import nearest_on_triangle
 
 NONE = 2**31 - 1
@@ -170,6 +171,37 @@ def points(scalar: type, worlds: bool = False):
         return found
 
     return Point, point_of, mobility_of
+
+
+@functools.cache
+def crowding(scalar: type, worlds: bool):
+    """Compose (crowd_share, count_touching): the share of a point in what touches around it.
+
+    `crowd_share` returns the point's density, times that of all points around it over that of those which touched
+    in the substep before; between substeps (`measuring`) in the last. `count_touching` adds the point to the sums
+    of this substep.
+    """
+    Data, Point = BodyContactData(scalar, worlds), points(scalar, worlds)[0]
+    one, whole, number_of = scalar(1.0), scalar(WHOLE), table(scalar)
+
+    @wp.func
+    def crowd_share(data: Data, point: Point, measuring: int) -> scalar:
+        at = 1 - measuring
+        first = scalar(data.surfaces.touching[point.ends[0], at])
+        second = scalar(data.surfaces.touching[point.ends[1], at])
+        touching = wp.max(point.density, (first + point.share * (second - first)) / whole)
+        return point.density * number_of(data.surfaces.crowd, point.number) / touching
+
+    @wp.func
+    def count_touching(data: Data, point: Point, parts: int):
+        first = wp.int64(whole * (one - point.share) * point.density)
+        add_whole(data.surfaces.touching, point.ends[0], 0, first, parts)
+        if point.share > scalar(0.0):
+            add_whole(
+                data.surfaces.touching, point.ends[1], 0, wp.int64(whole * point.share * point.density), parts
+            )
+
+    return crowd_share, count_touching
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from .force_sums import Units, exert_on_segments
 from .history import displacements, memories
 from .law import contact_law
 from .neighbor_search import bounds_of_blocks, each_active_point, row_end
-from .pairs import ALMOST, FAR, NONE, places, points
+from .pairs import ALMOST, FAR, NONE, crowding, places, points
 
 
 @functools.cache
@@ -35,7 +35,7 @@ def evaluate_segments_and_spheres(
     (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
     Memory, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    held, moved_along = displacements(scalar, worlds)
+    (held, moved_along), (crowd_share, count_touching) = displacements(scalar, worlds), crowding(scalar, worlds)
     in_units, take_from, add_to = exert_on_segments(scalar)
     load_vector = records(3, scalar).load
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
@@ -145,6 +145,7 @@ def evaluate_segments_and_spheres(
                     k_n, f_n, f_t, moved, fastest, _u_n, _u_t, _slides = press(
                         pair,
                         point.density,
+                        crowd_share(data, point, 0),
                         mobility,
                         of_facet,
                         overlap,
@@ -166,6 +167,8 @@ def evaluate_segments_and_spheres(
         if lane == 0:
             if step.h > zero or data.history.contact_body[0, p] < 0:  # as in `body_contact`
                 keep(data, p, memory)
+                if memory.body_0 < wp.static(NONE):
+                    count_touching(data, point, step.parts)
             if wp.static(overlapping_at_start):
                 shrink_overlap(data, p, step.h)
 

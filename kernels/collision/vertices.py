@@ -18,8 +18,8 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
     It also measures how far vertices have moved since the last search, less the common drift of points in contact,
     and how far they move in a substep. A new search is due if a vertex has moved by more than the slack of its
-    body, or may do so in the coming substep. The threads divide the vertices. On the CPU each part has a single
-    thread, since each thread would copy `data`.
+    body, or may do so in the coming substep. Where a substep begins, so does the count of what touches.
+    The threads divide the vertices. On the CPU each part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
@@ -37,6 +37,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         ahead: float,  # how long the lists must stay valid [s]
         buffer: wp.array(dtype=scalar),  # [m], shape [1]
         beyond: float,  # a vertex that has moved further belongs to a diverging body [m]
+        begins: int,  # whether a substep begins
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -60,6 +61,9 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             store(data.surfaces.v, i, speed)
             for k in range(wp.static(dim)):
                 data.surfaces.force[i, k] = wp.int64(0)
+            if begins != 0:
+                data.surfaces.touching[i, 1] = data.surfaces.touching[i, 0]
+                data.surfaces.touching[i, 0] = wp.int64(0)
             x_found = load(data.neighbors.x_found, i)
             moved = wp.length(wp.vec3(place - x_found) - since * drift)
             fast = wp.length(wp.vec3(speed) - drift)

@@ -120,7 +120,7 @@ def contact_before(composition: Composition, method: Any, options: ContactParts)
         buffer, flags, none, threads = contact.buffer, contact.flags, contact.none, part.stride
         h, rate, per_unit = numbers.h, numbers.rate, numbers.per_unit
         beyond, shift, dt = numbers.beyond, step.compensation, float(h)
-        place(data, shift, step.x, step.v, 0.0, dt, numbers.ahead, buffer, beyond, threads, 0, 1, flags)
+        place(data, shift, step.x, step.v, 0.0, dt, numbers.ahead, buffer, beyond, 1, threads, 0, 1, flags)
         wait()
         # Equal for all threads: it changes only after the search's first barriers.
         if data.neighbors.due[0] != 0:

@@ -1,6 +1,6 @@
 """BodyContact: contact between the bodies of a system on a device."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...bodies import contact_surfaces
 from ...kernels.collision.body_contact import contact_energy, evaluate_contact
-from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, BodyContactData, body_contact_term
+from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, WHOLE, BodyContactData, body_contact_term
 from ...kernels.collision.force_sums import add_impulses
 from ...kernels.collision.neighbor_search import (
     BLOCK,
@@ -23,6 +23,7 @@ from ...kernels.collision.neighbor_search import (
 from ...kernels.collision.segments_and_spheres import evaluate_segments_and_spheres
 from ...world import Contact
 from ..device.launcher import Launcher
+from ..model.effect import Effect
 from ..model.model import Model
 from .contact_history import SEPARATION_TIME, WithHistory
 from .contact_rules import ContactRules, unit_of_sums
@@ -251,6 +252,31 @@ class BodyContact(WithHistory):
         if self._found is self._flags:
             self._flags.zero_()
         return self.neighbors.judge(flags, ~self.frozen)
+
+    @property
+    def changing(self) -> list[wp.array]:
+        """The arrays that substeps change: the history, and what touches around each vertex."""
+        return [*super().changing, self._data.surfaces.touching]
+
+    def go_on_from(self, other: Effect) -> None:
+        """Copy the contact history of `other`, the effect of another model with the same bodies."""
+        super().go_on_from(other)
+        self._count_touching()
+
+    def take_history(self, arrays: Mapping[str, NDArray]) -> None:
+        """Take what touches, and how far it has slipped, from a `checkpoint`."""
+        super().take_history(arrays)
+        self._count_touching()
+
+    def _count_touching(self) -> None:
+        """Sum the densities of points that touch as kernels do, see `kernels.collision.pairs.crowding`."""
+        data = self._data.surfaces
+        those = self._data.history.contact_body.numpy()[0] >= 0
+        ends, second, density = (one.numpy()[those] for one in (data.ends, data.share, data.density))
+        touching = np.zeros(data.touching.shape, dtype=np.int64)
+        for end, share in ((0, 1 - second), (1, second)):
+            np.add.at(touching[:, 0], ends[:, end], (WHOLE * share * density).astype(np.int64))
+        data.touching.assign(touching)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
         """Return the checkpoint of each world, with the body and facet indices of a single run."""

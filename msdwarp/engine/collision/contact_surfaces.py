@@ -50,13 +50,21 @@ class ContactSurfaces:
         data.x, data.v = (in_records(model.worlds * vertices, model.dim, scalar, model.device) for _ in "xv")
         start = np.einsum("vk,rvkd->rvd", surfaces.weight, model.row_of("position")[:, surfaces.particle])
         wp.copy(data.x, each.by_row(start.astype(model.dtype), model.vector))
-        data.force = wp.zeros((model.worlds * vertices, 3), dtype=wp.int64, device=model.device)
+        data.force, data.touching = (
+            wp.zeros((model.worlds * vertices, many), dtype=wp.int64, device=model.device) for many in (3, 2)
+        )
         mass = np.full((len(model.row_of("mass")), model.stride), np.inf)
         mass[:, : model.particle_count] = model.row_of("mass")
         data.inverse_mass = each.by_row(1.0 / mass, scalar)
         data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
         data.body = each.alike(self.body_of_point, int, bodies)
         data.density = each.alike(self.density, scalar)
+        around = np.bincount(
+            surfaces.ends.reshape(-1),
+            (np.stack([1 - surfaces.share, surfaces.share], axis=1) * self.density[:, None]).reshape(-1),
+        )
+        first, second = around[surfaces.ends].T
+        data.crowd = each.alike(first + surfaces.share * (second - first), scalar)
         host = hosts(surfaces, *self._sides)
         data.host = each.alike(np.where(host < 0, -(2**30), host), int, len(surfaces.corner))  # below 0 in all
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)

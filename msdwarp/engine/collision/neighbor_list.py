@@ -205,11 +205,19 @@ class NeighborList:
 
         self.launcher.launch_parts(launch)
 
-    def place(self, x: wp.array, v: wp.array, compensation: Any, after: float = 0.0, checks: bool = False) -> None:
+    def place(
+        self,
+        x: wp.array,
+        v: wp.array,
+        compensation: Any,
+        after: float = 0.0,
+        checks: bool = False,
+        begins: bool = False,
+    ) -> None:
         """Launch the update of vertices for particles at x, corrected by `compensation` if given.
 
         `after` is the time from the end of the last substep [s]; `checks` tells whether lists must stay valid for
-        some more substeps.
+        some more substeps, and `begins` whether a substep begins.
         """
         model, contact = self._model, self._contact
         compensated = model.compensated and compensation is not None
@@ -217,7 +225,7 @@ class NeighborList:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
         ahead = (self.check_every + LEAST_ALLOWANCE) * self.dt if checks else 0.0
-        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self._farthest_way]
+        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self._farthest_way, int(begins)]
         self.share(kernel, len(contact.surfaces.x), inputs, [self.flags])
 
     def search(
@@ -231,7 +239,7 @@ class NeighborList:
         if frame_begins and self.torn is not None:
             self.torn.leave_out(self.share)
         checks = frame_begins or (begins and self.substep % self.check_every == 0)
-        self.place(x, v, compensation, after, checks)
+        self.place(x, v, compensation, after, checks, begins)
         if checks:
             self._find_if_due(after, frame_begins)
 
