@@ -176,10 +176,11 @@ def NearPairs(scalar: type):
         gap: wp.array(dtype=scalar)  # along the normal, from the second side to the first [m]; <= 0: they cross
         least: wp.array(dtype=scalar)  # the least distance that either side must keep from the plane [m]
         bodies: wp.array(dtype=wp.vec2i)  # of its two sides
-        reserve: wp.array(dtype=scalar)  # how much more the sides may approach before anything must be done [m]
         watched: wp.array(dtype=int)  # the pairs that may come too near in this substep, in any order
         watched_count: wp.array(dtype=int)  # number of watched pairs, shape [1]
         pushing: wp.array(dtype=int)  # the pairs that come too near in a round, in any order
+        pushed: wp.array(dtype=W)  # weights of the vertices where each is pushed
+        change: wp.array(dtype=scalar)  # by how much the approach is to be reduced there [m]
         pushing_count: wp.array(dtype=int)  # number of pushing pairs, shape [1]
         # Particles:
         in_pair: wp.array(dtype=int)  # whether each is in a pair, shape [particle_count]
@@ -190,10 +191,7 @@ def NearPairs(scalar: type):
         impulse: wp.array2d(dtype=wp.int64)  # of pairs on each particle, times the substep [kg m], in units
         share: wp.array(dtype=float)  # fraction of its displacement in the substep that each particle may make
         held: wp.array(dtype=int)  # whether that fraction was below 1 after an earlier round
-        body: wp.array(dtype=int)  # its body
         shift: wp.array(dtype=float)  # length of its path by impulses in this substep [m]
-        most_shift: wp.array(dtype=float)  # the longest such path in each body [m]
-        foreseen: wp.array(dtype=float)  # the longest path for which pairs of each body are watched [m]
         most_weight: float  # largest sum of the absolute weights of a vertex
         anchored: wp.array(
             dtype=int
@@ -211,13 +209,31 @@ def NearPairs(scalar: type):
         may_meet: wp.array(dtype=int)  # whether any pair may come too near in this substep, shape [1]
         alarm: wp.array(dtype=int)  # whether a pair comes too near in this substep, shape [1]
         many: wp.array(dtype=int)  # whether there are too many pairs for a single launch; 0 after the last round
-        round: wp.array(dtype=int)  # round of impulses from 0, if each phase is a launch, shape [1]
-        exceeded: wp.array(dtype=int)  # whether a path is longer than foreseen in this substep, shape [1]
+        round: wp.array(dtype=int)  # round of impulses from 0, if each step of a round is a launch, shape [1]
+        exceeded: wp.array(dtype=int)  # whether impulses moved a particle so far that all pairs count, shape [1]
         lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
         cutting: wp.array(dtype=int)  # whether any displacement is shortened in this substep, shape [1]
         unsettled: wp.array(dtype=int)  # of each world: whether the second-last round held particles back
 
     return NearPairs
+
+
+@functools.cache
+def Motion(scalar: type):
+    """Compose the struct of the motion in a substep, for the kernels that keep near pairs apart."""
+    V = vector(3, scalar)
+
+    @wp.struct
+    class Motion:
+        x: wp.array(dtype=V)  # positions at the substep's start [m]
+        x_out: wp.array(dtype=V)  # positions at its end [m]
+        v_out: wp.array(dtype=V)  # velocities at its end [m/s]
+        h: scalar  # length of the substep [s]
+        per_unit: wp.float64  # units of impulse times substep [1/(kg m)]
+        apart: scalar  # beyond this distance pairs are left alone [m]
+        particles: int  # number of particles in each world
+
+    return Motion
 
 
 @functools.cache

@@ -25,14 +25,14 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
-from ..partition import count_up, raise_to
+from ..basis import as_function, kernel, vector
+from ..partition import raise_to
 from ..records import records
 from ..threads import grid_thread, wait
-from .contact_data import FLAGS, HELD_BACK, NearPairs
+from .contact_data import FLAGS, HELD_BACK, Motion, NearPairs
 from .near_pairs import vertex_of
-from .pair_gaps import longest_shifts, ways
-from .pair_impulses import pair_impulses
+from .pair_gaps import ways
+from .pair_impulses import find_lacking, move_pushed, pair_impulses, push_pairs
 
 ROUNDS = 4
 """Maximal number of rounds of impulses."""
@@ -42,13 +42,8 @@ LEAST_SHARE = 0.05
 """The least fraction of the gap on either side of a plane."""
 CATCH_UP = 50.0
 """How far a particle with a drive at rest may go in a substep to catch up, as a multiple of the least gap."""
-FORESEEN = 4.0
-"""Ratio of the expected path by impulses to that of the last substep; pairs that it cannot close are skipped."""
 CUTS = 4
 """Rounds in which displacements are shortened. The last is for all pairs, in case more would be needed."""
-PHASES = 3 * ROUNDS + 2 * CUTS
-"""Phases of `keep_apart`: three for each round of impulses, two for each in which displacements are shortened; the
-last holds particles back. One phase ends before the next begins."""
 MOST_THREADS = 256
 """Threads in a block; the compiler leaves registers for this many."""
 
@@ -102,16 +97,15 @@ def catch_up(scalar: type):
 
 
 @functools.cache
-def keep_apart(scalar: type, blocks: int):
-    """Compose the kernel that keeps near pairs apart, in phases; its threads divide the pairs and particles.
+def shorten_ways(scalar: type):
+    """Compose the kernel that reduces the fractions of displacements which particles may make.
 
-    A launch of several phases has one cluster of `blocks` blocks, or on the CPU one thread.
+    Its threads divide the pairs. `number` is that of the round, from 0. In the last one all pairs of a world count
+    in which the round before held anything back.
     """
-    V, W = vector(3, scalar), wp.types.vector(4, scalar)
-    Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
-    place_of, way_towards, approach_of = ways(scalar)
-    _, _, may_approach, lacks, count_pushes, push, apply = pair_impulses(scalar)
-    zero, one, longest_shift = scalar(0.0), scalar(1.0), longest_shifts(scalar)
+    W, Pairs, Moving = wp.types.vector(4, scalar), NearPairs(scalar), Motion(scalar)
+    (place_of, way_towards, approach_of), may_approach = ways(scalar), pair_impulses(scalar)[2]
+    zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
     def is_held(pairs: Pairs, k: int) -> bool:
@@ -124,25 +118,18 @@ def keep_apart(scalar: type, blocks: int):
         return found
 
     @wp.func
-    def shorten(
-        pairs: Pairs,
-        x: wp.array(dtype=V),
-        x_out: wp.array(dtype=V),
-        apart: scalar,
-        everywhere: bool,
-        calm: bool,
-        k: int,
-    ):
+    def shorten(pairs: Pairs, motion: Moving, everywhere: bool, k: int):
         """Reduce the fractions of displacement that particles of pair k may make, so that none reaches its plane.
 
-        Unless `everywhere`, only if one was held back, or if the pair comes too near and is not `calm`.
+        Unless `everywhere`, only if one was held back, or if the pair comes too near.
         """
+        x, x_out, apart = motion.x, motion.x_out, motion.apart
         normal = pairs.normal[k]
         gap = pairs.gap[k]
         if gap <= zero:
             return
         largest = may_approach(gap, pairs.least[k], apart)
-        if not everywhere and (calm or approach_of(pairs, x, x_out, k) <= largest) and not is_held(pairs, k):
+        if not everywhere and approach_of(pairs, x, x_out, k) <= largest and not is_held(pairs, k):
             return
         vertices = pairs.vertices[k]
         firsts = int(1)
@@ -192,180 +179,144 @@ def keep_apart(scalar: type, blocks: int):
                     for s in range(f[v], f[v + 1]):
                         lower_to(pairs.share, p[s], wp.float32(0.9999 * wp.float32(allowed / ways[m])))
 
+    @kernel
+    def shorten_all(pairs: Pairs, motion: Moving, number: int, threads: int):
+        every = number > 0 or pairs.exceeded[0] != 0
+        last = pairs.watched_count[0]
+        if every:
+            last = wp.min(pairs.count[0], pairs.vertices.shape[0])
+        if number > 0 and pairs.cutting[0] == 0:
+            last = int(0)
+        n = grid_thread()
+        while n < last:
+            k = n
+            if not every:
+                k = pairs.watched[n]
+            everywhere = bool(False)
+            if number == wp.static(CUTS - 1):
+                particle = pairs.particle_of[pairs.first_particle[vertex_of(pairs.vertices[k], 0)]]
+                everywhere = pairs.unsettled[particle / motion.particles] != 0
+            shorten(pairs, motion, everywhere, k)
+            n += threads
+
+    return shorten_all
+
+
+@functools.cache
+def mark_held(scalar: type):
+    """Compose the kernel that marks the particles which are held back; its threads divide the particles."""
+    Pairs, Moving = NearPairs(scalar), Motion(scalar)
+
+    @kernel
+    def mark_all(pairs: Pairs, motion: Moving, number: int, threads: int):
+        n = grid_thread()
+        while n < pairs.particle_count[0] and pairs.cutting[0] != 0:
+            i = pairs.particle[n]
+            if pairs.share[i] < 1.0 and pairs.held[i] == 0:
+                pairs.held[i] = 1
+                if number == wp.static(CUTS - 2):
+                    pairs.unsettled[i / motion.particles] = 1
+            n += threads
+
+    return mark_all
+
+
+@functools.cache
+def hold_particles(scalar: type):
+    """Compose the kernel that shortens displacements, and ends the substep; its threads divide the particles."""
+    Pairs, Moving = NearPairs(scalar), Motion(scalar)
+    (load, store, _), zero, one = records(3, scalar), scalar(0.0), scalar(1.0)
+
     @wp.func
-    def hold_back(
-        pairs: Pairs,
-        x: wp.array(dtype=V),
-        x_out: wp.array(dtype=V),
-        v_out: wp.array(dtype=V),
-        h: scalar,
-        unit: wp.float64,
-        particles: int,
-        i: int,
-    ) -> float:
+    def hold_back(pairs: Pairs, motion: Moving, i: int) -> float:
         """Shorten the displacement of particle i to the fraction that its pairs allow; return the loss [m].
 
         Its velocity stays, which keeps momentum and angular momentum; it changes as the displacement does if any
         particle is pinned or driven.
         """
+        x_out, v_out, h = motion.x_out, motion.v_out, motion.h
         share = scalar(pairs.share[i])
         if share == one:
             return float(0.0)
-        lost = (share - one) * (load(x_out, i) - load(x, i))
+        lost = (share - one) * (load(x_out, i) - load(motion.x, i))
         pairs.share[i] = 1.0
         pairs.held[i] = 0
         store(x_out, i, load(x_out, i) + lost)
-        if pairs.anchored[i / particles] != 0:
+        if pairs.anchored[i / motion.particles] != 0:
             store(v_out, i, load(v_out, i) + lost / h)
             if pairs.contact_impulse.shape[0] > 0 and pairs.inverse_mass[i] > zero:
                 pairs.contact_impulse[i] += wp.vec3d(lost) / wp.float64(h * pairs.inverse_mass[i])
         return float(wp.length(lost))
 
-    @wp.func
-    def act(
-        pairs: Pairs,
-        x: wp.array(dtype=V),
-        x_out: wp.array(dtype=V),
-        per_unit: wp.float64,
-        apart: scalar,
-        particles: int,
-        phase: int,
-        k: int,
-    ):
-        """Run one phase for pair k: count it at its particles, add its impulses, or limit displacements."""
-        # Even with the impulses on these bodies the pair has not come too near.
-        calm = pairs.reserve[k] - pairs.least[k] > scalar(1.001 * longest_shift(pairs, pairs.most_shift, k))
-        if calm and phase <= wp.static(3 * ROUNDS):
-            return
-        if phase >= wp.static(3 * ROUNDS):
-            everywhere = bool(False)
-            if phase == wp.static(PHASES - 2):
-                particle = pairs.particle_of[pairs.first_particle[vertex_of(pairs.vertices[k], 0)]]
-                everywhere = pairs.unsettled[particle / particles] != 0
-            shorten(pairs, x, x_out, apart, everywhere, calm, k)
-        elif pairs.gap[k] > zero:
-            weights, change = lacks(pairs, x, x_out, apart, k)
-            if change > zero:
-                if phase % 3 == 0:
-                    pairs.lacking[0] = phase / 3 + 1
-                    pairs.pushing[count_up(pairs.pushing_count, 0)] = k
-                    count_pushes(pairs, k, weights)
-                else:
-                    push(pairs, k, weights, change, per_unit)
-
-    @wp.func
-    def end_phase(
-        pairs: Pairs,
-        x: wp.array(dtype=V),
-        x_out: wp.array(dtype=V),
-        v_out: wp.array(dtype=V),
-        h: scalar,
-        per_unit: wp.float64,
-        particles: int,
-        phase: int,
-        flags: wp.array(dtype=float),
-        n: int,
-    ):
-        """Run one phase for a particle: apply its impulses, store that it is held back, or hold it back."""
-        i = pairs.particle[n]
-        if phase < wp.static(3 * ROUNDS):
-            pairs.pushing_count[0] = 0
-            apply(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, i)
-        elif phase < wp.static(PHASES - 1):
-            if pairs.share[i] < 1.0 and pairs.held[i] == 0:
-                pairs.held[i] = 1
-                if phase == wp.static(PHASES - 3):
-                    pairs.unsettled[i / particles] = 1
-        else:
-            pairs.unsettled[i / particles] = 0
+    @kernel
+    def hold_all(pairs: Pairs, motion: Moving, threads: int, flags: wp.array(dtype=float)):
+        n = grid_thread()
+        if n == 0:
+            pairs.exceeded[0] = 0
+        while n < pairs.particle_count[0]:
+            i = pairs.particle[n]
+            pairs.unsettled[i / motion.particles] = 0
             pairs.shift[i] = 0.0
-            lost = hold_back(pairs, x, x_out, v_out, h, wp.float64(1.0) / per_unit, particles, i)
+            lost = hold_back(pairs, motion, i)
             if lost > 0.0:
-                raise_to(flags, (i / particles) * wp.static(FLAGS) + wp.static(HELD_BACK), lost)
+                raise_to(flags, (i / motion.particles) * wp.static(FLAGS) + wp.static(HELD_BACK), lost)
+            n += threads
 
-    @wp.func
-    def end(pairs: Pairs, thread: int, threads: int):
-        """Estimate the paths due to impulses in the next substep from those in this one."""
-        body = thread
-        while body < pairs.most_shift.shape[0]:
-            longest = wp.static(FORESEEN) * pairs.most_shift[body]
-            pairs.foreseen[body] = wp.max(longest, 0.5 * pairs.foreseen[body])
-            pairs.most_shift[body] = 0.0
-            body += threads
-        pairs.exceeded[0] = 0
+    return hold_all
+
+
+@functools.cache
+def keep_apart(scalar: type, blocks: int):
+    """Compose the kernel that keeps near pairs apart in one launch.
+
+    It is for a cluster of `blocks` blocks, or a CPU thread. With too many pairs it only sets `many`: then each of
+    the kernels above is a launch. Loops have their lengths as arguments, so that compilers do not repeat the long
+    functions in them.
+    """
+    Pairs, Moving = NearPairs(scalar), Motion(scalar)
+    find, push, move = (as_function(one(scalar)) for one in (find_lacking, push_pairs, move_pushed))
+    shorten, mark, hold = (as_function(one(scalar)) for one in (shorten_ways, mark_held, hold_particles))
 
     def keep(
         pairs: Pairs,
-        x: wp.array(dtype=V),  # positions at the substep's start [m]
-        h: scalar,  # length of the substep [s]
-        per_unit: wp.float64,  # units of impulse times substep [1/(kg m)]
-        apart: scalar,  # beyond this distance pairs are left alone [m]
-        particles: int,  # number of particles in each world
-        most: int,  # a single launch of all phases does nothing with more pairs: then each phase is a launch
-        first_phase: int,  # 0 to 2 if the launch is a phase of round `pairs.round`
-        last_phase: int,
+        motion: Moving,
+        most: int,  # number of pairs above which each kernel is a launch
+        rounds: int,
+        cuts: int,
         threads: int,
-        # In and out: positions and velocities at its end
-        x_out: wp.array(dtype=V),
-        v_out: wp.array(dtype=V),
         flags: wp.array(dtype=float),
     ):
-        single = first_phase < last_phase
+        first = grid_thread() == 0
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         watched = pairs.watched_count[0]
-        if single and grid_thread() == 0:
+        if first:
             pairs.may_meet[0] = 0
         if pairs.alarm[0] == 0:
-            if single and grid_thread() == 0:
+            if first:
                 pairs.watched_count[0] = 0
             return
-        if single and (count > most or watched > most / 4):
+        if count > most or watched > most / 4:
             pairs.many[0] = 1
             return
-        phase = first_phase
-        last = last_phase
-        if not single and phase < 3:
-            phase += 3 * pairs.round[0]
-            last = phase
-        while phase <= last:
-            cut = phase - wp.static(3 * ROUNDS)
-            # A round is run only if pairs came too near in the one before. Displacements are shortened further
-            # only if any has been shortened.
-            needed = phase == 0 or pairs.lacking[0] >= (phase + 2) / 3
-            if cut >= 0:
-                needed = cut == 0 or phase == wp.static(PHASES - 1) or pairs.cutting[0] != 0
-            if needed:
-                n = grid_thread()
-                of_particles = cut > 0 and cut % 2 == 1 and phase < wp.static(PHASES - 1)
-                if (cut < 0 and phase % 3 == 2) or of_particles or phase == wp.static(PHASES - 1):
-                    while n < pairs.particle_count[0]:
-                        end_phase(pairs, x, x_out, v_out, h, per_unit, particles, phase, flags, n)
-                        n += threads
-                    if phase == wp.static(PHASES - 1):
-                        end(pairs, grid_thread(), threads)
-                else:
-                    pushes = cut < 0 and phase % 3 == 1
-                    watches = not pushes and cut <= 0 and pairs.exceeded[0] == 0
-                    end_of_list = count
-                    if pushes:
-                        end_of_list = pairs.pushing_count[0]
-                    elif watches:
-                        end_of_list = watched
-                    while n < end_of_list:
-                        k = n
-                        if pushes:
-                            k = pairs.pushing[n]
-                        elif watches:
-                            k = pairs.watched[n]
-                        # The only call: compilers copy this long function to each, which takes 10 s for a GPU.
-                        act(pairs, x, x_out, per_unit, apart, particles, phase, k)
-                        n += threads
-                if phase < last:
-                    wait()
-            elif phase < wp.static(3 * ROUNDS) and last > phase:
-                phase = wp.static(3 * ROUNDS - 1)
-            phase += 1
-        if single and grid_thread() == 0:
+        for number in range(rounds):
+            find(pairs, motion, number, threads)
+            wait()
+            if pairs.lacking[0] <= number:
+                break
+            push(pairs, motion, number, threads)
+            wait()
+            move(pairs, motion, number, threads)
+            wait()
+        for number in range(cuts):
+            shorten(pairs, motion, number, threads)
+            wait()
+            if pairs.cutting[0] == 0:
+                break
+            if number < cuts - 1:
+                mark(pairs, motion, number, threads)
+                wait()
+        hold(pairs, motion, threads, flags)
+        if first:
             pairs.alarm[0] = 0
             pairs.watched_count[0] = 0
 
@@ -374,7 +325,7 @@ def keep_apart(scalar: type, blocks: int):
 
 @functools.cache
 def end_round(scalar: type):
-    """Compose the kernel that ends a round whose phases are launches; it clears `many` after the last."""
+    """Compose the kernel that ends a round whose kernels are launches; it clears `many` after the last round."""
     Pairs = NearPairs(scalar)
 
     @kernel

@@ -11,7 +11,7 @@ from ..threads import grid_thread
 from .contact_data import PAIRS, BodyContactData, NearPairs
 from .near_pairs import vertex_of
 from .nearest_point import nearest_on_segments, nearest_on_triangle
-from .pair_impulses import pair_impulses
+from .pair_impulses import WATCHED, pair_impulses
 
 ROUNDING = 4.0
 """The least gap, as a multiple of the spacing of floating-point numbers at the coordinates of the pair."""
@@ -73,22 +73,6 @@ def ways(scalar: type):
 
 
 @functools.cache
-def longest_shifts(scalar: type):
-    """Compose (pairs, paths, k) -> a bound on how far impulses move the sides of pair k together [m].
-
-    `paths` has for each body the longest path of a particle due to impulses [m].
-    """
-    Pairs = NearPairs(scalar)
-
-    @wp.func
-    def longest_shift(pairs: Pairs, paths: wp.array(dtype=float), k: int) -> float:
-        bodies = pairs.bodies[k]
-        return pairs.most_weight * (paths[bodies[0]] + paths[bodies[1]])
-
-    return longest_shift
-
-
-@functools.cache
 def measure_pairs(scalar: type, watched: bool):
     """Compose the kernel that finds the gap of each near pair, and sets `alarm` if any comes too near.
 
@@ -100,7 +84,7 @@ def measure_pairs(scalar: type, watched: bool):
     Pairs = NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
     (place_of, _, approach_of), (floor_of, may_lose, may_approach, *_) = ways(scalar), pair_impulses(scalar)
-    zero, one, longest_shift = scalar(0.0), scalar(1.0), longest_shifts(scalar)
+    zero, one = scalar(0.0), scalar(1.0)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
     @wp.func
@@ -188,8 +172,7 @@ def measure_pairs(scalar: type, watched: bool):
                 if approach > allowed:
                     pairs.alarm[0] = 1
                 reserve = wp.min(allowed, may_approach(gap, pairs.least[k], apart)) - approach
-                pairs.reserve[k] = reserve
-                if reserve - pairs.least[k] <= scalar(1.001 * longest_shift(pairs, pairs.foreseen, k)):
+                if reserve - pairs.least[k] <= scalar(wp.static(1.001 * WATCHED)) * apart:
                     pairs.watched[count_up(pairs.watched_count, 0)] = k
             k = next_of_part(k, threads, parts)
 

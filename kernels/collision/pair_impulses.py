@@ -7,10 +7,11 @@ import functools
 
 import warp as wp
 
-from ..basis import vector
-from ..partition import raise_to
+from ..basis import kernel, vector
+from ..partition import count_up
 from ..records import records
-from .contact_data import NearPairs
+from ..threads import grid_thread
+from .contact_data import Motion, NearPairs
 from .near_pairs import vertex_of
 
 KEPT = 0.8
@@ -19,6 +20,9 @@ LARGEST_APPROACH = 0.8
 """Fraction of gap − least gap that a pair may lose between any two vertices, unless the gap remains wide."""
 HOLD_BEYOND = 0.95
 """Particles are held back if a pair loses more than this fraction of its gap, less half of the least gap."""
+WATCHED = 0.5
+"""Pairs are tested again after impulses only if they may then come too near by this fraction of `apart`. If any
+particle moves more than half as far, all are tested."""
 
 
 @functools.cache
@@ -32,7 +36,7 @@ def pair_impulses(scalar: type):
     particles, then its impulses; then each particle applies them.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
-    Pairs, (load, store, _) = NearPairs(scalar), records(3, scalar)
+    Pairs, Moving, (load, store, _) = NearPairs(scalar), Motion(scalar), records(3, scalar)
     zero, kept = scalar(0.0), scalar(KEPT)
 
     @wp.func
@@ -90,20 +94,13 @@ def pair_impulses(scalar: type):
                 wp.atomic_add(pairs.impulse, pairs.particle_of[begin], c, on_vertex)
 
     @wp.func
-    def apply(
-        pairs: Pairs,
-        x: wp.array(dtype=V),
-        x_out: wp.array(dtype=V),
-        v_out: wp.array(dtype=V),
-        h: scalar,
-        unit: wp.float64,
-        i: int,
-    ):
+    def apply(pairs: Pairs, motion: Moving, i: int):
         """Change the velocity of particle i, and its position, by the impulses of its pairs.
 
         Then clear the impulses.
         """
         if pairs.pushes[i] != 0:
+            x_out, h, unit = motion.x_out, motion.h, wp.float64(1.0) / motion.per_unit
             moved = V()
             impulse = wp.vec3d()
             for c in range(3):
@@ -115,14 +112,12 @@ def pair_impulses(scalar: type):
             if pairs.contact_impulse.shape[0] > 0:
                 pairs.contact_impulse[i] += impulse
             if pairs.done.shape[0] > 0 and pairs.inverse_mass[i] == zero:
-                speed = wp.vec3d(load(x_out, i) - load(x, i)) / wp.float64(h)
+                speed = wp.vec3d(load(x_out, i) - load(motion.x, i)) / wp.float64(h)
                 pairs.done[i] -= wp.dot(impulse, speed)
-            store(v_out, i, load(v_out, i) + moved / h)
+            store(motion.v_out, i, load(motion.v_out, i) + moved / h)
             shift = pairs.shift[i] + float(wp.length(moved))
             pairs.shift[i] = shift
-            if shift > pairs.most_shift[pairs.body[i]]:
-                raise_to(pairs.most_shift, pairs.body[i], shift)
-            if shift > pairs.foreseen[pairs.body[i]]:
+            if pairs.most_weight * shift > wp.static(0.5 * WATCHED) * float(motion.apart):
                 pairs.exceeded[0] = 1
             store(x_out, i, load(x_out, i) + moved)
 
@@ -142,7 +137,8 @@ def pair_impulses(scalar: type):
         return wp.max(scalar(HOLD_BEYOND) * gap - scalar(0.5) * least, gap - apart)
 
     @wp.func
-    def lacks(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), apart: scalar, k: int):
+    def lacks(pairs: Pairs, motion: Moving, k: int):
+        x, x_out, apart = motion.x, motion.x_out, motion.apart
         vertices = pairs.vertices[k]
         weights = pairs.weights[k]
         gap = pairs.gap[k]
@@ -179,3 +175,72 @@ def pair_impulses(scalar: type):
         return weights, change
 
     return floor_of, may_lose, may_approach, lacks, count_pushes, push, apply
+
+
+@functools.cache
+def find_lacking(scalar: type):
+    """Compose the kernel that begins a round: it lists pairs which come too near, and counts them on particles.
+
+    The threads divide the pairs. `number` is that of the round; below 0: it is `pairs.round`.
+    """
+    Pairs, Moving = NearPairs(scalar), Motion(scalar)
+    _, _, _, lacks, count_pushes, _, _ = pair_impulses(scalar)
+
+    @kernel
+    def find(pairs: Pairs, motion: Moving, number: int, threads: int):
+        this = number
+        if number < 0:
+            this = pairs.round[0]
+        every = pairs.exceeded[0] != 0
+        last = pairs.watched_count[0]
+        if every:
+            last = wp.min(pairs.count[0], pairs.vertices.shape[0])
+        n = grid_thread()
+        while n < last:
+            k = n
+            if not every:
+                k = pairs.watched[n]
+            if pairs.gap[k] > scalar(0.0):
+                weights, change = lacks(pairs, motion, k)
+                if change > scalar(0.0):
+                    pairs.lacking[0] = this + 1
+                    at = count_up(pairs.pushing_count, 0)
+                    pairs.pushing[at] = k
+                    pairs.pushed[at] = weights
+                    pairs.change[at] = change
+                    count_pushes(pairs, k, weights)
+            n += threads
+
+    return find
+
+
+@functools.cache
+def push_pairs(scalar: type):
+    """Compose the kernel that adds the impulses of the pairs of a round; its threads divide these pairs."""
+    Pairs, Moving, push = NearPairs(scalar), Motion(scalar), pair_impulses(scalar)[5]
+
+    @kernel
+    def push_apart(pairs: Pairs, motion: Moving, number: int, threads: int):
+        n = grid_thread()
+        while n < pairs.pushing_count[0]:
+            push(pairs, pairs.pushing[n], pairs.pushed[n], pairs.change[n], motion.per_unit)
+            n += threads
+
+    return push_apart
+
+
+@functools.cache
+def move_pushed(scalar: type):
+    """Compose the kernel that ends a round: particles move by their impulses. Its threads divide the particles."""
+    Pairs, Moving, apply = NearPairs(scalar), Motion(scalar), pair_impulses(scalar)[6]
+
+    @kernel
+    def move(pairs: Pairs, motion: Moving, number: int, threads: int):
+        n = grid_thread()
+        if n == 0:
+            pairs.pushing_count[0] = 0
+        while n < pairs.particle_count[0]:
+            apply(pairs, motion, pairs.particle[n])
+            n += threads
+
+    return move

@@ -1,5 +1,6 @@
 """DivisionPlanes: keeps near pairs apart if they are apart when a substep begins."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,10 +8,21 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces
-from ...kernels.collision.contact_data import NearPairs
-from ...kernels.collision.division_planes import MOST_THREADS, PHASES, ROUNDS, catch_up, end_round, keep_apart
+from ...kernels.collision.contact_data import Motion, NearPairs
+from ...kernels.collision.division_planes import (
+    CUTS,
+    MOST_THREADS,
+    ROUNDS,
+    catch_up,
+    end_round,
+    hold_particles,
+    keep_apart,
+    mark_held,
+    shorten_ways,
+)
 from ...kernels.collision.near_pairs import clear_pairs
 from ...kernels.collision.pair_gaps import find_alarm, measure_pairs
+from ...kernels.collision.pair_impulses import find_lacking, move_pushed, push_pairs
 from ...kernels.collision.pair_search import QUEUES, SHARES, find_pairs, find_pairs_of_pieces
 from ...kernels.collision.tangles import find_tangles
 from ...kernels.lanes import WARP
@@ -43,6 +55,9 @@ MOST_SEARCHING = 2**18
 """Maximal number of threads that search for near pairs."""
 PAIR_THREADS = 2**16
 """Maximal number of GPU threads that divide the pairs: with more, launches take longer if nothing is near."""
+
+PUSHING, CUTTING = (find_lacking, push_pairs, move_pushed), (shorten_ways, mark_held, hold_particles)
+"""The kernels of a round of impulses, and of one that shortens displacements and its end."""
 
 
 class DivisionPlanes(Effect):
@@ -98,9 +113,6 @@ class DivisionPlanes(Effect):
         )
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
         data.share, data.shift = (wp.full(particles, one, dtype=float, device=device) for one in (1.0, 0.0))
-        data.body = each.alike(np.resize(on_host.body_of_particle, model.stride), int, len(on_host.solid))
-        bodies = len(surfaces.data.solid)
-        data.most_shift, data.foreseen = (wp.zeros(bodies, dtype=float, device=device) for _ in "mf")
         mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
         data.anchored = each.by_row(np.array([[int(np.isinf(one).any())] for one in mass]), int)
         data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
@@ -149,7 +161,7 @@ class DivisionPlanes(Effect):
         note(self._measure)
         note(self._keep, block=MOST_THREADS)
         if not self._small:
-            note(keep_apart(scalar, 1), block=MOST_THREADS)
+            note(*(one(scalar) for one in (*PUSHING, *CUTTING)), block=MOST_THREADS)
             note(end_round(scalar))
 
     def _find_pairs(self) -> Any:
@@ -211,32 +223,38 @@ class DivisionPlanes(Effect):
             neighbors.place(after.x, after.v, after.compensation)
 
     def _keep_apart(self, before: Instant, after: Instant) -> None:
-        model, device, neighbors = self._model, self._model.device, self.neighbors
-        most = 2**31 - 1 if self._small else MOST_IN_CLUSTER
-        inputs = [self.pairs, before.x, self.steps.dt, self.per_unit, self.apart, model.stride, most]
-        outputs = [after.x, after.v, neighbors.flags]
+        model, device, neighbors, pairs = self._model, self._model.device, self.neighbors, self.pairs
+        motion: Any = Motion(model.scalar)()
+        motion.x, motion.x_out, motion.v_out, motion.h = before.x, after.x, after.v, self.steps.dt
+        motion.per_unit, motion.apart, motion.particles = self.per_unit, self.apart, model.stride
 
-        def launch(kernel: Any, threads: int, first: int, last: int) -> None:
-            given = [*inputs, first, last, threads]
-            wp.launch(kernel, threads, given, outputs, device=device, block_dim=MOST_THREADS)
+        def launch(kernel: Any, threads: int, *numbers: int, flags: Sequence[wp.array] = ()) -> None:
+            given = [pairs, motion, *numbers, threads]
+            wp.launch(kernel, threads, given, list(flags), device=device, block_dim=MOST_THREADS)
 
         def launch_all() -> None:
-            launch(self._keep, self._blocks * MOST_THREADS if device.is_cuda else 1, 0, PHASES - 1)
+            threads, most = self._blocks * MOST_THREADS if device.is_cuda else 1, MOST_IN_CLUSTER
+            most = 2**31 - 1 if self._small else most
+            launch(self._keep, threads, most, ROUNDS, CUTS, flags=[neighbors.flags])
 
         def launch_each() -> None:
-            wp.capture_while(self.pairs.many, launch_round)
-            for phase in range(3 * ROUNDS, PHASES):
-                launch(keep_apart(model.scalar, 1), PAIR_THREADS, phase, phase)
+            wp.capture_while(pairs.many, launch_round)
+            shorten, mark, hold = (one(model.scalar) for one in CUTTING)
+            for number in range(CUTS):
+                launch(shorten, PAIR_THREADS, number)
+                if number < CUTS - 1:
+                    launch(mark, PAIR_THREADS, number)
+            launch(hold, PAIR_THREADS, flags=[neighbors.flags])
 
         def launch_round() -> None:
-            for phase in range(3):
-                launch(keep_apart(model.scalar, 1), PAIR_THREADS, phase, phase)
-            wp.launch(end_round(model.scalar), 1, [self.pairs], device=device)
+            for one in PUSHING:
+                launch(one(model.scalar), PAIR_THREADS, -1)
+            wp.launch(end_round(model.scalar), 1, [pairs], device=device)
 
         # A single CPU thread handles all pairs.
         neighbors.launcher.launch_parts(lambda part, _: launch_all() if part == 0 else None)
         if not self._small:
-            wp.capture_if(self.pairs.many, launch_each)
+            wp.capture_if(pairs.many, launch_each)
             self._signals.zero_()
 
     def judge(self, pairs: int) -> bool:
@@ -264,10 +282,10 @@ class DivisionPlanes(Effect):
         room = int(room)
         data.vertices = wp.zeros(room, dtype=wp.vec4i, device=device)
         data.watched, data.pushing = (wp.zeros(room, dtype=int, device=device) for _ in "wp")
-        data.weights = wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device)
+        data.weights, data.pushed = (wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device) for _ in "wp")
         data.normal = wp.zeros(room, dtype=self._model.vector, device=device)
         data.bodies = wp.zeros(room, dtype=wp.vec2i, device=device)
-        for name in ("gap", "least", "reserve"):
+        for name in ("gap", "least", "change"):
             setattr(data, name, wp.zeros(room, dtype=scalar, device=device))
         self._small = not device.is_cuda or room <= MOST_IN_CLUSTER
         self._blocks = CLUSTER if device.is_cuda and device.arch >= 90 else 1
