@@ -31,7 +31,7 @@ METHODS = {
     "RK4": RK4(),
     "RKC2": RKC2(),
 }
-COLOURS = {
+COLORS = {
     "explicit Euler": "#9a9a9a",
     "symplectic Euler": "#e69f00",
     "leapfrog": "#0072b2",
@@ -40,7 +40,7 @@ COLOURS = {
     "RKC2": "#009e73",
     "RKC2, 20 stages": "#00573f",
 }
-MARKERS = dict(zip(COLOURS, "xo^vsDd", strict=True))
+MARKERS = dict(zip(COLORS, "xo^vsDd", strict=True))
 
 
 def arguments(description: str, *own: argparse.ArgumentParser) -> argparse.Namespace:

@@ -90,7 +90,7 @@ if _typing.TYPE_CHECKING:
         stability_limit as stability_limit,
     )
     from .live import View as View, show as show, view as view
-    from .pictures import ColourScale as ColourScale, Renderer as Renderer
+    from .pictures import ColorScale as ColorScale, Renderer as Renderer
     from .shapes import (
         ball as ball,
         box as box,
@@ -169,7 +169,7 @@ _ROOMS = {
         "match_stiffness stability_limit"
     ),
     "live": "View show view",
-    "pictures": "Renderer ColourScale",
+    "pictures": "Renderer ColorScale",
     "shapes": (
         "ball box chain cloth cone cylinder from_mesh from_volume icosphere join lattice rod sheet shell "
         "viscoelastic"
@@ -192,7 +192,10 @@ def __getattr__(name: str) -> object:
             module = _importlib.import_module(f".{room}", __name__)
             globals().update({one: getattr(module, one) for one in names.split()})
             return module if name == room else globals()[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    new = _importlib.import_module(".runtime", __name__).RENAMED.get(name)
+    raise AttributeError(
+        f"module {__name__!r} has no attribute {name!r}" + (f"; it is {new} since 0.3" if new else "")
+    )
 
 
 def __dir__() -> list[str]:

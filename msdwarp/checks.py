@@ -338,11 +338,11 @@ def direction(name: str, value: ArrayLike) -> tuple[float, ...]:
     return tuple(map(float, direction / np.linalg.norm(direction)))
 
 
-def colour(name: str, colour: str) -> tuple[float, float, float]:
-    """Return a colour "#rrggbb" as three numbers in 0 … 1; raise ValueError naming the argument for other text."""
-    if not isinstance(colour, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
-        raise ValueError(f"{name} is {colour!r}; it must be a colour of the form '#rrggbb'")
-    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+def color(name: str, color: str) -> tuple[float, float, float]:
+    """Return a color "#rrggbb" as three numbers in 0 … 1; raise ValueError naming the argument for other text."""
+    if not isinstance(color, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", color):
+        raise ValueError(f"{name} is {color!r}; it must be a color of the form '#rrggbb'")
+    red, green, blue = (int(color[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue
 
 

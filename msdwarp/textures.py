@@ -1,6 +1,6 @@
 """Textures, painted by code: uint8 images of shape [height, width, 3]. The first row is at v = 1.
 
-Colours are given as "#rrggbb", and `size` in pixels along an edge of a face.
+Colors are given as "#rrggbb", and `size` in pixels along an edge of a face.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,9 +31,9 @@ def _kept(paint: Callable[P, NDArray[np.uint8]]) -> Callable[P, NDArray[np.uint8
     return copied
 
 
-def _mix(weight: NDArray, colour: str, other: str) -> NDArray[np.uint8]:
-    """Return `colour` where weight is 0, `other` where it is 1, blended between."""
-    first, second = np.array(checks.colour("colour", colour)), np.array(checks.colour("other", other))
+def _mix(weight: NDArray, color: str, other: str) -> NDArray[np.uint8]:
+    """Return `color` where weight is 0, `other` where it is 1, blended between."""
+    first, second = np.array(checks.color("color", color)), np.array(checks.color("other", other))
     return np.round(255 * (first + weight[..., None] * (second - first))).astype(np.uint8)
 
 
@@ -64,33 +64,33 @@ def _step(distance: NDArray, width: float) -> NDArray:
 
 
 @_kept
-def tiles(colour: str, line: str, *, count: int = 5, size: int = 512) -> NDArray[np.uint8]:
+def tiles(color: str, line: str, *, count: int = 5, size: int = 512) -> NDArray[np.uint8]:
     """Return a box texture: faces of `count` × `count` rounded tiles with lines between them."""
     u, v = _grid(size)
     # Distance from the middle of a tile, in the norm of a rounded square: 1 at the middle of its sides.
     across, along = ((2 * ((checks.count("count", count, 1) * w) % 1.0) - 1) ** 6 for w in (u, v))
     distance = (across + along) ** (1 / 6)
-    return _on_box(_mix(_step(distance - 0.86, 4 * count / size), colour, line))
+    return _on_box(_mix(_step(distance - 0.86, 4 * count / size), color, line))
 
 
 @_kept
-def gingham(colour: str, ground: str, *, count: int = 12, size: int = 1024) -> NDArray[np.uint8]:
-    """Return a woven check: bands of `colour` both ways on `ground`, darkest where they cross."""
+def gingham(color: str, ground: str, *, count: int = 12, size: int = 1024) -> NDArray[np.uint8]:
+    """Return a woven check: bands of `color` both ways on `ground`, darkest where they cross."""
     u, v = _grid(size)
     across, along = (((checks.count("count", count, 1) * w) % 1.0 < 0.5).astype(float) for w in (u, v))
-    return _mix(1 - 0.46 * (across + along), colour, ground)
+    return _mix(1 - 0.46 * (across + along), color, ground)
 
 
 @_kept
-def rings(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
+def rings(color: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
     """Return `count` rings around a round body, such as a ball: v runs along it."""
     _, v = _grid(size)
-    return _mix(0.5 - 0.5 * np.cos(2 * np.pi * checks.count("count", count, 1) * v), colour, light)
+    return _mix(0.5 - 0.5 * np.cos(2 * np.pi * checks.count("count", count, 1) * v), color, light)
 
 
-def rings_box(colour: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
+def rings_box(color: str, light: str, count: int, *, size: int = 512) -> NDArray[np.uint8]:
     """Return a texture for a long upright box: `count` rings around its sides, and plain ends."""
-    upright = rings(colour, light, count, size=size)
+    upright = rings(color, light, count, size=size)
     lying, end = upright[::-1].transpose(1, 0, 2), np.broadcast_to(upright[:1, :1], upright.shape)
     # Upwards is u on the faces −x and +y, and v on +x and −y.
     return _faces([lying, upright, upright, lying, end, end])
@@ -110,12 +110,12 @@ DIE = (5, 2, 4, 3, 6, 1)
 
 
 @_kept
-def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
+def pips(color: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
     """Return a box texture: the faces of a die, with one to six hollow dots and darker edges."""
     u, v = (2 * w - 1 for w in _grid(size))
     # Light on a rounded edge: that of the face, except at a rim.
     rim = (np.abs(u) ** 12 + np.abs(v) ** 12) ** (1 / 12)
-    face = _shaded(_mix(np.zeros_like(u), colour, dot), 1 - 0.10 * _step(rim - 0.95, 0.1))
+    face = _shaded(_mix(np.zeros_like(u), color, dot), 1 - 0.10 * _step(rim - 0.95, 0.1))
     images = []
     for count in DIE:
         image = face.copy()
@@ -127,7 +127,7 @@ def pips(colour: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
             x, y = u[here] - 0.5 * column, v[here] - 0.5 * row
             hollow = 1 - _step(np.hypot(x, y) - 0.18, 4 / size)
             bowl = 1 + 0.9 * np.clip((0.6 * x - 0.8 * y) / 0.18, -1, 1)  # its lower wall is lit from above
-            dots = _shaded(_mix(np.ones_like(x), colour, dot), 0.8 + 0.2 * bowl)
+            dots = _shaded(_mix(np.ones_like(x), color, dot), 0.8 + 0.2 * bowl)
             image[here] = _over(image[here], dots, hollow)
         images.append(image)
     return _faces(images)
@@ -140,9 +140,9 @@ def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], share: NDArray) ->
 
 @_kept
 def waffle(
-    colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), diagonal: bool = False, size: int = 512
+    color: str, groove: str, *, counts: tuple[int, int] = (5, 4), diagonal: bool = False, size: int = 512
 ) -> NDArray[np.uint8]:
-    """Return a waffle: square hollows between ridges; `groove` is the colour of the hollows' floor.
+    """Return a waffle: square hollows between ridges; `groove` is the color of the hollows' floor.
 
     `counts` are the hollows along u and v. With `diagonal`, rows of hollows run slantwise, as on an ice cream
     cone; `counts` are then the hollows around, and half the hollows along a ridge. Both close around a cone.
@@ -158,28 +158,26 @@ def waffle(
     # Light comes from above and from the left: walls that face it are bright, the others dark.
     wall = np.exp(-(((edge - 0.68) / 0.11) ** 2))
     side = np.where(np.abs(right) > np.abs(up), np.sign(right), -np.sign(up))
-    return _shaded(_mix(floor, colour, groove), 1 + 0.22 * wall * side - 0.06 * _step(edge - 0.93, 0.1))
+    return _shaded(_mix(floor, color, groove), 1 + 0.22 * wall * side - 0.06 * _step(edge - 0.93, 0.1))
 
 
 @_kept
-def waffle_box(
-    colour: str, groove: str, *, counts: tuple[int, int] = (5, 4), size: int = 512
-) -> NDArray[np.uint8]:
+def waffle_box(color: str, groove: str, *, counts: tuple[int, int] = (5, 4), size: int = 512) -> NDArray[np.uint8]:
     """Return a texture for a flat box: a waffle on its upper and lower face, and a crust around.
 
     See `waffle`; `counts` are hollows along x and y.
     """
-    upper = waffle(colour, groove, counts=counts, size=size)
+    upper = waffle(color, groove, counts=counts, size=size)
     u, v = _grid(size)
     side, end = (
-        _shaded(_mix(0.75 - 0.75 * np.abs(2 * w - 1) ** 2, colour, groove), np.full_like(w, 0.97)) for w in (u, v)
+        _shaded(_mix(0.75 - 0.75 * np.abs(2 * w - 1) ** 2, color, groove), np.full_like(w, 0.97)) for w in (u, v)
     )
-    return _faces([side, end, end, side, waffle(colour, groove, counts=(counts[1], counts[0]), size=size), upper])
+    return _faces([side, end, end, side, waffle(color, groove, counts=(counts[1], counts[0]), size=size), upper])
 
 
 @_kept
 def ticking(
-    colour: str,
+    color: str,
     stripe: str,
     *,
     shape: tuple[float, float, float] = (20.0, 7.0, 2.0),
@@ -201,23 +199,23 @@ def ticking(
 
     def top(x: NDArray, y: NDArray) -> NDArray[np.uint8]:
         """Paint the upper face at distances x and y from its corner."""
-        image = _mix(_bands(stripes * y / width), colour, stripe)
+        image = _mix(_bands(stripes * y / width), color, stripe)
         from_button = [step * np.abs(w / step % 1.0 - 0.5) for w, step in ((x, along_x), (y, apart))]
         distance = np.hypot(*from_button) / apart
         light = 1 - 0.22 * np.exp(-((distance / 0.17) ** 2)) + 0.03 * np.exp(-(((distance - 0.42) / 0.2) ** 2))
         knob = 1 - _step(distance - 0.055, 0.02)
-        image = _over(_shaded(image, light), _mix(np.ones_like(x), colour, stripe), knob)
+        image = _over(_shaded(image, light), _mix(np.ones_like(x), color, stripe), knob)
         return piped(image, np.minimum.reduce([x, length - x, y, width - y]))
 
     def side(along: NDArray, up: NDArray, whole: float) -> NDArray[np.uint8]:
         """Paint a side face at distances along its edge and upwards from its lower edge."""
-        image = _mix(_bands(stripes * along / width), colour, stripe)
+        image = _mix(_bands(stripes * along / width), color, stripe)
         return piped(image, np.minimum.reduce([along, whole - along, up, height - up]))
 
     def piped(image: NDArray[np.uint8], from_edge: NDArray) -> NDArray[np.uint8]:
         """Lay a rolled hem along the edges."""
         roll = from_edge / (0.03 * width)
-        hem = _shaded(_mix(np.full_like(roll, 0.9), colour, stripe), 1.2 - 0.6 * np.abs(roll - 0.5))
+        hem = _shaded(_mix(np.full_like(roll, 0.9), color, stripe), 1.2 - 0.6 * np.abs(roll - 0.5))
         return _over(image, hem, 1 - _step(roll - 1, 0.2))
 
     ends = [side(width * a, height * b, width) for a, b in ((t, s), (s, t))]
@@ -232,7 +230,7 @@ def _bands(place: NDArray) -> NDArray:
 
 
 @_kept
-def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int = 512) -> NDArray[np.uint8]:
+def scoop(color: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int = 512) -> NDArray[np.uint8]:
     """Return a ball texture (u around it, v from pole to pole): softly mottled ice cream with some flecks.
 
     The image has `size` pixels from pole to pole, and twice as many around. `seed` sets the places of the flecks.
@@ -250,8 +248,8 @@ def scoop(colour: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int
             wave = octave * (0.7 + 0.6 * random.random()) * _direction(random)
             phase = np.float32(2 * np.pi * random.random())
             mottle += np.float32(share / np.sqrt(14)) * np.cos(near @ wave.astype(np.float32) + phase)
-    image = _shaded(_mix(np.zeros_like(turn), colour, fleck), 1 + 0.07 * mottle)
-    paint = _mix(np.ones(1), colour, fleck)
+    image = _shaded(_mix(np.zeros_like(turn), color, fleck), 1 + 0.07 * mottle)
+    paint = _mix(np.ones(1), color, fleck)
     for _ in range(flecks):
         middle, length = _direction(random), 0.015 + 0.03 * random.random()
         grain = np.cross(middle, _direction(random))
@@ -273,19 +271,19 @@ def _direction(random: np.random.Generator) -> NDArray:
 
 
 @_kept
-def tyre_wall(colour: str, wall: str, mark: str, *, size: int = 1024) -> NDArray[np.uint8]:
+def tyre_wall(color: str, wall: str, mark: str, *, size: int = 1024) -> NDArray[np.uint8]:
     """Return the texture of a tyre, v along its axle: a ring on each wall, and marks beside it."""
     u, v = _grid(size)
     side = np.minimum(v, 1 - v)
-    image = _mix((side < 0.003).astype(float), colour, wall)
+    image = _mix((side < 0.003).astype(float), color, wall)
     marked = (side > 0.02) & (side < 0.09) & ((6 * u) % 1 < 0.3)
-    return _over(image, _mix(np.ones_like(u), colour, mark), marked.astype(float))
+    return _over(image, _mix(np.ones_like(u), color, mark), marked.astype(float))
 
 
 @_kept
-def jelly(colour: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
+def jelly(color: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
     """Return a box texture: translucent faces, dark in the middle and bright at the edges."""
     u, v = (2 * w - 1 for w in _grid(size))
     # Near an edge light passes through less material.
     through = 1 - ((1 - u**4) * (1 - v**4)) ** 0.75
-    return _on_box(_mix(0.08 + 0.8 * through**1.5, colour, light))
+    return _on_box(_mix(0.08 + 0.8 * through**1.5, color, light))

@@ -8,7 +8,7 @@ from msdwarp.cli import scene_main
 RADIUS, KNOT = 0.2, 0.27
 """Of a balloon, and how far its knot is below its middle [m]."""
 BALLOONS = {"red": ("#d5312f", -0.55, 15), "yellow": ("#f0b429", 0.0, 23), "blue": ("#2f6fb5", 0.55, 19)}
-"""Colour, place along the wind [m], and links of the string."""
+"""Color, place along the wind [m], and links of the string."""
 
 
 def breeze(time: float) -> tuple[float, float, float]:
@@ -50,8 +50,8 @@ def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.00
         bodies.append(join(string, ball, within=link, on=([links - 1], None), stiffness=200.0, damping=0.02))
         loads += [Force((0, 0, lift + 9.82 * mass), on=name, total=True), EnclosedGas(pressure, on=name)]
     look = Look(gloss=0.9, azimuth=-80, elevation=10)
-    looks = {name: Look(colour=colour, gloss=0.9) for name, (colour, *_) in BALLOONS.items()}
-    looks["strings"] = Look(colour="#5a5f66", tube=0.004)
+    looks = {name: Look(color=color, gloss=0.9) for name, (color, *_) in BALLOONS.items()}
+    looks["strings"] = Look(color="#5a5f66", tube=0.004)
     system = bodies[0] + bodies[1] + bodies[2]
     return Scene(system=system, colliders=[Plane()], loads=loads, duration=6.0, look=look, looks=looks)
 

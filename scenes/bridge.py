@@ -51,8 +51,8 @@ def build(*, load: float = 70.0, stiffness: float = 3e5, damping: float = 20.0) 
         system = join(system, here, within=0.13, on=("planks", None), **wood)
         loads += [Force(lambda t, s=start: (0, 0, np.interp(t, (s, s + 1.5), (0, full))), on=name, total=True)]
     ends = [Capsule((x, y, -0.3), (x, y, RAIL + 0.1), 0.05) for x in x[[0, -1]] for y in (-WIDTH / 2, WIDTH / 2)]
-    look = Look(colour="#8a6238", gloss=0.1, obstacle="#6b5138", azimuth=-60, elevation=16)
-    looks = {"ropes": Look(colour="#c2a878", tube=0.02)} | dict.fromkeys(TUBS, Look(colour="#2f6fb5", tube=0.001))
+    look = Look(color="#8a6238", gloss=0.1, obstacle="#6b5138", azimuth=-60, elevation=16)
+    looks = {"ropes": Look(color="#c2a878", tube=0.02)} | dict.fromkeys(TUBS, Look(color="#2f6fb5", tube=0.001))
     return Scene(system=system, colliders=ends, loads=loads, duration=8.0, look=look, looks=looks)
 
 

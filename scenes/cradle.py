@@ -48,8 +48,8 @@ def build(
         colliders=colliders,
         contact=Contact(friction=0.0, restitution=1.0, stiffness=contact),
         duration=4.0,
-        look=Look(colour="#6c7480", obstacle="#8a5a34", azimuth=-66, elevation=12, tube=0.006),
-        looks={"balls": Look(colour="#c9ced6", gloss=1.0, finish="metal", tube=0.006)},
+        look=Look(color="#6c7480", obstacle="#8a5a34", azimuth=-66, elevation=12, tube=0.006),
+        looks={"balls": Look(color="#c9ced6", gloss=1.0, finish="metal", tube=0.006)},
     )
 
 

@@ -6,7 +6,7 @@ from msdwarp import Box, Contact, Look, Plane, Scene, box, checks, from_mesh, ic
 from msdwarp.cli import scene_main
 
 PAINT = ("#e2572b", "#f2a93b", "#f6d55c", "#6bab5b", "#2f8f9d", "#3a5fa0", "#8a5a9e", "#d96a8b")
-"""Colours of the bodies, in turn."""
+"""Colors of the bodies, in turn."""
 LOOK = Look(obstacle="#c9a67a", azimuth=-58, elevation=38)
 
 
@@ -42,7 +42,7 @@ def build(
         place = np.array([0.39, 0.39, 0.45]) * [k % 3 - 1, k // 3 % 3 - 1, k // 9] + (0, 0, 0.3)
         one = kinds[random.integers(3)].rotate(random.uniform(0, 2 * np.pi), random.normal(size=3))
         bodies.append(one.translate(place + random.uniform(-0.01, 0.01, 3)).named(f"body {k + 1}"))
-        looks[f"body {k + 1}"] = Look(colour=PAINT[k % len(PAINT)], gloss=0.4)
+        looks[f"body {k + 1}"] = Look(color=PAINT[k % len(PAINT)], gloss=0.4)
     walls = [Box((s * 0.66, 0, 0.32), (0.08, 1.4, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
     walls += [Box((0, s * 0.66, 0.32), (1.4, 0.08, 0.64), restitution=0.0, friction=0.3) for s in (-1, 1)]
     contact = Contact(friction=0.4, restitution=0.5, stiffness=4 * stiffness)  # hard: they hardly overlap

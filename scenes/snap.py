@@ -37,8 +37,8 @@ def build(*, count: int = 11, weak: int = 9, strength: float = 2.4, stiffness: f
     system = join(row, weight, pairs=[(count - 1, nearest)], stiffness=stiffness, damping=8.0)
     look = Look(gloss=0.6, azimuth=80, elevation=11)
     looks = {
-        "weight": Look(colour="#b3382c", gloss=0.7),
-        "chain": Look(colour="#4a525c", tube=0.008, particles=True, gloss=0.6, finish="metal"),
+        "weight": Look(color="#b3382c", gloss=0.7),
+        "chain": Look(color="#4a525c", tube=0.008, particles=True, gloss=0.6, finish="metal"),
     }
     return Scene(
         system=system, colliders=[Plane(restitution=0.0, friction=0.6)], duration=1.2, look=look, looks=looks

@@ -5,7 +5,7 @@ from msdwarp.cli import scene_main
 from msdwarp.textures import tiles
 
 PAINT = ("#c8553d", "#e9b44c", "#5aa469", "#3d7ea6", "#8f5b8c")
-"""Colours of the cubes, from the lowest up; those of more cubes follow in the same order."""
+"""Colors of the cubes, from the lowest up; those of more cubes follow in the same order."""
 
 
 def build(
@@ -35,7 +35,7 @@ def build(
     # It rises as much as it falls on the way, so that it hits the second cube in the middle.
     rise = 0.5 * 9.82 * (away - width / 2 - radius) / speed
     system = ball.translate((-away, 0, 1.5 * width)).with_velocity((speed, 0, rise)).named("ball")
-    looks = {"ball": Look(colour="#2b2d33", gloss=0.8, finish="metal")}
+    looks = {"ball": Look(color="#2b2d33", gloss=0.8, finish="metal")}
     for k in range(count):
         name = f"cube {k + 1}"
         system = system + cube.translate((0, 0, (k + 0.5) * width)).named(name)

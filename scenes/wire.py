@@ -29,7 +29,7 @@ def build(*, size: int = 4, stiffness: float = 2e4, damping: float = 4.0, yield_
     wire = wire.rotate(np.pi / 2, axis=(0, 1, 0), about=(0, 0, 0)).translate((0, 0, 1.0))
     rod = Capsule((0, -0.14, 1.25), (0, 0.14, 1.25), 0.12, restitution=0.0, friction=0.1, motion=press)
     look = Look(
-        colour="#b8874a",
+        color="#b8874a",
         gloss=0.9,
         finish="metal",
         obstacle="#4a5560",

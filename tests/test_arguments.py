@@ -145,7 +145,7 @@ WORLD = [
     (lambda: msd.at(-1.0), "time is -1; it must be a number of at least 0, and finite"),
     (lambda: msd.at(np.nan), "time is nan"),
     (lambda: msd.at("soon"), "time is 'soon'"),
-    (lambda: msd.at(1.0, colour=1.0), "parameter is 'colour'; it must be one of 'mass', 'velocity', 'stiffness'"),
+    (lambda: msd.at(1.0, color=1.0), "parameter is 'color'; it must be one of 'mass', 'velocity', 'stiffness'"),
     (lambda: msd.at(1.0, set_rest_shape=True, rest_length=1.0), "set_rest_shape sets rest_length"),
 ]
 PICTURES = [
@@ -155,7 +155,7 @@ PICTURES = [
     (lambda: msd.Look(path=[msd.Viewpoint(time=0.0, azimuth=400.0)]), "azimuth is 400.0; it must be from -360 to"),
     (lambda: msd.Look(follow="a", path=[msd.Viewpoint(time=0, target=(0, 0, 1))]), "it must be None where the"),
     (lambda: msd.Look(field_of_view=0.5), "field_of_view is 0.5; it must be from 1 to 120"),
-    (lambda: msd.Look(colour="red"), "colour is 'red'"),
+    (lambda: msd.Look(color="red"), "color is 'red'"),
     (lambda: msd.Look(texture=np.zeros((4, 4), np.uint8)), "texture has shape (4, 4)"),
     (lambda: msd.Look(full_strain=0), "full_strain is 0"),
     (lambda: msd.Look(obstacle="blue"), "obstacle is 'blue'"),

@@ -3,11 +3,11 @@
 from ..common import pyplot, save
 
 SHADES = {0.05: ("#c8352b", "o"), 0.3: ("#e69f00", "^"), 1.0: ("#0072b2", "s")}
-"""Colour and marker of each restitution."""
+"""Color and marker of each restitution."""
 GROUNDS = {"plane": ("#e69f00", "^"), "plane, surface": ("#009e73", "v"), "pinned slab": ("#0072b2", "o")}
 BOLLARDS = {"capsule": ("#e69f00", "^"), "capsule, surface": ("#009e73", "v"), "pinned cylinder": ("#0072b2", "o")}
 SOFTER = {1.0: ("#0072b2", "s"), 10.0: ("#e69f00", "^"), 100.0: ("#c8352b", "o")}
-"""Colour and marker for springs that are so many times as stiff as the contact."""
+"""Color and marker for springs that are so many times as stiff as the contact."""
 GREY = {"color": "#555555", "fontsize": 9}
 
 
@@ -20,10 +20,10 @@ def _of(rows: list[dict], by: str, **wanted) -> list[dict]:
 
 def _excess(axis, rows: list[dict], x: str, unit: float = 1.0, **wanted) -> None:
     """Draw friction found less friction asked for, against a column, a line for each restitution."""
-    for restitution, (colour, marker) in SHADES.items():
+    for restitution, (color, marker) in SHADES.items():
         mine = _of(rows, x, restitution=restitution, **wanted)
         axis.plot(
-            [unit * row[x] for row in mine], [row["error"] for row in mine], color=colour, marker=marker, zorder=3
+            [unit * row[x] for row in mine], [row["error"] for row in mine], color=color, marker=marker, zorder=3
         )
     axis.axhline(0, color="#999999", linewidth=0.9, linestyle="--")
 
@@ -36,10 +36,10 @@ def draw_sliding(rows: list[dict]) -> None:
     left.plot([0, top], [0, top], color="#999999", linewidth=0.9, linestyle="--")
     left.text(0.6, 0.53, "dashed: as asked", rotation=44, rotation_mode="anchor", **GREY)
     handles = []
-    for restitution, (colour, marker) in SHADES.items():
+    for restitution, (color, marker) in SHADES.items():
         mine = _of(rows, "friction", restitution=restitution, angle=45, spacing=0.05, speed=0)
         x, y = [row["friction"] for row in mine], [row["effective"] for row in mine]
-        handles += left.plot(x, y, color=colour, marker=marker, label=f"restitution {restitution:g}")
+        handles += left.plot(x, y, color=color, marker=marker, label=f"restitution {restitution:g}")
     left.set(title="45°, slab of 50 mm", xlabel="friction asked for", ylabel="friction that acts", aspect="equal")
     left.set(xlim=(-0.02, top), ylim=(-0.02, top))
     _excess(middle, rows, "spacing", 1e3, angle=45, friction=0.4, speed=0)
@@ -67,12 +67,12 @@ def draw_bounce(rows: list[dict]) -> None:
     handles = []
     for axis, pose in zip(axes, ("flat", "edge", "corner"), strict=True):
         axis.plot([0, 1], [0, 1], color="#999999", linewidth=0.9, linestyle="--")
-        for softer, (colour, marker) in SOFTER.items():
+        for softer, (color, marker) in SOFTER.items():
             for damping, style in ((0.0, "-"), (8.0, ":")):
                 mine = _of(rows, "restitution", pose=pose, softer=softer, damping=damping)
                 x, y = [row["restitution"] for row in mine], [row["with_rotation"] for row in mine]
                 label = f"springs {softer:g} times as stiff as the contact" + (", damped" if damping else "")
-                drawn = axis.plot(x, y, color=colour, marker=marker, linestyle=style, label=label)
+                drawn = axis.plot(x, y, color=color, marker=marker, linestyle=style, label=label)
                 handles += drawn if pose == "flat" else []
         axis.set(title=f"lands {'flat' if pose == 'flat' else f'on its {pose}'}", xlabel="restitution asked for")
         axis.set(aspect="equal", xlim=(0, 1.03), ylim=(0, 1.03))
@@ -94,14 +94,14 @@ def draw_round(rolling: list[dict], capstan: list[dict], hertz: list[dict]) -> N
 
 
 def _rolling(axis, rows: list[dict]) -> None:
-    for k, (ground, (colour, marker)) in enumerate(GROUNDS.items()):
+    for k, (ground, (color, marker)) in enumerate(GROUNDS.items()):
         mine = _of(rows, "restitution", ground=ground)
         for place, row in enumerate(mine):
             x = place + 0.16 * (k - 1)
             axis.plot(
-                x, row["ratio"], marker, color=colour, markersize=8, label=ground if place == 0 else None, zorder=3
+                x, row["ratio"], marker, color=color, markersize=8, label=ground if place == 0 else None, zorder=3
             )
-            axis.plot([x, x], [1, row["ratio"]], color=colour, linewidth=1.4, zorder=2)
+            axis.plot([x, x], [1, row["ratio"]], color=color, linewidth=1.4, zorder=2)
         axis.set_xticks(range(len(mine)), [f"{row['restitution']:g}" for row in mine])
     axis.axhline(1, color="#999999", linewidth=0.9, linestyle="--")
     low, high = axis.get_ylim()
@@ -114,9 +114,9 @@ def _rolling(axis, rows: list[dict]) -> None:
 
 
 def _capstan(axis, rows: list[dict]) -> None:
-    for k, (bollard, (colour, marker)) in enumerate(BOLLARDS.items()):
+    for k, (bollard, (color, marker)) in enumerate(BOLLARDS.items()):
         mine = _of(rows, "friction", bollard=bollard)
-        style = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 8, "zorder": 3}
+        style = {"color": color, "marker": marker, "linestyle": "none", "markersize": 8, "zorder": 3}
         x = [place + 0.16 * (k - 1) for place in range(len(mine))]
         for name, label, filled in (("effective", bollard, True), ("effective_start", None, False)):
             y = [row[name] - row["friction"] for row in mine]
@@ -134,11 +134,11 @@ def _capstan(axis, rows: list[dict]) -> None:
 
 def _hertz(axis, rows: list[dict]) -> None:
     finest = max(row["cells"] for row in rows)
-    for ground, (colour, marker) in GROUNDS.items():
+    for ground, (color, marker) in GROUNDS.items():
         for cells in sorted({row["cells"] for row in rows}):
             mine = _of(rows, "approach", ground=ground, cells=cells)
             # Where both planes give the same, the marker of the first is seen behind that of the second.
-            style = {"color": colour, "marker": marker, "markersize": 9 if ground == "plane" else 6}
+            style = {"color": color, "marker": marker, "markersize": 9 if ground == "plane" else 6}
             if cells < finest:
                 style |= {"linestyle": ":", "markerfacecolor": "none"}
             x, y = [1e3 * row["approach"] for row in mine], [row["ratio"] for row in mine]

@@ -1,14 +1,14 @@
 """Draws the charts of contact.py from its CSV rows."""
 
-from ..common import COLOURS, MARKERS, pyplot, save
+from ..common import COLORS, MARKERS, pyplot, save
 
 
 def _style(method: str) -> dict:
-    return {"color": COLOURS[method], "marker": MARKERS[method], "label": method}
+    return {"color": COLORS[method], "marker": MARKERS[method], "label": method}
 
 
 def _methods(rows: list[dict]) -> list[str]:
-    return [one for one in COLOURS if any(row["method"] == one for row in rows)]
+    return [one for one in COLORS if any(row["method"] == one for row in rows)]
 
 
 def _of(rows: list[dict], **wanted) -> list[dict]:
@@ -34,7 +34,7 @@ def draw_work(rows: list[dict]) -> None:
             x, y = [row["evaluations"] for row in mine], [row["error"] for row in mine]
             handles[method] = axis.loglog(x, y, "-", **_style(method))[0]
             if mine[-1]["finer"] == 1:
-                style = {"markersize": 13, "markeredgecolor": "black", "color": COLOURS[method], "zorder": 5}
+                style = {"markersize": 13, "markeredgecolor": "black", "color": COLORS[method], "zorder": 5}
                 axis.plot(x[-1], y[-1], "*", **style)
         axis.set_title(_of(rows, scene=scene)[0]["title"])
         axis.set_xlabel("force evaluations per simulated second")
@@ -60,7 +60,7 @@ def draw_restitution(rows: list[dict]) -> None:
             x = [1 / row["finer"] for row in mine]
             axis.axhline(asked, color="#999999", linewidth=0.9, linestyle="--", zorder=1)
             axis.fill_between(
-                x, [row["least"] for row in mine], [row["most"] for row in mine], color=COLOURS[method], alpha=0.25
+                x, [row["least"] for row in mine], [row["most"] for row in mine], color=COLORS[method], alpha=0.25
             )
             axis.semilogx(x, [row["mean"] for row in mine], "-", **_style(method))
         axis.axvline(1, color="#555555", linewidth=0.9, linestyle=":")
@@ -105,7 +105,7 @@ def draw_friction(rows: list[dict]) -> None:
         axis.set_xlabel("step [µs]")
         axis.set_xticks([10, 20, 50, 100, 200], ["10", "20", "50", "100", "200"])
         axis.minorticks_off()
-    handles = [line for line in right.get_lines() if line.get_label() in COLOURS]
+    handles = [line for line in right.get_lines() if line.get_label() in COLORS]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     figure.suptitle("Friction against the step: a die on a pinned block", x=0.01, ha="left", fontsize=12)
     save(figure, "contact_friction.png")

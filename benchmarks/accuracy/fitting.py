@@ -113,20 +113,20 @@ def draw(shape: list[dict], ends: list[dict]) -> None:
     """Draw both into one chart."""
     plt = pyplot()
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    colours = ("#009e73", "#56b4e9", "#c8352b")
-    for horizon, colour in zip(HORIZONS, colours, strict=True):
+    colors = ("#009e73", "#56b4e9", "#c8352b")
+    for horizon, color in zip(HORIZONS, colors, strict=True):
         own = [row for row in shape if abs(row["horizon"] - horizon) < 1e-6]
         x, y = [row["factor"] for row in own], [1e3 * row["off"] for row in own]
-        left.loglog(x, y, color=colour, label=f"first {horizon:g} s")
+        left.loglog(x, y, color=color, label=f"first {horizon:g} s")
     left.set_xlabel("stiffness / true stiffness")
     left.set_ylabel("points are off by, root mean square [mm]")
     left.set_title("What is made small")
     left.legend(frameon=False)
-    for horizon, colour, marker in (("growing", "#009e73", "o"), ("whole", "#c8352b", "x")):
+    for horizon, color, marker in (("growing", "#009e73", "o"), ("whole", "#c8352b", "x")):
         own = [row for row in ends if row["horizon"] == horizon]
         off = [max(abs(row["stiffness"]), abs(row["damping"]), 1e-12) for row in own]
         word = "growing horizon" if horizon == "growing" else "1 s at once"
-        right.loglog([row["factor"] for row in own], off, marker, color=colour, ms=8, mew=2, label=word)
+        right.loglog([row["factor"] for row in own], off, marker, color=color, ms=8, mew=2, label=word)
     right.set_xticks([0.2, 0.5, 1, 2, 5], ["0.2", "0.5", "1", "2", "5"])
     right.minorticks_off()
     right.axhline(1e-6, color="#999999", lw=1, ls="--")

@@ -183,10 +183,10 @@ def draw(bar: list[dict[str, Any]]) -> None:
     """Draw the ratios and moduli of the bar."""
     plt = pyplot()
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
-    for strain, colour, marker in ((0.01, "#0072b2", "o"), (0.1, "#c8352b", "D")):
+    for strain, color, marker in ((0.01, "#0072b2", "o"), (0.1, "#c8352b", "D")):
         rows = [row for row in bar if abs(row["strain"] / strain - 1) < 0.5 and row["across"] == ACROSS[-1]]
         asked = [row["ratio"] for row in rows]
-        how = {"color": colour, "marker": marker, "label": f"{strain:.0%} longer"}
+        how = {"color": color, "marker": marker, "label": f"{strain:.0%} longer"}
         left.plot(asked, [row["measured_ratio"] for row in rows], **how)
         right.plot(asked, [row["measured_modulus"] for row in rows], **how)
     left.plot([0, 0.5], [0, 0.5], color="#999999", linewidth=1, zorder=0)

@@ -18,7 +18,7 @@ import numpy as np
 from msdwarp import RKC2, Simulation, SimulationDiverged, System, stability_limit
 
 from ..cases import CASES
-from ..common import COLOURS, MARKERS, METHODS, arguments, machine, pyplot, read_csv, save, table, write_csv
+from ..common import COLORS, MARKERS, METHODS, arguments, machine, pyplot, read_csv, save, table, write_csv
 from .theory import amplification, stable_step, top_mode
 
 AMPLITUDE = 1e-8
@@ -140,7 +140,7 @@ def plot(rows: list[dict]) -> None:
     for k, method in enumerate(METHODS):
         mine = [r for r in rows if r["method"] == method]
         heights = [scenes.index(r["scene"]) + 0.11 * (k - 2.5) for r in mine]
-        style = {"color": COLOURS[method], "marker": MARKERS[method], "linestyle": "none", "markersize": 6}
+        style = {"color": COLORS[method], "marker": MARKERS[method], "linestyle": "none", "markersize": 6}
         axes[0].plot([r["measured"] / r["predicted"] for r in mine], heights, label=method, **style)
         axes[1].plot([r["bounded"] / r["predicted"] for r in mine], heights, **style)
     for axis in axes:

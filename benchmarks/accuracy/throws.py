@@ -80,13 +80,13 @@ def thrown(worlds: int, at_once: int, loaded: bool, device: str) -> dict:
 def plot(rows: list[dict]) -> None:
     """Draw how often each side lay up, beside what chance gives fair dice."""
     figure, axes = pyplot().subplots(figsize=(7, 3.6), layout="constrained")
-    for k, (row, colour) in enumerate(zip(rows, ("#0072b2", "#c8352b"), strict=True)):
+    for k, (row, color) in enumerate(zip(rows, ("#0072b2", "#c8352b"), strict=True)):
         counts = np.array([float(row[f"side_{side}"]) for side in SIDES])
         total = counts.sum()
         p, square = float(row["p"]), float(row["chi_square"])
         chance = f"p = {p:.2g}" if p > 1e-300 else "p < 1e-300"
         label = f"{total:.0f} {row['dice']} dice: χ² = {square:.3g}, {chance}"
-        axes.bar(SIDES + 0.36 * (k - 0.5), counts / total, 0.34, color=colour, label=label)
+        axes.bar(SIDES + 0.36 * (k - 0.5), counts / total, 0.34, color=color, label=label)
     total = sum(float(rows[0][f"side_{side}"]) for side in SIDES)
     spread = 2 * np.sqrt(5 / 36 / total)
     axes.axhspan(

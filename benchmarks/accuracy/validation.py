@@ -7,7 +7,7 @@
 what is drawn.
 """
 
-from ..common import COLOURS, arguments, machine, pyplot, read_csv, save, table, write_csv
+from ..common import COLORS, arguments, machine, pyplot, read_csv, save, table, write_csv
 from . import textbook_motions as motions, textbook_waves as waves
 from .textbook import Found
 
@@ -60,8 +60,8 @@ def draw(rows: list[dict]) -> None:
         axis.set_axis_off()
     for axis, name in zip(flat, names, strict=False):
         mine = [row for row in rows if row["experiment"] == name]
-        styles = {"exact": {"color": COLOURS["leapfrog"], "lw": 1.6, "label": "closed form"}}
-        styles["measured"] = {"color": COLOURS["RK4"], "ls": "none", "marker": "o", "ms": 4, "label": "msdwarp"}
+        styles = {"exact": {"color": COLORS["leapfrog"], "lw": 1.6, "label": "closed form"}}
+        styles["measured"] = {"color": COLORS["RK4"], "ls": "none", "marker": "o", "ms": 4, "label": "msdwarp"}
         for kind, style in styles.items():
             points = [(row["x"], row["y"]) for row in mine if row["kind"] == kind]
             axis.plot(*zip(*points, strict=True), **style)

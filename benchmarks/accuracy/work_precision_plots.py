@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ..common import COLOURS, MARKERS, pyplot, save
+from ..common import COLORS, MARKERS, pyplot, save
 
 LINES = {"float64": "-", "float32": ":", "float32-compensated": "--"}
 FOUND = {"xlabel": "force evaluations", "ylabel": "relative position error"}
@@ -15,11 +15,11 @@ def _stars(axis, automatic: Sequence[dict], rows: list[dict], scene: str) -> Non
     drawn = {row["method"] for row in rows if row["scene"] == scene}
     for row in automatic:
         if row["scene"] == scene and row["method"] in drawn:
-            style = {"markersize": 13, "markeredgecolor": "black", "color": COLOURS[row["method"]], "zorder": 5}
+            style = {"markersize": 13, "markeredgecolor": "black", "color": COLORS[row["method"]], "zorder": 5}
             axis.plot(row["evaluations"], row["error"], "*", **style)
 
 
-def _curves(axis, rows: list[dict], x: str, scene: str, *, precisions=("float64",), methods=COLOURS) -> None:
+def _curves(axis, rows: list[dict], x: str, scene: str, *, precisions=("float64",), methods=COLORS) -> None:
     for method in methods:
         for precision in precisions:
             mine = [r for r in rows if (r["scene"], r["method"], r["precision"]) == (scene, method, precision)]
@@ -27,10 +27,10 @@ def _curves(axis, rows: list[dict], x: str, scene: str, *, precisions=("float64"
             if not mine:
                 continue
             xs, ys = [r[x] for r in mine], [r["error"] for r in mine]
-            style = {"color": COLOURS[method], "marker": MARKERS[method], "markevery": 1}
+            style = {"color": COLORS[method], "marker": MARKERS[method], "markevery": 1}
             axis.loglog(xs, ys, LINES[precision], label=method, markeredgewidth=1.2, **style)
             if precision == "float64" and mine[0]["share_of_limit"] > 0.9:  # where stability ends
-                axis.plot(xs[0], ys[0], "o", markersize=11, fillstyle="none", color=COLOURS[method])
+                axis.plot(xs[0], ys[0], "o", markersize=11, fillstyle="none", color=COLORS[method])
 
     if x == "evaluations":
         wide = axis.get_xlim()[1] > 60 * axis.get_xlim()[0]
@@ -45,11 +45,11 @@ def _legend(figure, axes, columns: int = 8) -> None:
     handles = {}
     for axis in axes:
         for line in axis.get_lines():
-            if line.get_label() in COLOURS:
+            if line.get_label() in COLORS:
                 handles.setdefault(line.get_label(), line)
     ring = axes[0].plot([], [], "o", markersize=11, fillstyle="none", color="#555555")[0]
-    lines = [*(handles[m] for m in COLOURS if m in handles), ring]
-    labels = [*(m for m in COLOURS if m in handles), "longest stable step"]
+    lines = [*(handles[m] for m in COLORS if m in handles), ring]
+    labels = [*(m for m in COLORS if m in handles), "longest stable step"]
     if any(line.get_marker() == "*" for line in axes[0].get_lines()):
         lines += axes[0].plot([], [], "*", markersize=13, color="#999999", markeredgecolor="black")
         labels.append("automatic substeps")
@@ -99,7 +99,7 @@ def _float32(rows: list[dict]) -> None:
     axes[0].set_ylabel(FOUND["ylabel"])
     handles = [plt.Line2D([], [], color="#555555", linestyle=s, label=p) for p, s in LINES.items()]
     handles += [
-        plt.Line2D([], [], color=COLOURS[m], marker=MARKERS[m], label=m, linestyle="none")
+        plt.Line2D([], [], color=COLORS[m], marker=MARKERS[m], label=m, linestyle="none")
         for m in ("leapfrog", "RK4")
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=5)
@@ -113,7 +113,7 @@ def _readme(rows: list[dict]) -> None:
     plt = pyplot()
     figure, axis = plt.subplots(figsize=(7.6, 4.6), layout="constrained")
     scene = "mattress"
-    methods = [m for m in COLOURS if not m.startswith("RKC2")]
+    methods = [m for m in COLORS if not m.startswith("RKC2")]
     _curves(axis, rows, "evaluations", scene, methods=methods)
     for line in axis.get_lines():
         if line.get_label() in methods:

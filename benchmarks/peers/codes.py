@@ -114,7 +114,7 @@ class Newton:
         return self.here.particle_q.numpy().astype(np.float64)
 
 
-def newton_model(newton, body, device: str, colours=None, by_particle: bool = False, requires_grad: bool = False):
+def newton_model(newton, body, device: str, colors=None, by_particle: bool = False, requires_grad: bool = False):
     """Return newton's model of a body; the builder's lists are given as whole arrays, for a body may be large.
 
     Springs are in the order of the system's connections, direction after direction, in which atomics seldom wait
@@ -134,8 +134,8 @@ def newton_model(newton, body, device: str, colours=None, by_particle: bool = Fa
     builder.spring_stiffness = system.stiffness[order].astype(np.float32)
     builder.spring_damping = system.damping[order].astype(np.float32)
     builder.spring_control = np.zeros(c, np.float32)
-    if colours is not None:
-        builder.set_coloring(colours)
+    if colors is not None:
+        builder.set_coloring(colors)
     return builder.finalize(device=device, requires_grad=requires_grad)
 
 

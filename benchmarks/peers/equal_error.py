@@ -13,8 +13,8 @@ What newton's solvers make of a spring of stiffness k and a damper b (newton 1.8
 - SolverXPBD: a constraint of compliance 1/k with damping b in the sense of the XPBD paper. Converged, it would be
   backward Euler for the same law. It is relaxed by so many Jacobi iterations, all connections at once, whose sum
   need not converge at large steps; what is left over is an error that no parameter takes away.
-- SolverVBD: backward Euler by Newton steps, particle after particle in so many sweeps over the colours of the
-  graph (coloured here, newton's own colouring sees no springs). The damper acts on a connection's change of
+- SolverVBD: backward Euler by Newton steps, particle after particle in so many sweeps over the colors of the
+  graph (colored here, newton's own coloring sees no springs). The damper acts on a connection's change of
   length over the step, h Δv·Δx̂ to first order.
 
 Backward Euler damps by itself; no parameter takes that away either. Particles are pinned by a mass of 0.
@@ -98,7 +98,7 @@ class Newton:
         name, options = NEWTON[method]
         self.case, self.device = case, device
         self.graph_steps = 16 if "VBD" in name else 128
-        self.model = newton_model(newton, case, device, colours(case.system) if "VBD" in name else None)
+        self.model = newton_model(newton, case, device, colors(case.system) if "VBD" in name else None)
         self.solver = getattr(newton.solvers, name)(self.model, **options)
         self.states = [self.model.state(), self.model.state()]
         self._steps(2, case.duration / MOST)  # compiles
@@ -136,17 +136,17 @@ class Newton:
         return self.states[0].particle_q.numpy().astype(np.float64), seconds
 
 
-def colours(system) -> list[NDArray]:
+def colors(system) -> list[NDArray]:
     """Return groups of particles no two of which are connected, found greedily."""
     neighbours = [[] for _ in range(system.particle_count)]
     for i, j in system.connections.tolist():
         neighbours[i].append(j)
         neighbours[j].append(i)
-    colour = np.full(system.particle_count, -1)
+    color = np.full(system.particle_count, -1)
     for i, others in enumerate(neighbours):
-        taken = {colour[j] for j in others}
-        colour[i] = next(c for c in range(len(others) + 1) if c not in taken)
-    return [np.flatnonzero(colour == c) for c in range(colour.max() + 1)]
+        taken = {color[j] for j in others}
+        color[i] = next(c for c in range(len(others) + 1) if c not in taken)
+    return [np.flatnonzero(color == c) for c in range(color.max() + 1)]
 
 
 @dataclass

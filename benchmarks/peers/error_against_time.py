@@ -14,12 +14,12 @@ from pathlib import Path
 from statistics import median
 
 from ..cases import CASES, Case, reference, relative_error
-from ..common import COLOURS, MARKERS, arguments, machine, pyplot, read_csv, save, table, write_csv
+from ..common import COLORS, MARKERS, arguments, machine, pyplot, read_csv, save, table, write_csv
 from .compare import attempt
 from .equal_error import FEWEST, MOST, MSDWARP, Msdwarp, Newton
 
 SOLVERS = ("semi-implicit", "XPBD, 2 iterations (default)", "VBD, 10 iterations (default)")
-NEWTON_COLOURS = dict(zip(SOLVERS, ("#7a3e9d", "#a0522d", "#555555"), strict=True))
+NEWTON_COLORS = dict(zip(SOLVERS, ("#7a3e9d", "#a0522d", "#555555"), strict=True))
 LONGEST = {"cpu": 2.0, "gpu": 0.3}
 """Runs that take longer [s] are the last of their method."""
 SHORT = 0.1
@@ -79,8 +79,8 @@ def draw(line: str, rows: list[dict], name: str) -> None:
             mine = [row for row in mine if row["error"] == row["error"]]
             x, y = [1e3 * row["seconds_per_simulated_second"] for row in mine], [row["error"] for row in mine]
             own = code == "msdwarp"
-            style = {"color": COLOURS[method], "marker": MARKERS[method]} if own else {"marker": "P"}
-            style |= {} if own else {"color": NEWTON_COLOURS[method], "linestyle": "--"}
+            style = {"color": COLORS[method], "marker": MARKERS[method]} if own else {"marker": "P"}
+            style |= {} if own else {"color": NEWTON_COLORS[method], "linestyle": "--"}
             axis.loglog(x, y, label=method if own else f"newton: {method.partition(' (')[0]}", **style)
         axis.set(title=case, xlabel="computing time for a simulated second [ms]")
         axis.grid(visible=True, which="major", alpha=0.3)

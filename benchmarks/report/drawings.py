@@ -21,8 +21,8 @@ def _view(axis: Any, middle: tuple[float, float], height: float) -> None:
     axis.set(xlim=(x - width / 2, x + width / 2), ylim=(y - height / 2, y + height / 2), aspect="equal")
 
 
-def _ball(axis: Any, place: Any, text: str = "", radius: float = 0.13, colour: str = "#0072b2") -> None:
-    axis.add_patch(Circle(place, radius, facecolor=colour, edgecolor="white", linewidth=1.2, zorder=4))
+def _ball(axis: Any, place: Any, text: str = "", radius: float = 0.13, color: str = "#0072b2") -> None:
+    axis.add_patch(Circle(place, radius, facecolor=color, edgecolor="white", linewidth=1.2, zorder=4))
     axis.text(*place, text, color="white", ha="center", va="center", zorder=5, fontsize=10, style="italic")
 
 
@@ -65,9 +65,9 @@ def _rules(axis: Any) -> None:
     for middle, diagonals in ((0.0, False), (3.7, True)):
         for x, y in itertools.product((-1, 0, 1), repeat=2):
             if (x or y) and (diagonals or not x * y):
-                colour = "#e69f00" if x * y else "#0072b2"
-                axis.plot((middle, middle + x), (0, y), color=colour, linewidth=2)
-            _ball(axis, (middle + x, y), colour="#0072b2" if (x, y) == (0, 0) else "#8a949c")
+                color = "#e69f00" if x * y else "#0072b2"
+                axis.plot((middle, middle + x), (0, y), color=color, linewidth=2)
+            _ball(axis, (middle + x, y), color="#0072b2" if (x, y) == (0, 0) else "#8a949c")
         label = "8 neighbours: it holds" if diagonals else "4 neighbours: it shears"
         axis.text(middle, -1.38, label, ha="center", va="top", color=INK)
     axis.set_title("Connection rules in the plane (figure 6)")
@@ -85,16 +85,16 @@ def _directions(axis: Any) -> None:
     for a, b in itertools.combinations(corners, 2):
         if sum(abs(p - q) for p, q in zip(a, b, strict=True)) == 1:
             axis.plot(*np.array([flat(a), flat(b)]).T, color="#e3e7ea", linewidth=0.8, zorder=0)
-    colours = {1: "#0072b2", 2: "#e69f00", 3: "#c8352b"}
+    colors = {1: "#0072b2", 2: "#e69f00", 3: "#c8352b"}
     for step in lattice_directions(3, diagonals=True).values():
         n = sum(map(abs, step))
-        arrow(axis, flat((0, 0, 0)), 0.93 * flat(step), colours[n], 2.0 if n == 1 else 1.6)
-        axis.plot(*np.array([flat((0, 0, 0)), -flat(step)]).T, color=colours[n], linewidth=0.9, alpha=0.35)
+        arrow(axis, flat((0, 0, 0)), 0.93 * flat(step), colors[n], 2.0 if n == 1 else 1.6)
+        axis.plot(*np.array([flat((0, 0, 0)), -flat(step)]).T, color=colors[n], linewidth=0.9, alpha=0.35)
     for corner in sorted(corners, key=lambda c: -c[1]):
-        _ball(axis, flat(corner), radius=0.06, colour=INK if corner == (0, 0, 0) else "#8a949c")
+        _ball(axis, flat(corner), radius=0.06, color=INK if corner == (0, 0, 0) else "#8a949c")
     names = {1: "3 axes, length 1", 2: "6 face diagonals, √2", 3: "4 space diagonals, √3"}
     for k, (n, name) in enumerate(names.items()):
-        axis.text(1.75, 0.55 - 0.36 * k, name, color=colours[n], va="center", fontsize=9.5)
+        axis.text(1.75, 0.55 - 0.36 * k, name, color=colors[n], va="center", fontsize=9.5)
     axis.set_title("26 neighbours in space: 13 directions and back")
 
 

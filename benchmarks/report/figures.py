@@ -23,13 +23,13 @@ from msdwarp.pictures import timelapse
 from msdwarp.scenes import block2d, chain, mattress, soft_cube
 from msdwarp.studies.accuracy import simulate
 
-from ..common import COLOURS, IMAGES, arguments, machine, pyplot, table, write_csv
+from ..common import COLORS, IMAGES, arguments, machine, pyplot, table, write_csv
 from .drawings import drawings
 from .memory import stored
 from .panels import FULL_STRAIN, INK, PALE, STOPS, arrow, bare, draw_body, row, save, strain_scale, strains
 
 FIVE = ("#0072b2", "#e69f00", "#009e73", "#c8352b", "#7b5ea7")
-"""Colours of five masses; distinguishable to all eyes."""
+"""Colors of five masses; distinguishable to all eyes."""
 SPEED, FRICTION, FACTOR = 3.0, 0.5, 0.9
 """Of the sliding mass: speed at the start [m/s], Coulomb's coefficient, and the share that a touch leaves it."""
 
@@ -190,11 +190,11 @@ def five_masses(options: Any, folder: Path) -> list[dict]:
         error = np.abs(x - exact)
         step = f"h = 1/{fps} s"
         rows.append(row("figure 12", f"largest error, {name}, {step}", error.max(), "m"))
-        lower.semilogy(times[1:], error.max(axis=1)[1:], line, color=COLOURS[name], label=f"{name}, {step}")
+        lower.semilogy(times[1:], error.max(axis=1)[1:], line, color=COLORS[name], label=f"{name}, {step}")
         if (name, fps) == ("symplectic Euler", 60):
-            for k, colour in enumerate(FIVE):
-                upper.plot(times, x[:, k], color=colour, linewidth=2.4)
-                label = {"textcoords": "offset points", "color": colour, "va": "center", "fontweight": "bold"}
+            for k, color in enumerate(FIVE):
+                upper.plot(times, x[:, k], color=color, linewidth=2.4)
+                label = {"textcoords": "offset points", "color": color, "va": "center", "fontweight": "bold"}
                 upper.annotate(f"{x[-1, k]:.2f}", (times[-1], x[-1, k]), (6, 0), **label)
                 rows.append(row("figure 12", f"mass {k + 1} after 12.5 s", x[-1, k], "m"))
                 rows.append(row("figure 12", f"mass {k + 1} after 12.5 s, exact", exact[-1, k], "m"))

@@ -54,7 +54,7 @@ def force() -> NDArray[np.uint8]:
     x = beam.position[:, 0]
     beam = beam.pin(x < x.min() + 0.01)
     pull = msd.Force(lambda t: (0, 0, -4.0 * t), on=x > x.max() - 0.01, total=True)
-    look = msd.Look(colour="#2f6f9f", azimuth=-80, elevation=12)
+    look = msd.Look(color="#2f6f9f", azimuth=-80, elevation=12)
     scene = msd.Scene(system=beam.translate((0, 0, 0.5)), loads=[pull], gravity=0.0, look=look)
     return at_times(scene, (0.0, 1.0, 2.0))
 
@@ -67,7 +67,7 @@ def bending() -> NDArray[np.uint8]:
         strip = strip.pin(strip.position[:, 0] < strip.position[:, 0].min() + 0.04)
         strips.append(strip.translate((0, place, 1.05)).named(name))
     look = msd.Look(azimuth=-72, elevation=14)
-    looks = {"slack": msd.Look(colour="#8d99a6"), "stiff": msd.Look(colour="#d9603b")}
+    looks = {"slack": msd.Look(color="#8d99a6"), "stiff": msd.Look(color="#d9603b")}
     air = msd.Wind((0, 0, 0))  # in which they come to rest
     scene = msd.Scene(system=strips[0] + strips[1], colliders=[msd.Plane()], loads=[air], look=look, looks=looks)
     return at_times(scene, (4.0,))
@@ -84,7 +84,7 @@ def drive() -> NDArray[np.uint8]:
         loads=[shake],
         gravity=0.0,
         look=look,
-        looks={"rope": msd.Look(colour="#b3382c", tube=0.014, gloss=0.6)},
+        looks={"rope": msd.Look(color="#b3382c", tube=0.014, gloss=0.6)},
     )
     return at_times(scene, (0.6,))
 
@@ -112,9 +112,9 @@ def looks() -> NDArray[np.uint8]:
     rope = rope.replace(position=wave).translate((0.3, -0.5, 0.02)).named("rope")
     rope = rope.replace(rest_length=rope.length)
     looks = {
-        "ball": msd.Look(colour="#c03020", gloss=0.9),
+        "ball": msd.Look(color="#c03020", gloss=0.9),
         "cube": msd.Look(texture=gingham("#3b7a57", "#f4f1e8"), gloss=0.05),
-        "rope": msd.Look(colour="#d9a441", tube=0.02),
+        "rope": msd.Look(color="#d9a441", tube=0.02),
     }
     system = ball + cube + rope
     look = msd.Look(azimuth=-70, elevation=20)
@@ -122,12 +122,12 @@ def looks() -> NDArray[np.uint8]:
 
 
 def finishes() -> NDArray[np.uint8]:
-    """Return the same ball with each finish, in two colours, before a bar."""
+    """Return the same ball with each finish, in two colors, before a bar."""
     ball, rows = msd.ball(0.25, 0.05), []
-    for colour in ("#c8503c", "#a3acb6"):
+    for color in ("#c8503c", "#a3acb6"):
         balls = [ball.translate((0.62 * k, 0, 0.25)).named(name) for k, name in enumerate(FINISHES)]
         system = sum(balls[1:], balls[0])
-        looks = {name: msd.Look(colour=colour, gloss=0.5, finish=name) for name in FINISHES}
+        looks = {name: msd.Look(color=color, gloss=0.5, finish=name) for name in FINISHES}
         solids = [msd.Plane(), msd.Box((1.24, 0.6, 0.2), (3.2, 0.1, 0.4))]
         look = msd.Look(azimuth=-90, elevation=12, field_of_view=8.0, obstacle="#8a6238")
         scene = msd.Scene(system=system, colliders=solids, look=look, looks=looks)

@@ -13,7 +13,7 @@ from msdwarp import System
 
 INK, PALE, GROUND = "#333a40", "#9aa3ab", "#dfe4e8"
 STOPS = ((0.13, 0.62, 0.33), (0.96, 0.80, 0.23), (0.85, 0.15, 0.14))
-"""Colours of no strain, half and full strain in either direction: the report's green, yellow and red."""
+"""Colors of no strain, half and full strain in either direction: the report's green, yellow and red."""
 STRAIN = LinearSegmentedColormap.from_list("strain", [tuple(stop) for stop in STOPS])
 FULL_STRAIN = 0.2
 """Strain from which a connection is red: the report's."""
@@ -38,7 +38,7 @@ def strains(system: System, positions: NDArray) -> NDArray:
 
 
 def draw_body(axis: Any, system: System, position: NDArray, strain: NDArray, width: float = 1.6) -> None:
-    """Draw connections in the colours of their strain, the most strained on top, and particles."""
+    """Draw connections in the colors of their strain, the most strained on top, and particles."""
     order = np.argsort(np.abs(strain))
     lines = LineCollection(
         position[system.connections[order]],
@@ -63,7 +63,7 @@ def bare(axis: Any, left: float, right: float, top: float, *, below: float = 0.3
 
 
 def strain_scale(figure: Any, axes: Any, **place: Any) -> None:
-    """Add the scale of strain colours."""
+    """Add the scale of strain colors."""
     from matplotlib.cm import ScalarMappable
 
     bar = figure.colorbar(ScalarMappable(Normalize(0, FULL_STRAIN), STRAIN), ax=axes, ticks=(0, 0.1, 0.2), **place)
@@ -72,7 +72,7 @@ def strain_scale(figure: Any, axes: Any, **place: Any) -> None:
     bar.outline.set_visible(False)
 
 
-def arrow(axis: Any, start: Any, end: Any, colour: str, width: float = 1.8, **style: Any) -> None:
+def arrow(axis: Any, start: Any, end: Any, color: str, width: float = 1.8, **style: Any) -> None:
     """Draw an arrow between two points."""
     shape = {"arrowstyle": "-|>", "mutation_scale": 7 + 3 * width, "shrinkA": 0, "shrinkB": 0}
-    axis.add_patch(FancyArrowPatch(start, end, color=colour, linewidth=width, zorder=3, **(shape | style)))
+    axis.add_patch(FancyArrowPatch(start, end, color=color, linewidth=width, zorder=3, **(shape | style)))

@@ -1,4 +1,4 @@
-"""Pictures: what a frame costs, stage by stage, by scene, renderer and colours.
+"""Pictures: what a frame costs, stage by stage, by scene, renderer and colors.
 
     python -m benchmarks.speed.pictures [--device D] [--quick] [--plot-only]
 
@@ -80,7 +80,7 @@ def waves(count: int) -> tuple[Scene, list[np.ndarray]]:
 
 def drawn(scene: Scene, positions: list[np.ndarray], renderer: str, mode: str, device: str) -> dict[str, Any]:
     """Measure the stages of drawing some frames."""
-    made = Renderer(scene, np.stack(positions), resolution=SIZE, colouring=mode, backend=renderer, device=device)
+    made = Renderer(scene, np.stack(positions), resolution=SIZE, coloring=mode, backend=renderer, device=device)
     drawing, place = made.drawing, made.drawing.device
     vectors = wp.types.vector(scene.system.dim, wp.float32)
     there = [wp.array(x.astype(np.float32), dtype=vectors, device=place) for x in positions]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..common import pyplot, read_csv, save
 
-COLOURS = {"scatter": "#c8352b", "gather": "#e69f00", "stencil": "#0072b2"}
+COLORS = {"scatter": "#c8352b", "gather": "#e69f00", "stencil": "#0072b2"}
 FORCE_ALGORITHMS = (
     "Stencil: neighbours of a lattice found by counting; gather: from a table; scatter: forces added by atomics."
 )
@@ -15,7 +15,7 @@ PEERS = {
     "CUDA scatter": ("hand-written CUDA,\natomics", "#777777", "v"),
     "newton": ("newton", "#7b3f9e", "P"),
 }
-"""Codes of peers.csv that are drawn: what they are called, colour and marker."""
+"""Codes of peers.csv that are drawn: what they are called, color and marker."""
 GREY = "#555555"
 
 
@@ -33,18 +33,18 @@ def draw(rows: list[dict], ceilings: list[dict], machine: str, folder: Path) -> 
 
 
 def curves(axis, rows: list[dict], family: str, value: str) -> list[tuple]:
-    """Plot a line for each algorithm; return (x, y, text, colour) of their ends."""
+    """Plot a line for each algorithm; return (x, y, text, color) of their ends."""
     ends = []
-    for force_algorithm, colour in COLOURS.items():
+    for force_algorithm, color in COLORS.items():
         mine = sorted(
             (r for r in rows if r["family"] == family and r["force_algorithm"] == force_algorithm), key=_particles
         )
         if mine:
             xs, ys = [_particles(r) for r in mine], [r[value] for r in mine]
-            axis.loglog(xs, ys, "-", color=colour)
+            axis.loglog(xs, ys, "-", color=color)
             for r, x, y in zip(mine, xs, ys, strict=True):
-                axis.plot(x, y, "o" if r["one_launch"] else "s", color=colour, markerfacecolor=_fill(r, colour))
-            ends.append((xs[-1], ys[-1], force_algorithm, colour))
+                axis.plot(x, y, "o" if r["one_launch"] else "s", color=color, markerfacecolor=_fill(r, color))
+            ends.append((xs[-1], ys[-1], force_algorithm, color))
     return ends
 
 
@@ -52,13 +52,13 @@ def _particles(row: dict) -> float:
     return row["particles"]
 
 
-def _fill(row: dict, colour: str) -> str:
-    """Return what a marker is filled with: its colour if "auto" takes this algorithm."""
-    return colour if row["automatic"] else "white"
+def _fill(row: dict, color: str) -> str:
+    """Return what a marker is filled with: its color if "auto" takes this algorithm."""
+    return color if row["automatic"] else "white"
 
 
 def label_ends(axis, ends: list[tuple], room: float) -> None:
-    """Write the labels of (x, y, text, colour) to the right of all, in `room` times the last x.
+    """Write the labels of (x, y, text, color) to the right of all, in `room` times the last x.
 
     Labels that would overlap push each other apart.
     """
@@ -72,8 +72,8 @@ def label_ends(axis, ends: list[tuple], room: float) -> None:
             overlap = heights[k] + heights[k + 1] - (places[k + 1] - places[k])
             if overlap > 0:
                 places[k], places[k + 1] = places[k] - overlap / 2, places[k + 1] + overlap / 2
-    for (_, _, text, colour), place in zip(ends, places, strict=True):
-        style = {"color": colour, "va": "center", "fontweight": "bold", "fontsize": 9, "linespacing": 0.95}
+    for (_, _, text, color), place in zip(ends, places, strict=True):
+        style = {"color": color, "va": "center", "fontweight": "bold", "fontsize": 9, "linespacing": 0.95}
         style["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}  # over dotted lines
         axis.text(right, 10**place, text, **style)
     axis.set_xlim(right=right * room)
@@ -115,28 +115,28 @@ def _floors(axis, rows: list[dict], family: str) -> None:
     """
     left = min((_particles(r) for r in rows if r["family"] == family), default=1)
     for force_algorithm in ("gather", "stencil"):
-        mine, colour = (
+        mine, color = (
             [r for r in rows if r["family"] == family and r["force_algorithm"] == force_algorithm],
-            COLOURS[force_algorithm],
+            COLORS[force_algorithm],
         )
         if mine:
             largest = max(mine, key=_particles)
             bound = largest["connections_per_second"] / largest["share_of_bandwidth"]
-            axis.axhline(bound, linestyle=":", linewidth=1.2, color=colour)
-            label = {"color": colour, "fontsize": 8, "va": "bottom"}
+            axis.axhline(bound, linestyle=":", linewidth=1.2, color=color)
+            label = {"color": color, "fontsize": 8, "va": "bottom"}
             axis.text(left, bound * 1.03, f"{force_algorithm}: memory at the speed of a copy", **label)
 
 
 def _peer_points(axis, peers: list[dict]) -> list[tuple]:
-    """Plot the cubes of other codes; return (x, y, text, colour) of their ends."""
+    """Plot the cubes of other codes; return (x, y, text, color) of their ends."""
     ends = []
-    for code, (label, colour, marker) in PEERS.items():
+    for code, (label, color, marker) in PEERS.items():
         mine = [r for r in peers if r["code"] == code and str(r["body"]).startswith("cube")]
         points = sorted((r["particles"], r["connections_per_second"]) for r in mine)
         points = [(x, y) for x, y in points if isinstance(y, float) and math.isfinite(y)]
         if points:
-            axis.loglog(*zip(*points, strict=True), marker + "-", color=colour, markersize=6, linewidth=0.7)
-            ends.append((*points[-1], label, colour))
+            axis.loglog(*zip(*points, strict=True), marker + "-", color=color, markersize=6, linewidth=0.7)
+            ends.append((*points[-1], label, color))
     return ends
 
 

@@ -1,1 +1,1 @@
-"""Kernels of pictures: points, normals and colours from particles; a rasteriser, and a ray caster."""
+"""Kernels of pictures: points, normals and colors from particles; a rasteriser, and a ray caster."""

@@ -1,4 +1,4 @@
-"""Points, normals and colours of meshes that follow the particles, and arrows (float32, in 3D)."""
+"""Points, normals and colors of meshes that follow the particles, and arrows (float32, in 3D)."""
 
 import warp as wp
 
@@ -11,7 +11,7 @@ STRAIN_STOPS = (
     (0.90, 0.42, 0.27),
     (0.70, 0.06, 0.10),
 )
-"""Evenly spaced colours of strain from full compression (blue) through 0 (grey) to full tension (red)."""
+"""Evenly spaced colors of strain from full compression (blue) through 0 (grey) to full tension (red)."""
 VALUE_STOPS = (
     (0.08, 0.29, 0.58),
     (0.32, 0.31, 0.74),
@@ -23,10 +23,10 @@ VALUE_STOPS = (
     (1.00, 0.71, 0.26),
     (0.98, 0.87, 0.31),
 )
-"""Evenly spaced colours of other values from 0 to full: from blue through red to yellow.
+"""Evenly spaced colors of other values from 0 to full: from blue through red to yellow.
 
-Distances of adjacent colours in OKLab agree to 5 %, and lightness increases: equal differences of values look
-equal. The darkest colour is light enough for shading to show the shape of a body at rest.
+Distances of adjacent colors in OKLab agree to 5 %, and lightness increases: equal differences of values look
+equal. The darkest color is light enough for shading to show the shape of a body at rest.
 """
 SIDES = 8
 """Corners of each ring around an arrow: a thin cylinder with a cone in front."""
@@ -189,8 +189,8 @@ def collapse(
 
 
 @wp.func
-def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
-    """Return the colour at a fraction 0 … 1 of a scale: linear between its stops, clamped to its ends outside."""
+def color_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
+    """Return the color at a fraction 0 … 1 of a scale: linear between its stops, clamped to its ends outside."""
     last = stops.shape[0] - 1
     at = wp.clamp(share, 0.0, 1.0) * float(last)
     k = wp.min(int(at), last - 1)
@@ -198,39 +198,39 @@ def colour_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
 
 
 @kernel
-def colour_by_strain(
+def color_by_strain(
     x: wp.array(dtype=wp.vec3),  # positions [m], shape [particle_count]
     connections: wp.array(dtype=wp.vec2i),  # two particles each, shape [connection_count]
     rest_length: wp.array(dtype=float),  # [m], shape [connection_count]
     full_strain: float,
     corners: int,
-    stops: wp.array(dtype=wp.vec3),  # colours of the scale, shape [stop_count]
+    stops: wp.array(dtype=wp.vec3),  # colors of the scale, shape [stop_count]
     # Out:
-    colours: wp.array(dtype=wp.vec3),  # shape [corners · connection_count]
+    colors: wp.array(dtype=wp.vec3),  # shape [corners · connection_count]
 ):
-    """Colour the vertices of every spring's tube by its strain / full_strain, from -1 to 1."""
+    """Color the vertices of every spring's tube by its strain / full_strain, from -1 to 1."""
     c = wp.tid()
     strain = wp.length(x[connections[c][1]] - x[connections[c][0]]) / rest_length[c] - 1.0
-    colour = colour_at(stops, 0.5 + 0.5 * strain / full_strain)
+    color = color_at(stops, 0.5 + 0.5 * strain / full_strain)
     for k in range(corners):
-        colours[corners * c + k] = colour
+        colors[corners * c + k] = color
 
 
 @kernel
-def colour_by_value(
+def color_by_value(
     shares: wp.array(dtype=float),  # shape [particle_count]
     particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
     weights: wp.array2d(dtype=float),  # shape [vertex_count, k]
-    stops: wp.array(dtype=wp.vec3),  # colours of the scale, shape [stop_count]
+    stops: wp.array(dtype=wp.vec3),  # colors of the scale, shape [stop_count]
     # Out:
-    colours: wp.array(dtype=wp.vec3),  # shape [vertex_count]
+    colors: wp.array(dtype=wp.vec3),  # shape [vertex_count]
 ):
-    """Colour every vertex by the weighted mean of its particles' values, given as fractions of the full value."""
+    """Color every vertex by the weighted mean of its particles' values, given as fractions of the full value."""
     i = wp.tid()
     share = float(0.0)
     for k in range(particle.shape[1]):
         share += weights[i, k] * shares[particle[i, k]]
-    colours[i] = colour_at(stops, share)
+    colors[i] = color_at(stops, share)
 
 
 @kernel

@@ -11,7 +11,7 @@ from ..basis import kernel
 from .shading import (
     Body,
     Surroundings,
-    colour_of,
+    color_of,
     height,
     in_bytes,
     light_on,
@@ -28,7 +28,7 @@ ASIDE = wp.constant(wp.vec4(0.375, 0.875, 0.125, 0.625))
 ALL = wp.constant(0xFFFF)
 """Bit mask of all points of 2 x 2 pixels: bits 4 n to 4 n + 3 are those of pixel n, counted along rows."""
 Faces = wp.types.vector(16, int)
-Colours = wp.types.matrix((4, 3), wp.float32)
+Colors = wp.types.matrix((4, 3), wp.float32)
 Keys, Pixels = wp.array2d(dtype=wp.uint64), wp.array2d(dtype=wp.vec3ub)
 SQUARE_MARGIN = wp.constant(1.0)
 """For 2 x 2 pixels the shadow map is sampled over this many more texels, so that no pixel's shadow is missed."""
@@ -196,7 +196,7 @@ def shade_triangle(
 ):
     """Return the shading of a triangle at (x, y) in the picture.
 
-    Namely: brightness of its colour, highlights, share of the key light, colour if it has no texture, texture
+    Namely: brightness of its color, highlights, share of the key light, color if it has no texture, texture
     coordinates and their change per pixel across and down, height above the ground there and the lowest within a
     pixel, how far the normal turns from one pixel to the next, and opacity.
     """
@@ -216,7 +216,7 @@ def shade_triangle(
     to_right -= (to_right[0] + to_right[1] + to_right[2]) * shares
     downwards = downwards / whole
     downwards -= (downwards[0] + downwards[1] + downwards[2]) * shares
-    colour = wp.vec3()
+    color = wp.vec3()
     at = wp.vec2()
     across = wp.vec2()
     down = wp.vec2()
@@ -225,7 +225,7 @@ def shade_triangle(
         across = mix(to_right, body.uv, corners)
         down = mix(downwards, body.uv, corners)
     else:
-        colour = mix(shares, body.colours, corners)
+        color = mix(shares, body.colors, corners)
     ray = wp.normalize(view.corner + x * view.across + y * view.down)
     upright = wp.normalize(mix(shares, body.normals, corners))
     turn = wp.length(mix(to_right, body.normals, corners))
@@ -245,19 +245,19 @@ def shade_triangle(
         share = share_of_light(shadows, view.eye + shares[0] * a + shares[1] * b + shares[2] * c, normal, around)
     finish = body.finishes[body.finish[face]]
     bright, glint, opacity = light_on(view, finish, body.gloss[face], upright, ray, share, above)
-    return bright, glint, share, colour, at, across, down, above, least, turn, opacity
+    return bright, glint, share, color, at, across, down, above, least, turn, opacity
 
 
 @wp.func
 def mean_texel(
     body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int
 ) -> wp.vec3:
-    """Return the texture's mean colour at the points `covered` (bits) of a pixel; (x, y) in it maps to `at`."""
-    colour = wp.vec3()
+    """Return the texture's mean color at the points `covered` (bits) of a pixel; (x, y) in it maps to `at`."""
+    color = wp.vec3()
     for p in range(4):
         if (covered >> p) & 1 == 1:
-            colour += nearest_texel(body.texture, at + (ASIDE[p] - x) * across + (row_of(p) - y) * down)
-    return colour / (255.0 * number_of(covered))
+            color += nearest_texel(body.texture, at + (ASIDE[p] - x) * across + (row_of(p) - y) * down)
+    return color / (255.0 * number_of(covered))
 
 
 @wp.func
@@ -280,13 +280,13 @@ def shade_pixel(
             if faces[p] < 0:
                 bare += count
             else:
-                bright, glint, _share, colour, at, across, down, above, _least, _turn, opacity = shade_triangle(
+                bright, glint, _share, color, at, across, down, above, _least, _turn, opacity = shade_triangle(
                     body, view, shadows, faces[p], float(column) + x, float(row) + y, 0.0
                 )
                 if body.textured == 1:
-                    colour = mean_texel(body, at, across, down, x, y, covered)
+                    color = mean_texel(body, at, across, down, x, y, covered)
                 if above >= -view.below:
-                    mean += 0.25 * count * opacity * within_one(bright * colour + wp.vec3(glint, glint, glint))
+                    mean += 0.25 * count * opacity * within_one(bright * color + wp.vec3(glint, glint, glint))
                     bare += count * (1.0 - opacity)
                 else:
                     bare += count
@@ -297,7 +297,7 @@ def shade_pixel(
             share = light_on_ground(view, shadows, float(column) + 0.5, float(row) + 0.5, 0.0)
         if share == 1.0 and bare == 4.0:
             return
-        mean += 0.25 * bare * (view.shadow + (1.0 - view.shadow) * share) * colour_of(pixels[row, column])
+        mean += 0.25 * bare * (view.shadow + (1.0 - view.shadow) * share) * color_of(pixels[row, column])
     pixels[row, column] = in_bytes(mean)
 
 
@@ -313,7 +313,7 @@ def shade_square(
     if 4 * row + 8 > nearest.shape[0] or column + 2 > nearest.shape[1]:
         return 4
     faces = faces_at(nearest, row, column, 16)
-    means = Colours()
+    means = Colors()
     bare = int(0)
     left = int(wp.static(ALL))
     point = int(0)
@@ -321,7 +321,7 @@ def shade_square(
         if (left >> point) & 1 == 1:
             covered, _count, x, y = points_of(faces, faces[point])
             left = left - covered
-            # On thin tubes normals change from pixel to pixel, and so may colours that show values.
+            # On thin tubes normals change from pixel to pixel, and so may colors that show values.
             if (covered != ALL and body.textured == 0) or (faces[point] >= 0 and body.glass == 1):
                 return 4
             if faces[point] < 0:
@@ -336,9 +336,9 @@ def shade_square(
                 bright = view.shadow + (1.0 - view.shadow) * share
                 for n in range(4):
                     weight = 0.25 * bright * number_of(covered >> (4 * n))
-                    means[n] += weight * colour_of(pixels[row + n / 2, column + n % 2])
+                    means[n] += weight * color_of(pixels[row + n / 2, column + n % 2])
             else:
-                bright, glint, share, colour, at, across, down, _above, least, turn, _opacity = shade_triangle(
+                bright, glint, share, color, at, across, down, _above, least, turn, _opacity = shade_triangle(
                     body, view, shadows, faces[point], float(column) + x, float(row) + y, SQUARE_MARGIN
                 )
                 if least < -view.below or (share > 0.0 and share < 1.0) or glint > MOST_GLINT or turn > MOST_TURN:
@@ -347,8 +347,8 @@ def shade_square(
                     here = (covered >> (4 * n)) & 15
                     if here > 0:
                         if body.textured == 1:
-                            colour = mean_texel(body, at, across, down, x - float(n % 2), y - float(n / 2), here)
-                        lit = within_one(bright * colour + wp.vec3(glint, glint, glint))
+                            color = mean_texel(body, at, across, down, x - float(n % 2), y - float(n / 2), here)
+                        lit = within_one(bright * color + wp.vec3(glint, glint, glint))
                         means[n] += 0.25 * number_of(here) * lit
         point += 1
     for n in range(4):

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..springs.lanes import sum_over_lanes
-from .shading import FIRST_SAMPLES, Body, Surroundings, colour_of, in_bytes, ray_shader, shade_hit, within_one
+from .shading import FIRST_SAMPLES, Body, Surroundings, color_of, in_bytes, ray_shader, shade_hit, within_one
 
 CONTRAST = wp.constant(0.08)
 """Pixels whose neighbours differ by more are refined."""
@@ -44,9 +44,9 @@ def cast(through_glass: bool):
         row, column = place(wp.tid(), image.shape[1])
         if row < image.shape[0] and column < image.shape[1]:
             spot = 2 * (row % 2) + column % 2
-            colour, share = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
-            colour = within_one(colour)
-            image[row, column] = wp.vec4(colour[0], colour[1], colour[2], share)
+            color, share = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
+            color = within_one(color)
+            image[row, column] = wp.vec4(color[0], color[1], color[2], share)
 
     return cast_rays
 
@@ -59,7 +59,7 @@ def choose(
     chosen: wp.array2d(dtype=int),  # pixels in penumbras, and others; shape [2, height · width]
     count: wp.array(dtype=int),  # number of each; initially 0
 ):
-    """Convert pixels to bytes, and list those whose neighbours differ in colour or light, for refinement."""
+    """Convert pixels to bytes, and list those whose neighbours differ in color or light, for refinement."""
     row, column = place(wp.tid(), image.shape[1])
     if row >= image.shape[0] or column >= image.shape[1]:
         return
@@ -124,8 +124,8 @@ def refine(lanes: int, through_glass: bool):
                     first = k
                     if i < count[0]:  # adjacent pixels sample other points, to avoid visible steps
                         first = FIRST_SAMPLES + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
-                    colour, _share = shade_ray(body, glass, view, x, y, first, looks)
-                    mean += (0.25 / float(shared)) * within_one(colour)
+                    color, _share = shade_ray(body, glass, view, x, y, first, looks)
+                    mean += (0.25 / float(shared)) * within_one(color)
             mean = together(mean)
             if lane == 0:
                 pixels[row, column] = in_bytes(mean)
@@ -152,7 +152,7 @@ def lay_over(
         hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
         if hit.result:
             met += 1
-            colour, _share, _opacity = shade_hit(body, view, hit, ray, 0, 0)
-            mean += 0.25 * within_one(colour)
+            color, _share, _opacity = shade_hit(body, view, hit, ray, 0, 0)
+            mean += 0.25 * within_one(color)
     if met > 0:
-        pixels[row, column] = in_bytes(mean + (1.0 - 0.25 * float(met)) * colour_of(pixels[row, column]))
+        pixels[row, column] = in_bytes(mean + (1.0 - 0.25 * float(met)) * color_of(pixels[row, column]))

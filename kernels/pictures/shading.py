@@ -26,7 +26,7 @@ class Body:
     # Of vertices, each of shape [vertex_count]:
     points: wp.array(dtype=wp.vec3)  # [m]
     normals: wp.array(dtype=wp.vec3)  # of unit length
-    colours: wp.array(dtype=wp.vec3)  # red, green and blue in 0 … 1
+    colors: wp.array(dtype=wp.vec3)  # red, green and blue in 0 … 1
     uv: wp.array(dtype=wp.vec2)  # places in the texture, 0 … 1
     # Of triangles, each of shape [triangle_count]:
     triangles: wp.array(dtype=wp.vec3i)  # three vertices each
@@ -37,7 +37,7 @@ class Body:
     glass: int  # 1 if what is behind is seen through all triangles, 0 if through none
     first_shaded: int  # triangles before this one take no shadows
     texture: wp.array2d(dtype=wp.vec3ub)  # shape [height, width]
-    textured: int  # 1 if the texture is drawn, 0 if the colours are
+    textured: int  # 1 if the texture is drawn, 0 if the colors are
 
 
 @wp.struct
@@ -55,7 +55,7 @@ class Surroundings:
     spots: wp.array(dtype=wp.vec2)  # sampling points of the key light: four to detect penumbras, then the others
     towards_viewer: wp.vec3  # unit vector against the direction of view: towards the headlight
     fill_from: wp.vec3  # unit vector towards the fill light
-    background: wp.vec3  # colour in 0 … 1
+    background: wp.vec3  # color in 0 … 1
     # Strengths of light from the sky and from the ground, and of the three lights.
     sky: float
     bounce: float
@@ -64,7 +64,7 @@ class Surroundings:
     fill: float
     shadows: int  # 1 if there are shadows, else 0
     shaded: float  # share of the key light on bodies in full shadow, 0 … 1
-    shadow: float  # share of the ground's colour in full shadow, 0 … 1
+    shadow: float  # share of the ground's color in full shadow, 0 … 1
     has_ground: int
     contact: float  # height above the ground where half of the light from there arrives [m]
     below: float  # points deeper below the ground are not drawn [m]
@@ -94,21 +94,21 @@ FACING_AWAY = wp.constant(0.5)
 
 
 @wp.func
-def colour_of(pixel: wp.vec3ub) -> wp.vec3:
-    """Return the colour of a pixel, converted from bytes to 0 … 1."""
+def color_of(pixel: wp.vec3ub) -> wp.vec3:
+    """Return the color of a pixel, converted from bytes to 0 … 1."""
     return wp.vec3(float(pixel[0]), float(pixel[1]), float(pixel[2])) / 255.0
 
 
 @wp.func
-def within_one(colour: wp.vec3) -> wp.vec3:
-    """Return a colour with each of its channels limited to 1."""
-    return wp.min(colour, wp.vec3(1.0, 1.0, 1.0))
+def within_one(color: wp.vec3) -> wp.vec3:
+    """Return a color with each of its channels limited to 1."""
+    return wp.min(color, wp.vec3(1.0, 1.0, 1.0))
 
 
 @wp.func
-def in_bytes(colour: wp.vec3) -> wp.vec3ub:
-    """Return a colour in 0 … 1, converted to bytes."""
-    scaled = 255.0 * wp.max(colour, wp.vec3()) + wp.vec3(0.5, 0.5, 0.5)
+def in_bytes(color: wp.vec3) -> wp.vec3ub:
+    """Return a color in 0 … 1, converted to bytes."""
+    scaled = 255.0 * wp.max(color, wp.vec3()) + wp.vec3(0.5, 0.5, 0.5)
     return wp.vec3ub(wp.uint8(scaled[0]), wp.uint8(scaled[1]), wp.uint8(scaled[2]))
 
 
@@ -131,8 +131,8 @@ def texel(image: wp.array2d(dtype=wp.vec3ub), u: float, v: float) -> wp.vec3:
     r1 = wp.min(r0 + 1, image.shape[0] - 1)
     c0 = wp.max(c0, 0)
     r0 = wp.max(r0, 0)
-    upper = (1.0 - s) * colour_of(image[r0, c0]) + s * colour_of(image[r0, c1])
-    lower = (1.0 - s) * colour_of(image[r1, c0]) + s * colour_of(image[r1, c1])
+    upper = (1.0 - s) * color_of(image[r0, c0]) + s * color_of(image[r0, c1])
+    lower = (1.0 - s) * color_of(image[r1, c0]) + s * color_of(image[r1, c1])
     return (1.0 - t) * upper + t * lower
 
 
@@ -189,7 +189,7 @@ def highlight(finish: Finish, mirrored: wp.vec3, ray: wp.vec3) -> float:
 def light_on(
     view: Surroundings, finish: Finish, gloss: float, normal: wp.vec3, ray: wp.vec3, arrives: float, above: float
 ):
-    """Return the brightness of a surface's colour, highlights, and opacity; see `msdwarp/pictures/light.py`.
+    """Return the brightness of a surface's color, highlights, and opacity; see `msdwarp/pictures/light.py`.
 
     `normal` is that of the visible side; `arrives` is the share of the key light that reaches it, and `above` the
     height above the ground [m].
@@ -230,7 +230,7 @@ def light_on(
 
 @wp.func
 def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
-    """Return the colour of the body where the ray hit it, the share of the key light that reaches it, and opacity.
+    """Return the color of the body where the ray hit it, the share of the key light that reaches it, and opacity.
 
     Phong's shading, for both sides. If triangles approximate a smooth surface, a ray towards the light starts on
     that surface, since the triangles' own shadow would be jagged at grazing light (J. Hanika, "Hacking the shadow
@@ -242,10 +242,10 @@ def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     if wp.dot(hit.normal, ray) > 0.0:
         side = -1.0
     normal = side * wp.normalize(mix(shares, body.normals, corners))
-    colour = mix(shares, body.colours, corners)
+    color = mix(shares, body.colors, corners)
     if body.textured == 1:
         at = mix(shares, body.uv, corners)
-        colour = texel(body.texture, at[0], at[1])
+        color = texel(body.texture, at[0], at[1])
     share = FACING_AWAY
     arrives = float(1.0)
     spot = view.eye + hit.t * ray
@@ -260,7 +260,7 @@ def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
     finish = body.finishes[body.finish[hit.face]]
     above = height(view, spot)
     bright, glint, opacity = light_on(view, finish, body.gloss[hit.face], normal, ray, arrives, above)
-    return bright * colour + wp.vec3(glint, glint, glint), share, opacity
+    return bright * color + wp.vec3(glint, glint, glint), share, opacity
 
 
 @wp.func
@@ -283,34 +283,34 @@ def ray_shader(through_glass: bool):
 
     @wp.func
     def shade_ray(body: Body, glass: Body, view: Surroundings, column: float, row: float, first: int, count: int):
-        """Return the colour at a point of the picture, in pixels from its upper left, and the light there.
+        """Return the color at a point of the picture, in pixels from its upper left, and the light there.
 
         That is the visible share of `count` points of the key light, from `first` on. Only the nearest glass is
         drawn.
         """
         ray = wp.normalize(view.corner + column * view.across + row * view.down)
-        colour = view.background
+        color = view.background
         share = FACING_AWAY
         hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
         if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
-            colour, share, _opacity = shade_hit(body, view, hit, ray, first, count)
+            color, share, _opacity = shade_hit(body, view, hit, ray, first, count)
         else:
             t, uv = meets_ground(view, ray)
             if t > 0.0:
                 spot = view.eye + t * ray
                 share = visible_light(body, view, spot + GAP * t * view.ground_normal, first, count)
-                colour = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
+                color = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
         if wp.static(through_glass):
             through = wp.mesh_query_ray(glass.mesh, view.eye, ray, view.far)
             if through.result and (through.t < hit.t or not hit.result):
                 if view.has_ground == 0 or height(view, view.eye + through.t * ray) >= -view.below:
                     seen, own, opacity = shade_hit(glass, view, through, ray, first, count)
-                    colour = (1.0 - opacity) * colour + opacity * within_one(seen)
+                    color = (1.0 - opacity) * color + opacity * within_one(seen)
                     # A value that changes at the edges of penumbras, both on the glass and behind it.
                     if share == FACING_AWAY:
                         share = own
                     elif own != FACING_AWAY:
                         share = wp.abs(share - own)
-        return colour, share
+        return color, share
 
     return shade_ray

@@ -19,7 +19,7 @@ from ..disk import writing
 from ..files import DrawnFrame, DrawnMesh, FrameArray, Trajectory, finite_values
 from ..pictures import (
     Camera,
-    ColourScale,
+    ColorScale,
     Drawing,
     Part,
     Renderer,
@@ -69,14 +69,14 @@ def draw(
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
         fps, count = trajectory.fps if fps is None else fps, len(shown)
-        scene, colouring, values = _dressed(scene, trajectory, pictures, shown)
+        scene, coloring, values = _dressed(scene, trajectory, pictures, shown)
         size = parse_resolution(pictures.resolution)
         seen = framed(scene, trajectory.positions, shown, size[0] / size[1])
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
-        how = {"colouring": colouring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
+        how = {"coloring": coloring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
         renderer = Renderer(scene, seen, resolution=size, device=device, **how)
         _raise_if_stopped(requests)
-        for picture in replaced:  # not earlier: the file may lack what colours or arrows show
+        for picture in replaced:  # not earlier: the file may lack what colors or arrows show
             picture.unlink()
         positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
         if not pictures.frames == pictures.video == "none":
@@ -148,18 +148,18 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
 def drawn(
     scene: Scene, trajectory: Trajectory, pictures: Pictures, numbers: Sequence[int], whole: bool
 ) -> tuple[Iterator[DrawnFrame], dict[str, Any]]:
-    """Return frames of a trajectory, with triangles and colours as in pictures of all; see `files.export`."""
+    """Return frames of a trajectory, with triangles and colors as in pictures of all; see `files.export`."""
     every = range(len(trajectory))
-    scene, colouring, values = _dressed(scene, trajectory, pictures, every)
-    drawing, stage, more = Drawing(scene, colouring), None, dict[str, Any]()
+    scene, coloring, values = _dressed(scene, trajectory, pictures, every)
+    drawing, stage, more = Drawing(scene, coloring), None, dict[str, Any]()
     parts, floor = list[tuple[Part, DrawnMesh]](), list[DrawnMesh]()
     for one in drawing.body + (drawing.obstacles if whole else []):
         gloss, made_of, faces = one.finish.gloss, one.finish.reflectance, one.triangles - one.vertices.start
-        colour = one.colours.numpy() if drawing.colours_move and one in drawing.body else one.finish.colour
+        color = one.colors.numpy() if drawing.colors_move and one in drawing.body else one.finish.color
         texture = None if drawing.texture is None else one.finish.texture
         roughness = max(0.15, 0.9 - gloss) if made_of == FINISHES["matt"] else made_of.roughness
         # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
-        shape = one.points.numpy(), one.normals.numpy(), faces, one.uv, colour, texture
+        shape = one.points.numpy(), one.normals.numpy(), faces, one.uv, color, texture
         if len(faces):
             mesh = DrawnMesh(one.name, *shape, gloss, roughness, made_of.metallic, made_of.opacity, one.moves)
             parts.append((one, mesh))
@@ -168,10 +168,10 @@ def drawn(
         aspect = size[0] / size[1]
         stage = Stage(scene, framed(scene, trajectory.positions, every, aspect), size, pictures.zoom)
         more = {"view_angle": look.field_of_view, "aspect": aspect, "sun": stage.camera.light}
-        more["background"] = np.array(checks.colour("background", look.background))
+        more["background"] = np.array(checks.color("background", look.background))
         if stage.ground is not None:
             square = stage.ground.corners, None, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 2))
-            floor = [DrawnMesh("ground", *square, np.array(checks.colour("ground", look.ground)))]
+            floor = [DrawnMesh("ground", *square, np.array(checks.color("ground", look.ground)))]
 
     def frames() -> Iterator[DrawnFrame]:
         for k in numbers:
@@ -188,16 +188,16 @@ def drawn(
 
 def _dressed(
     scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]
-) -> tuple[Scene, str | ColourScale, Values | None]:
-    """Return the scene as pictures show it: torn, and with their camera; and `_colouring`."""
+) -> tuple[Scene, str | ColorScale, Values | None]:
+    """Return the scene as pictures show it: torn, and with their camera; and `_coloring`."""
     look = pictures.aimed(scene.look)
     if scene.system.tears:
         scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
-    colour = pictures.colour or ("strain" if look.strain else "texture")
-    if colour == "strain":
+    color = pictures.color or ("strain" if look.strain else "texture")
+    if color == "strain":
         look = replace(look, full_strain=_full_strain(scene, trajectory, pictures, shown))
     scene = replace(scene, look=look)
-    return scene, *_colouring(scene, trajectory, colour, shown)
+    return scene, *_coloring(scene, trajectory, color, shown)
 
 
 def _raise_if_stopped(requests: list[int]) -> None:
@@ -205,19 +205,19 @@ def _raise_if_stopped(requests: list[int]) -> None:
         raise Interrupted(f"{word(requests[0])} while drawing", requests[0])
 
 
-def _colouring(
-    scene: Scene, trajectory: Trajectory, colour: str, shown: Sequence[int]
-) -> tuple[str | ColourScale, Values | None]:
-    """Return (colouring of the body, function (k) -> particles' values in frame k); None if it has no values.
+def _coloring(
+    scene: Scene, trajectory: Trajectory, color: str, shown: Sequence[int]
+) -> tuple[str | ColorScale, Values | None]:
+    """Return (coloring of the body, function (k) -> particles' values in frame k); None if it has no values.
 
     The scale ends at the largest 99th percentile of a frame.
     """
-    if colour not in _QUANTITIES:
-        return colour, None
-    label, values_of = _QUANTITIES[colour]
+    if color not in _QUANTITIES:
+        return color, None
+    label, values_of = _QUANTITIES[color]
     values = partial(values_of, scene, trajectory)
     largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
-    return ColourScale(label, round_up(largest)), values
+    return ColorScale(label, round_up(largest)), values
 
 
 def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
@@ -271,7 +271,7 @@ _QUANTITIES: dict[str, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.
         lambda scene, trajectory, k: _lengths(trajectory.contact_forces[k]),
     ),
 }
-"""Quantities of particles that colours can show, by name: the label, and a function for the values in a frame."""
+"""Quantities of particles that colors can show, by name: the label, and a function for the values in a frame."""
 
 
 def round_up(value: float) -> float:

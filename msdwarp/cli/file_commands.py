@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from ..disk import TRAJECTORY, writable_folder
 from .error_messages import printable
-from .options import Colour, Flag, Pictures, Quiet, Verbose, ViewOptions
+from .options import Color, Flag, Pictures, Quiet, Verbose, ViewOptions
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
 from .script_signatures import UNTRUSTED, Script
@@ -48,7 +48,7 @@ def export(
     *,
     to: Literal["obj", "stl", "ply", "gltf", "usd", "npz"],
     frame: int | None = None,
-    colour: Colour | None = None,
+    color: Color | None = None,
     out: Path | None = None,
     script: Script = UNTRUSTED,
     force: Flag = False,
@@ -59,12 +59,12 @@ def export(
     ----------
     to
         File format. npz holds positions, velocities and times; usd what the run's pictures show, with obstacles,
-        colours, light and camera. The others hold the triangles of the bodies: gltf with colours and textures, ply
-        with colours, obj with texture coordinates, stl alone.
+        colors, light and camera. The others hold the triangles of the bodies: gltf with colors and textures, ply
+        with colors, obj with texture coordinates, stl alone.
     frame
         Convert this frame only, counted from 0; negative numbers count from the end. Default: all frames.
-    colour
-        What the colours show, as in `msdwarp render`. Default: as in the pictures of the run.
+    color
+        What the colors show, as in `msdwarp render`. Default: as in the pictures of the run.
     out
         File to write. Default: the trajectory's name with the format's extension.
     force
@@ -73,7 +73,7 @@ def export(
     with at_once():
         from ..files import export
     with opened(file) as trajectory:
-        frames, draw = slice(None) if frame is None else frame, partial(_drawn, trajectory, to, colour, script)
+        frames, draw = slice(None) if frame is None else frame, partial(_drawn, trajectory, to, color, script)
         target = out or trajectory.path.with_suffix(f".{to}")
         paths = export(trajectory, target, to, frames, force=force, draw=draw)
     more = f" ... {paths[-1].name}" if len(paths) > 1 else ""
@@ -99,7 +99,7 @@ def render(
 ) -> None:
     """Draw a trajectory: images, a film, several poses in one picture, or one frame for print.
 
-    Obstacles and colours come from the file. With --scene or --trust they come from the script as it is now.
+    Obstacles and colors come from the file. With --scene or --trust they come from the script as it is now.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def render(
 def view(file: File, *, options: ViewOptions = VIEW, script: Script = UNTRUSTED) -> None:
     """Play a trajectory in a window or a browser.
 
-    Obstacles and colours come from the file. With --scene or --trust they come from the script as it is now.
+    Obstacles and colors come from the file. With --scene or --trust they come from the script as it is now.
     """
     start_warp(options.verbose)
     with at_once():
@@ -317,9 +317,9 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
 
 
 def _drawn(
-    trajectory: "Trajectory", to: str, colour: str | None, script: Script, numbers: Sequence[int], whole: bool
+    trajectory: "Trajectory", to: str, color: str | None, script: Script, numbers: Sequence[int], whole: bool
 ) -> "tuple[Iterator[DrawnFrame], dict[str, Any]]":
-    """Return frames of a trajectory as in the pictures of its run, or in other colours; see `draw.drawn`."""
+    """Return frames of a trajectory as in the pictures of its run, or in other colors; see `draw.drawn`."""
     start_warp(False)
     with at_once():
         from rich.console import Console
@@ -327,11 +327,11 @@ def _drawn(
         from .draw import drawn
         from .provenance import restored_options
 
-    talk = Console(stderr=True, quiet=to in ("obj", "stl"))  # which have no colours
+    talk = Console(stderr=True, quiet=to in ("obj", "stl"))  # which have no colors
     scene = _scene_of(trajectory, talk, script)[1]
     kept = trajectory.attributes.get("options")
     pictures = restored_options(kept).pictures if isinstance(kept, dict) and "pictures" in kept else PICTURES
-    return drawn(scene, trajectory, replace(pictures, colour=colour or pictures.colour), numbers, whole)
+    return drawn(scene, trajectory, replace(pictures, color=color or pictures.color), numbers, whole)
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:

@@ -25,7 +25,7 @@ MethodName = Literal[
     "symplectic-euler", "leapfrog", "leapfrog-extrapolated", "rk4", "rkc2", "linearly-implicit-euler"
 ]
 IntOrAuto = int | Literal["auto"]
-Colour = Literal["texture", "strain", "velocity", "energy", "stress", "contact"]
+Color = Literal["texture", "strain", "velocity", "energy", "stress", "contact"]
 RendererName = Literal["auto", "raster", "raycast", "opengl"]
 Quiet = Annotated[bool, Parameter(negative=(), help="Print errors only.")]
 Verbose = Annotated[bool, Parameter(negative=(), help="Print messages from Warp and VTK too.")]
@@ -90,12 +90,12 @@ class Pictures(CameraOptions):
     """Draw this many poses into one picture, SCENE_overlay.png. They are evenly spaced in time."""
     resolution: str = "1280x720"
     """Width and height of the pictures in pixels."""
-    colour: Colour | None = None
-    """What the colours show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
+    color: Color | None = None
+    """What the colors show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
     the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
     set by the scene."""
     full_strain: float | None = None
-    """Strain at the ends of the colour scale. Default: set by the scene, or fitted to the run."""
+    """Strain at the ends of the color scale. Default: set by the scene, or fitted to the run."""
     arrows: Flag = False
     """Draw contact forces as arrows, in front of the bodies."""
     renderer: RendererName = "auto"
@@ -197,7 +197,7 @@ class Options(SimulationOptions):
     strain: bool = True
     """Store the strain of every connection. In a lattice this makes the file about three times as large."""
     contact_forces: Flag = False
-    """Store the contact force on every particle. --arrows and --colour contact store it too."""
+    """Store the contact force on every particle. --arrows and --color contact store it too."""
     restart: float = 60.0
     """Write restart.h5 every N seconds of computing, and at the end; `msdwarp resume` continues from it. 0 writes
     none."""
@@ -219,7 +219,7 @@ class Options(SimulationOptions):
     @property
     def sums_contact(self) -> bool:
         """Whether contact forces are stored or shown."""
-        return self.contact_forces or self.pictures.arrows or self.pictures.colour == "contact"
+        return self.contact_forces or self.pictures.arrows or self.pictures.color == "contact"
 
     @property
     def logs_in_folder(self) -> bool:

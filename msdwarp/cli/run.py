@@ -46,10 +46,10 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
     replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
-    if options.pictures.colour in ("energy", "stress"):  # raise ValueError for a system that has none
+    if options.pictures.color in ("energy", "stress"):  # raise ValueError for a system that has none
         if not options.strain:
-            raise ValueError(f"--colour {options.pictures.colour} needs the strains that --no-strain leaves out")
-        {"energy": particle_energies, "stress": stress}[options.pictures.colour](scene.system)
+            raise ValueError(f"--color {options.pictures.color} needs the strains that --no-strain leaves out")
+        {"energy": particle_energies, "stress": stress}[options.pictures.color](scene.system)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     if options.pictures.any or options.trajectory != "none":
@@ -155,7 +155,7 @@ class Run:
     def __post_init__(self) -> None:
         self._keeps = self.options.trajectory != "none"
         self._writes = self._keeps or self.options.pictures.any
-        of_springs = self.options.pictures.colour in ("energy", "stress")
+        of_springs = self.options.pictures.color in ("energy", "stress")
         self._strain = self.options.strain and (self._keeps or of_springs)
         self._held_back, self._held_back_at = 0.0, 0.0
         self._tables: dict[str, GrowingTable] = {}

@@ -28,7 +28,7 @@ def export(
     force: bool = False,
     draw: Callable[[list[int], bool], tuple[Iterable[DrawnFrame], dict[str, Any]]] | None = None,
 ) -> list[Path]:
-    """Write frames in another format, with the triangles and colours of pictures. Return the files.
+    """Write frames in another format, with the triangles and colors of pictures. Return the files.
 
     For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12, with the bodies; usd, with the
     whole scene, and npz (positions, velocities, times and connections) have one file for all. All but npz need
@@ -87,12 +87,12 @@ def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
 
 
 def _seen(mesh: DrawnMesh) -> DrawnMesh:
-    """Return a mesh without what is hidden, with colours at its vertices."""
+    """Return a mesh without what is hidden, with colors at its vertices."""
     triangles = mesh.triangles if mesh.visible is None else mesh.triangles[mesh.visible]
     used, triangles = np.unique(triangles, return_inverse=True)
-    colour = np.broadcast_to(mesh.colour, mesh.points.shape)[used]
+    color = np.broadcast_to(mesh.color, mesh.points.shape)[used]
     triangles = triangles.reshape(-1, 3)
-    return mesh._replace(points=mesh.points[used], uv=mesh.uv[used], colour=colour, triangles=triangles)
+    return mesh._replace(points=mesh.points[used], uv=mesh.uv[used], color=color, triangles=triangles)
 
 
 def finite_values(trajectory: Trajectory, k: int, name: str) -> NDArray:
@@ -112,7 +112,7 @@ def _by_pyvista(path: Path, meshes: Sequence[DrawnMesh]) -> None:
     whole.active_texture_coordinates = _joined([mesh.uv for mesh in meshes], 2).astype(np.float32)
     paint: dict[str, Any] = {}
     if path.suffix == ".ply" and meshes:
-        paint["texture"] = (255 * _joined([_colours(mesh) for mesh in meshes], 3) + 0.5).astype(np.uint8)
+        paint["texture"] = (255 * _joined([_colors(mesh) for mesh in meshes], 3) + 0.5).astype(np.uint8)
     # VTK does not report a full disk, so room for long lines of text is reserved first.
     with path.open("wb") as file:
         reserve(file.fileno(), 0, 200 * (whole.n_points + whole.n_cells), path.parent)
@@ -123,17 +123,17 @@ def _joined(arrays: list[NDArray], width: int) -> NDArray:
     return np.concatenate([np.zeros((0, width)), *arrays])
 
 
-def _colours(mesh: DrawnMesh) -> NDArray:
-    """Return the colours of a mesh at its vertices, of a texture too, in 0 … 1, shape [vertex_count, 3]."""
+def _colors(mesh: DrawnMesh) -> NDArray:
+    """Return the colors of a mesh at its vertices, of a texture too, in 0 … 1, shape [vertex_count, 3]."""
     if (image := mesh.texture) is None:
-        return mesh.colour
+        return mesh.color
     size = np.array(image.shape[1::-1])
     column, row = np.clip(size * ([0.0, 1.0] + [1, -1] * mesh.uv), 0, size - 1).astype(int).T
     return image[row, column] / 255
 
 
 def _gltf(path: Path, meshes: Sequence[DrawnMesh]) -> None:
-    """Write meshes, each with a material: a texture, or colours at the vertices."""
+    """Write meshes, each with a material: a texture, or colors at the vertices."""
     buffers, views, accessors, primitives, materials, images = (list[Any]() for _ in range(6))
 
     def stored(values: NDArray, kind: str, **more: Any) -> int:
@@ -153,7 +153,7 @@ def _gltf(path: Path, meshes: Sequence[DrawnMesh]) -> None:
         paint: dict[str, Any] = {"metallicFactor": mesh.metallic, "roughnessFactor": mesh.roughness}
         paint["baseColorFactor"] = [1.0, 1.0, 1.0, mesh.opacity]
         if mesh.texture is None:
-            attributes["COLOR_0"] = stored(linear(mesh.colour), "VEC3")
+            attributes["COLOR_0"] = stored(linear(mesh.color), "VEC3")
         else:
             attributes["TEXCOORD_0"] = stored(np.array([0.0, 1.0]) + [1, -1] * mesh.uv, "VEC2")  # from the top
             paint["baseColorTexture"] = {"index": len(images)}

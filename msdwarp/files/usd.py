@@ -22,7 +22,7 @@ SUN_ANGLE = 5.7
 
 
 class DrawnMesh(NamedTuple):
-    """A mesh in a frame, as pictures show it. Its `points`, `normals`, `colour` and `visible` may change."""
+    """A mesh in a frame, as pictures show it. Its `points`, `normals`, `color` and `visible` may change."""
 
     name: str
     points: NDArray
@@ -33,7 +33,7 @@ class DrawnMesh(NamedTuple):
     """Vertices of each triangle, shape [triangle_count, 3]."""
     uv: NDArray
     """Texture coordinates of the vertices, shape [vertex_count, 2]."""
-    colour: NDArray
+    color: NDArray
     """sRGB in 0 … 1, shape [3] or, if it may change, [vertex_count, 3]."""
     texture: NDArray[np.uint8] | None = None
     gloss: float = 0.0
@@ -66,7 +66,7 @@ def write_usd(
 
     Images go into the folder `textures` beside the file. `view_angle` is the vertical angle of view [degrees],
     `aspect` the picture's width over its height. `sun` is a unit vector towards the key light. `background` is
-    the sky's sRGB colour, in 0 … 1.
+    the sky's sRGB color, in 0 … 1.
     """
     from pxr import Gf, Usd, UsdGeom, UsdLux, Vt
 
@@ -99,7 +99,7 @@ def write_usd(
     for k, (meshes, view) in zip(numbers, frames, strict=True):
         first = not shapes
         shapes = shapes or [_defined(stage, mesh, _free_name(mesh.name, names), textures) for mesh in meshes]
-        for mesh, (shape, colours) in zip(meshes, shapes, strict=True):
+        for mesh, (shape, colors) in zip(meshes, shapes, strict=True):
             depth = (view[3] - mesh.points) @ view[2]
             depths += [depth.min(), depth.max()]
             if not (first or mesh.moves):
@@ -110,8 +110,8 @@ def write_usd(
             shape.CreateExtentAttr().Set(_vectors(Vt, corners), time)
             if mesh.normals is not None:
                 shape.CreateNormalsAttr().Set(_vectors(Vt, mesh.normals), time)
-            if mesh.colour.ndim > 1:
-                colours.Set(_vectors(Vt, linear(mesh.colour)), time)
+            if mesh.color.ndim > 1:
+                colors.Set(_vectors(Vt, linear(mesh.color)), time)
             if mesh.visible is not None:
                 faces = np.ascontiguousarray(mesh.triangles[mesh.visible].ravel())
                 shape.GetFaceVertexCountsAttr().Set(Vt.IntArray([3] * (len(faces) // 3)), time)
@@ -123,7 +123,7 @@ def write_usd(
 
 
 def _defined(stage: Any, mesh: DrawnMesh, name: str, textures: Path) -> tuple[Any, Any]:
-    """Return a new mesh of a stage, with its material, and its colours."""
+    """Return a new mesh of a stage, with its material, and its colors."""
     from pxr import Sdf, UsdGeom, Vt
 
     shape = UsdGeom.Mesh.Define(stage, f"/scene/{name}")
@@ -132,9 +132,9 @@ def _defined(stage: Any, mesh: DrawnMesh, name: str, textures: Path) -> tuple[An
     shape.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     shape.CreateDoubleSidedAttr(True)
     shape.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    constant = mesh.colour.ndim == 1
-    colours = shape.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant if constant else UsdGeom.Tokens.vertex)
-    colours.Set(_vectors(Vt, linear(np.atleast_2d(mesh.colour))))
+    constant = mesh.color.ndim == 1
+    colors = shape.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant if constant else UsdGeom.Tokens.vertex)
+    colors.Set(_vectors(Vt, linear(np.atleast_2d(mesh.color))))
     if mesh.texture is not None:
         textures.mkdir(exist_ok=True)
         Image.fromarray(np.ascontiguousarray(mesh.texture)).save(textures / f"{name}.png")
@@ -142,12 +142,12 @@ def _defined(stage: Any, mesh: DrawnMesh, name: str, textures: Path) -> tuple[An
         st = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)
         st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(mesh.uv, dtype=np.float32)))
     _bind_material(stage, shape, name, mesh, f"./{textures.name}/{name}.png")
-    return shape, colours
+    return shape, colors
 
 
-def linear(colour: NDArray) -> NDArray:
-    """Return linear colours, as in USD and glTF, given sRGB colours, both in 0 … 1 (IEC 61966-2-1)."""
-    return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+def linear(color: NDArray) -> NDArray:
+    """Return linear colors, as in USD and glTF, given sRGB colors, both in 0 … 1 (IEC 61966-2-1)."""
+    return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
 
 
 def _vectors(Vt: Any, values: NDArray) -> Any:
@@ -168,7 +168,7 @@ def _free_name(wanted: str, taken: set[str]) -> str:
 
 
 def _bind_material(stage: Any, shape: Any, name: str, mesh: DrawnMesh, image: str) -> None:
-    """Give a mesh a material with its texture or vertex colours."""
+    """Give a mesh a material with its texture or vertex colors."""
     from pxr import Sdf, UsdShade
 
     types, at = Sdf.ValueTypeNames, f"/scene/materials/{name}"

@@ -27,7 +27,7 @@ HOST, PORT = "127.0.0.1", 8080
 SIZE = (720, 720)
 """Width and height for which the camera is placed."""
 KEY, SURROUNDINGS = 1.6, 0.4
-"""Intensities of key light and surroundings, beside viser's light from above; colours pale if brighter."""
+"""Intensities of key light and surroundings, beside viser's light from above; colors pale if brighter."""
 ALL = "/all"
 """The parent node of the scene: it moves when cameras follow a body, since clients move their own cameras."""
 WORTH = 10_000
@@ -131,7 +131,7 @@ class Browser:
                 points: Any = drawing.points.numpy()
                 for k, patch in enumerate(patches(drawing)):
                     node = self._add_mesh(
-                        f"{ALL}/patch/{k}", patch.points(points), patch.faces, patch.colour, patch.opacity
+                        f"{ALL}/patch/{k}", patch.points(points), patch.faces, patch.color, patch.opacity
                     )
                     if patch.moves:
                         self._patches.append((node, patch))
@@ -175,7 +175,7 @@ class Browser:
             cell_color=(190, 194, 202),
             section_color=(150, 156, 166),
             fade_distance=2 * ground.half,
-            plane_color=_bytes(checks.colour("ground", self._stage.look.ground)),
+            plane_color=_bytes(checks.color("ground", self._stage.look.ground)),
             plane_opacity=1.0,
             shadow_opacity=0.3,
             plane="xy",
@@ -185,11 +185,11 @@ class Browser:
         self._nodes.append(grid)
 
     def _add_mesh(
-        self, name: str, points: np.ndarray, faces: np.ndarray, colour: np.ndarray, opacity: float | None = None
+        self, name: str, points: np.ndarray, faces: np.ndarray, color: np.ndarray, opacity: float | None = None
     ) -> Any:
         """Add triangles that the mouse can drag."""
         return self._let_drag(
-            self._server.scene.add_mesh_simple(name, points, faces, color=colour, opacity=opacity, side="double")
+            self._server.scene.add_mesh_simple(name, points, faces, color=color, opacity=opacity, side="double")
         )
 
     def _let_drag(self, node: Any) -> Any:
@@ -240,14 +240,14 @@ class Browser:
             self._look_for_slow()
 
     def _show_triangles(self) -> None:
-        """Move the patches; if colours change, the triangles of each colour are a separate mesh."""
+        """Move the patches; if colors change, the triangles of each color are a separate mesh."""
         drawing = self._view.shown.drawing
         points: Any = drawing.points.numpy()
         for node, patch in self._patches:
             node.vertices = patch.points(points)
-        if not drawing.colours_move:
+        if not drawing.colors_move:
             return
-        colours = _bytes(ramp(drawing.stops, LEVELS))
+        colors = _bytes(ramp(drawing.stops, LEVELS))
         for level, triangles in enumerate(levels(drawing)):
             corners, faces = compact(triangles)
             node = self._levels.get(level)
@@ -257,7 +257,7 @@ class Browser:
                 node.visible = False
             elif len(faces):
                 name = f"{ALL}/level/{level}"
-                self._levels[level] = self._add_mesh(name, points[corners], faces, colours[level])
+                self._levels[level] = self._add_mesh(name, points[corners], faces, colors[level])
 
     def tell(self) -> None:
         """Update texts and sliders."""
@@ -312,5 +312,5 @@ def _ray(camera: Any, point: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return camera.position, way / np.linalg.norm(way), ahead / np.linalg.norm(ahead)
 
 
-def _bytes(colours: Any) -> np.ndarray:
-    return np.round(255 * np.array(colours)).astype(np.uint8)
+def _bytes(colors: Any) -> np.ndarray:
+    return np.round(255 * np.array(colors)).astype(np.uint8)

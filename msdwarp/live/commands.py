@@ -12,7 +12,7 @@ from .. import checks
 from ..world import Look
 from .picking import Picking, Pull, hit
 from .recording import Filming, Recording, save_picture
-from .shown import COLOURS
+from .shown import COLORS
 from .sources import Running
 from .state import ViewState
 
@@ -113,10 +113,10 @@ class Commands(ViewState):
         self._redraw(wires=not self.shown.wires if value is None else bool(value))
         self._notify("connections" if self.shown.wires else "surface")
 
-    def _colour(self, value: str | None = None) -> None:
-        after = COLOURS[(COLOURS.index(self.shown.colour) + 1) % len(COLOURS)] if value is None else value
+    def _color(self, value: str | None = None) -> None:
+        after = COLORS[(COLORS.index(self.shown.color) + 1) % len(COLORS)] if value is None else value
         self._redraw(after, wires=False)
-        self._notify(f"colours: {after}")
+        self._notify(f"colors: {after}")
 
     def _send(self, value: str) -> None:
         """Set what pages receive: triangles, images, or the faster of both."""

@@ -15,6 +15,7 @@ from PIL import Image
 from .. import checks
 from ..files import Trajectory
 from ..pictures import Renderer, framed, picture_size, write_film
+from ..runtime import renamed
 from ..simulation import Simulation
 from ..world import Scene
 from .opening import scene_of
@@ -37,12 +38,13 @@ TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor:
 """Page of a still: moving the mouse across its width turns it once around."""
 
 
+@renamed(colouring="coloring")
 def show(
     shown: Simulation | Scene | Trajectory | str | Path,
     *,
     seconds: float | None = None,
     resolution: tuple[int, int] = (640, 360),
-    colouring: str | None = None,
+    coloring: str | None = None,
 ) -> None:
     """Show a film, or a still that you can rotate with the mouse, in a notebook.
 
@@ -55,7 +57,7 @@ def show(
         is shown as a still.
     resolution
         Width and height in pixels.
-    colouring
+    coloring
         "texture" or "strain". Default: set by the scene's look.
 
     Raises
@@ -81,7 +83,7 @@ def show(
         shown, scene = scene_of(shown)
     if isinstance(shown, Simulation) and seconds is None:
         scene = replace(scene, system=shown.snapshot())  # without what has torn
-        display.display(display.HTML(_still(scene, scene.system.position, shown.time, resolution, colouring)))
+        display.display(display.HTML(_still(scene, scene.system.position, shown.time, resolution, coloring)))
         return
     bar: Any = display.display(display.HTML(""), display_id=True)
 
@@ -104,7 +106,7 @@ def show(
     if broken_at is not None:
         scene = replace(scene, system=scene.system.replace(broken_at=broken_at))
     seen = framed(scene, positions, range(len(positions)), width / height)
-    renderer = Renderer(scene, seen, resolution=resolution, colouring=colouring)
+    renderer = Renderer(scene, seen, resolution=resolution, coloring=coloring)
 
     def images() -> Iterator[NDArray[np.uint8]]:
         for k, (position, time) in enumerate(zip(positions, times, strict=True)):
@@ -118,15 +120,13 @@ def show(
     bar.update(display.HTML(f'<img src="data:image/webp;base64,{film}">'))
 
 
-def _still(
-    scene: Scene, position: NDArray, time: float, resolution: tuple[int, int], colouring: str | None
-) -> str:
+def _still(scene: Scene, position: NDArray, time: float, resolution: tuple[int, int], coloring: str | None) -> str:
     """Return the page of a still, as HTML."""
     views = []
     for k in range(VIEWS):
         look = scene.look.views[0]
         turned = replace(scene, look=replace(look, azimuth=(look.azimuth + 360.0 * k / VIEWS) % 360.0))
-        image = Renderer(turned, position, resolution=resolution, colouring=colouring).image(position, time)
+        image = Renderer(turned, position, resolution=resolution, coloring=coloring).image(position, time)
         file = io.BytesIO()
         Image.fromarray(image).save(file, "webp", quality=80)
         views.append(base64.b64encode(file.getvalue()).decode())

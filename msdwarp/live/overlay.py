@@ -14,7 +14,7 @@ from .shown import ENERGIES
 from .sources import Reading
 
 VEIL, INK, FAINT = (255, 255, 255, 205), (44, 50, 56, 255), (110, 118, 126, 255)
-"""Colours of the background, of text, and of secondary text."""
+"""Colors of the background, of text, and of secondary text."""
 CURVES = ("kinetic", "elastic", "potential")
 RECENT = 60
 """Maximal number of readings that the plot of energies shows."""
@@ -36,7 +36,7 @@ def _font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont | ImageFon
 def _panel(width: float, height: float, unit: float) -> tuple[Image.Image, ImageDraw.ImageDraw]:
     """Return an empty panel of this size [pixels] with round corners, and a pen to draw on it."""
     size = (round(width), round(height))
-    # A finer mask cuts the corners; colours stay white there, to avoid dark edges.
+    # A finer mask cuts the corners; colors stay white there, to avoid dark edges.
     mask = Image.new("L", (size[0] * FINE, size[1] * FINE), 0)
     ends = (0, 0, mask.width - 1, mask.height - 1)
     ImageDraw.Draw(mask).rounded_rectangle(ends, radius=8 * unit * FINE, fill=VEIL[3])
@@ -110,7 +110,7 @@ def energies(readings: Sequence[Reading], unit: float) -> Image.Image | None:
         fine_pen.line([*zip(FINE * x, FINE * y, strict=True)], ENERGIES[name], round(2 * unit * FINE))
         pen.text((left, 0.8 * pad + size / 2), name, ENERGIES[name], font, anchor="lm")
         left += font.getlength(name) + size
-    # The average is weighted by opacity, so that colours do not fade to white at edges.
+    # The average is weighted by opacity, so that colors do not fade to white at edges.
     image.alpha_composite(strokes.resize(image.size, Image.Resampling.LANCZOS))
     pen.line([(pad, top + high), (pad + wide, top + high)], FAINT, max(1, round(unit)))
     pen.text((pad + wide, 0.8 * pad + size / 2), f"{most:.3g} J", FAINT, font, anchor="rm")

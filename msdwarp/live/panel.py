@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..pictures import ColourScale
+from ..pictures import ColorScale
 from .commands import SENDS, camera_flags
 from .handling import ROUGH, SCALED, SIDES, Handling
 from .keys import ARROWS, KEYS, SCENES
-from .shown import COLOURS, ENERGIES
+from .shown import COLORS, ENERGIES
 from .sources import Source
 
 if TYPE_CHECKING:
@@ -92,8 +92,8 @@ class Panel:
         speed = gui.add_dropdown("speed (1 is real time)", tuple(SPEEDS), initial_value="1")
         labels = {value: label for label, value in SPEEDS.items()}
         self._control(speed, lambda: labels.get(view.speed), "pace", lambda label: {"value": SPEEDS[label]})
-        colours = gui.add_dropdown("colours", COLOURS, initial_value=COLOURS[0])
-        self._control(colours, lambda: view.shown.colour, "colour")
+        colors = gui.add_dropdown("colors", COLORS, initial_value=COLORS[0])
+        self._control(colors, lambda: view.shown.color, "color")
         wires = gui.add_checkbox("connections", initial_value=False)
         self._control(wires, lambda: view.shown.wires, "wires")
         sends = gui.add_dropdown("sent as", SENDS, initial_value="auto")
@@ -246,11 +246,11 @@ class Panel:
         drawing = self._view.shown.drawing
         self._legend.visible = drawing.scale is not None
         if drawing.scale is not None:
-            colours = ", ".join(f"rgb({', '.join(str(round(255 * c)) for c in stop)})" for stop in drawing.stops)
+            colors = ", ".join(f"rgb({', '.join(str(round(255 * c)) for c in stop)})" for stop in drawing.stops)
             least, most = _ends(drawing.scale)
             self._legend.content = (
                 f'<div style="padding:0 1em;font-size:0.8em">{drawing.scale.label}'
-                f'<div style="height:0.8em;background:linear-gradient(to right,{colours})"></div>'
+                f'<div style="height:0.8em;background:linear-gradient(to right,{colors})"></div>'
                 f'<div style="display:flex;justify-content:space-between"><span>{least}</span>'
                 f"<span>{most}</span></div></div>"
             )
@@ -259,7 +259,7 @@ class Panel:
             self._energies.data = tuple(np.array(curve) for curve in curves)
 
 
-def _ends(scale: ColourScale) -> tuple[str, str]:
+def _ends(scale: ColorScale) -> tuple[str, str]:
     """Return the values at both ends of a scale, with their unit; strain is in percent."""
     _, _, unit = scale.label.rstrip("]").partition(" [")
     full = f"{scale.full:.2g} {unit}" if unit else f"{100 * scale.full:.2g} %"

@@ -1,4 +1,4 @@
-"""Shown: the drawing of a view, the values of its colours, and how its cameras follow the body."""
+"""Shown: the drawing of a view, the values of its colors, and how its cameras follow the body."""
 
 import math
 from dataclasses import replace
@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame, broken_before, in_space, lengths
-from ..pictures import ColourScale, Drawing
+from ..pictures import ColorScale, Drawing
 from ..world import Scene
 from .sources import Source
 
-COLOURS = ("look", "speed", "strain")
+COLORS = ("look", "speed", "strain")
 ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", "sum": "#333a40"}
-"""Colours of energy curves, as in `studies.plots`."""
+"""Colors of energy curves, as in `studies.plots`."""
 LEAST_SHARE = 0.05
-"""Least end of a colour scale, as a fraction of the largest value so far."""
+"""Least end of a color scale, as a fraction of the largest value so far."""
 LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}
 
 EASE, SAMPLE = 0.4, 1000
@@ -24,16 +24,14 @@ EASE, SAMPLE = 0.4, 1000
 
 
 class Shown:
-    """The `drawing` of a scene in one of COLOURS; with `wires` the springs by strain instead of the surface."""
+    """The `drawing` of a scene in one of COLORS; with `wires` the springs by strain instead of the surface."""
 
-    def __init__(
-        self, scene: Scene, colour: str = COLOURS[0], *, wires: bool = False, device: str = "cpu"
-    ) -> None:
-        checks.one_of("colour", colour, COLOURS)
-        self.scene, self.colour, self.wires = scene, colour, wires
-        labelled = colour in LABELS and not wires
-        colouring = "strain" if wires else ColourScale(LABELS[colour], 1.0) if labelled else "texture"
-        self.drawing = Drawing(scene, colouring, device)
+    def __init__(self, scene: Scene, color: str = COLORS[0], *, wires: bool = False, device: str = "cpu") -> None:
+        checks.one_of("color", color, COLORS)
+        self.scene, self.color, self.wires = scene, color, wires
+        labelled = color in LABELS and not wires
+        coloring = "strain" if wires else ColorScale(LABELS[color], 1.0) if labelled else "texture"
+        self.drawing = Drawing(scene, coloring, device)
         self.frame: Frame | None = None
         self._broken = 0
         self._largest = 0.0
@@ -47,7 +45,7 @@ class Shown:
         if count == self._broken:
             return self
         scene = replace(self.scene, system=self.scene.system.replace(broken_at=broken_at))
-        other = Shown(scene, self.colour, wires=self.wires, device=self.drawing.device)
+        other = Shown(scene, self.color, wires=self.wires, device=self.drawing.device)
         other._broken = count
         return other
 
@@ -69,7 +67,7 @@ class Shown:
 
     def _values(self, frame: Frame) -> NDArray[np.float64]:
         """Return the value of each particle, shape [particle_count]."""
-        if self.colour == "speed":
+        if self.color == "speed":
             return np.linalg.norm(frame.velocity.astype(np.float64), axis=1)
         system = self.scene.system
         whole, count = ~broken_before(system.broken_at, frame.time), system.particle_count

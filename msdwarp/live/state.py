@@ -14,7 +14,7 @@ from .handling import Handling
 from .keys import listed
 from .picking import Pull
 from .recording import Filming, Recording
-from .shown import COLOURS, Following, Shown
+from .shown import COLORS, Following, Shown
 from .sources import Reading, Source
 
 NOTICE_TIME = 1.5
@@ -92,7 +92,7 @@ class ViewState:
         self._last_reading = self._last_shown = 0.0
         self._fps, self._ratio, self._averaged = 0.0, 0.0, 0
         self._start_clock()
-        self._draw(COLOURS[0] if before is None else before.colour, wires=before is not None and before.wires)
+        self._draw(COLORS[0] if before is None else before.color, wires=before is not None and before.wires)
 
     def _start_clock(self) -> None:
         """Restart the count of frames that are due in real time."""
@@ -103,15 +103,15 @@ class ViewState:
         self._waits = False
         self._start_clock()
 
-    def _draw(self, colour: str, *, wires: bool) -> None:
-        """Create the drawing of the source, coloured by COLOURS[colour], or of its springs if `wires` is true."""
+    def _draw(self, color: str, *, wires: bool) -> None:
+        """Create the drawing of the source, colored by COLORS[color], or of its springs if `wires` is true."""
         scene, device = self.source.scene, self.source.device
-        self.shown = Shown(scene, colour, wires=wires)
+        self.shown = Shown(scene, color, wires=wires)
         large = device != "cpu" and len(self.shown.drawing.triangles) > MOST_TRIANGLES
         wanted = self.sends == "images" or (self.sends == "auto" and (large or self._is_slow))
         self.images = wanted and any(screen.takes_images for screen in self.screens)
         if self.images and device != "cpu":
-            self.shown = Shown(scene, colour, wires=wires, device=device)
+            self.shown = Shown(scene, color, wires=wires, device=device)
         self.shown.follow(self.source.frame())
 
     def _stage(self) -> None:
@@ -119,10 +119,10 @@ class ViewState:
         for screen in self.screens:
             screen.stage()
 
-    def _redraw(self, colour: str | None = None, *, wires: bool | None = None) -> None:
+    def _redraw(self, color: str | None = None, *, wires: bool | None = None) -> None:
         """Create the drawing of the source again; settings that are None stay the same."""
         before = self.shown
-        self._draw(before.colour if colour is None else colour, wires=before.wires if wires is None else wires)
+        self._draw(before.color if color is None else color, wires=before.wires if wires is None else wires)
         self._stage()
 
     def _change_to(self, other: Source, rebuild: Callable[..., Source] | None) -> str:

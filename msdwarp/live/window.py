@@ -24,7 +24,7 @@ ZOOM = 1.15
 MOVES = {"left": "turn", "middle": "shift", "right": "shift"}
 """Camera movement by mouse button; if pressed on the body, the left button pulls it instead."""
 PULL, EDGE = (0.95, 0.35, 0.05), (1.0, 1.0, 1.0)
-"""Colours of the arrow that shows a pull, and of the arrow's edge."""
+"""Colors of the arrow that shows a pull, and of the arrow's edge."""
 MOUSE = """beside  drag: turn the camera
 wheel  nearer, farther
 right  drag: shift the camera
@@ -154,7 +154,7 @@ class Window:
         return min(max(self._size[1] / 720, 0.8), 2.5)
 
     def tell(self) -> None:
-        """Update the view's lines, energies, notice, colour scale and keys."""
+        """Update the view's lines, energies, notice, color scale and keys."""
         view, (width, height), unit = self._view, self._screen.size, self._pixel
         gap, message = GAP * unit, view.notice
         lines = (*view.lines, view.hint)
@@ -200,9 +200,9 @@ class Window:
         ends = view.hand.arrow(frame.position)
         if ends is not None:
             ends = screen.orbit.pixels(ends, height=screen.size[1], width=screen.size[0])
-        for name, colour, grow in (("edge of the pull", EDGE, 2.0), ("pull", PULL, 0.0)):
+        for name, color, grow in (("edge of the pull", EDGE, 2.0), ("pull", PULL, 0.0)):
             drawn = None if ends is None else arrow(ends[0], ends[1], self._pixel, grow * self._pixel)
-            screen.shape(name, drawn, colour)
+            screen.shape(name, drawn, color)
 
 
 def arrow(start: NDArray, end: NDArray, unit: float, grow: float = 0.0) -> NDArray[np.float64]:

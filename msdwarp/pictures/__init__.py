@@ -1,6 +1,6 @@
 """Pictures of a scene: frames by `Renderer`, with a rasteriser, rays or OpenGL; films; time-lapse pictures."""
 
-from .drawing import ColourScale, Drawing
+from .drawing import ColorScale, Drawing
 from .film import FILM_FORMATS, check_formats, write_film
 from .framing import framed
 from .legend import bar, ramp

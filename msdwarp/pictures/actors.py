@@ -81,8 +81,8 @@ class Actors:
             if texture is not None:
                 body.active_texture_coordinates, actor.texture = drawing.uv, texture
             else:
-                body.point_data["colours"] = (255 * drawing.colours.numpy()).astype(np.uint8)
-                body.GetPointData().SetActiveScalars("colours")
+                body.point_data["colors"] = (255 * drawing.colors.numpy()).astype(np.uint8)
+                body.GetPointData().SetActiveScalars("colors")
                 actor.mapper.ScalarVisibilityOn()
             self._shading.light(actor, code, shadows=bool(shaded))
             # Moving actors must neither reset the camera nor be rendered before they are in place.
@@ -123,8 +123,8 @@ class Actors:
         for body in self._bodies:
             body.GetPoints().Modified()
             body.GetPointData().GetNormals().Modified()
-            if drawing.colours_move:
-                body.point_data["colours"][:] = 255 * drawing.colours.numpy()
+            if drawing.colors_move:
+                body.point_data["colors"][:] = 255 * drawing.colors.numpy()
         points = drawing.points.numpy()[drawing.visible]
         shadows = shadows and len(points) > 0  # a stage may be empty
         if len(points) and ground is not None:

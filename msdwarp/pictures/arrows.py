@@ -15,8 +15,8 @@ LONGEST = 0.16
 """Length of the longest arrow over the height of the picture, at the camera's target."""
 FAINTEST = 0.02
 """Forces below this share of the full force are not drawn."""
-COLOUR = (0.0, 0.62, 0.66)
-"""Colour of arrows, which occurs on neither colour scale."""
+COLOR = (0.0, 0.62, 0.66)
+"""Color of arrows, which occurs on neither color scale."""
 
 
 class Arrows:
@@ -32,7 +32,7 @@ class Arrows:
         self.triangles = _triangles(self._count)
         vertices = drawing.RINGS * drawing.SIDES * self._count
         self.points, self.normals = (wp.zeros(vertices, dtype=wp.vec3, device=device) for _ in "pn")
-        self.colours = wp.full(vertices, wp.vec3(*COLOUR), dtype=wp.vec3, device=device)
+        self.colors = wp.full(vertices, wp.vec3(*COLOR), dtype=wp.vec3, device=device)
         self.uv, self.texture = np.zeros((vertices, 2)), None
         self.finish = np.zeros(len(self.triangles), dtype=np.int32)
         self.gloss, self.closed = np.zeros(len(self.triangles)), np.zeros(len(self.triangles), dtype=bool)

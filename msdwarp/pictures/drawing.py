@@ -1,4 +1,4 @@
-"""The moving part of pictures: triangles that follow particles and colliders, with colours."""
+"""The moving part of pictures: triangles that follow particles and colliders, with colors."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -29,30 +29,30 @@ from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes
 from .sheets import Sheet, kept_off, triangles_of_sheets
 from .stage import axes_of
 
-COLOURINGS = ("texture", "strain")
+COLORINGS = ("texture", "strain")
 TUBE, BALL = 0.045, 0.11
 """Radii of springs and of particles over the median rest length, unless a look says otherwise."""
 INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
-"""Colours of free and of pinned particles."""
+"""Colors of free and of pinned particles."""
 MOST_BALLS, LARGE_BALLS = 200, 50
 """Maximal number of particles drawn as balls by default, and of those with 162 vertices instead of 42."""
 MOST_TUBES = 6000
-"""If more springs are coloured by strain, only those on the outside of a body are drawn; they hide the others."""
+"""If more springs are colored by strain, only those on the outside of a body are drawn; they hide the others."""
 FULL_STRAIN = 0.2
-"""Default strain at the ends of the colour scale of strain."""
+"""Default strain at the ends of the color scale of strain."""
 ROUND, MOST_JOINTS = 8, 2000
 """Sides of the tubes of ropes; maximal number of joints with balls of 42 vertices, else of 12."""
 
 
-class ColourScale(NamedTuple):
-    """A colour scale for any quantity of the particles, such as their speed.
+class ColorScale(NamedTuple):
+    """A color scale for any quantity of the particles, such as their speed.
 
     Attributes
     ----------
     label
         The quantity with its unit: "speed [m/s]".
     full
-        The value at the end of the scale, above 0; larger values have the same colour.
+        The value at the end of the scale, above 0; larger values have the same color.
     signed
         Whether the scale starts at minus `full` instead of 0.
     """
@@ -66,39 +66,39 @@ class Drawing(ReleasedInTurn):
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
     These are the system's surface, and a tube along each spring of bodies without surface, or between bodies.
-    If `colouring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
+    If `coloring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
     spring and, in small systems, a ball at each particle. Solid colliders come last. Springs are not drawn
-    once they are broken by the system's `broken_at`. `points`, `normals` and `colours` are float32 of shape
+    once they are broken by the system's `broken_at`. `points`, `normals` and `colors` are float32 of shape
     [vertex_count, 3], `gloss`, `closed`, `takes_shadows`, `finish` (a number of `FINISHES`) and `glass` (whether
     one sees through it) of [triangle_count]. `body` are the parts that follow the particles, `obstacles` those of
-    the colliders. `scale` is the scale of the colours, `stops` the colours along it: of values of the particles or
-    of the strain of springs; None if colours show no quantity.
+    the colliders. `scale` is the scale of the colors, `stops` the colors along it: of values of the particles or
+    of the strain of springs; None if colors show no quantity.
     """
 
     @in_turn
-    def __init__(self, scene: Scene, colouring: str | ColourScale, device: str = "cpu") -> None:
+    def __init__(self, scene: Scene, coloring: str | ColorScale, device: str = "cpu") -> None:
         system, look = scene.system, scene.look
-        self.by_value = isinstance(colouring, ColourScale)
+        self.by_value = isinstance(coloring, ColorScale)
         bare = system.surface is None
-        plain = not scene.looks and not look.says_colour
-        self.shows_strain = colouring == "strain" or (bare and plain and not self.by_value)
+        plain = not scene.looks and not look.says_color
+        self.shows_strain = coloring == "strain" or (bare and plain and not self.by_value)
         self._plain_tubes = self.shows_strain or (bare and self.by_value)
         self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
         self.stops = drawing.VALUE_STOPS if self.by_value else drawing.STRAIN_STOPS
         self._stops = wp.array(self.stops, dtype=wp.vec3, device=device)
-        self.scale: ColourScale | None = None
-        if isinstance(colouring, ColourScale):
-            self.scale = colouring._replace(full=checks.positive("colouring.full", colouring.full))
+        self.scale: ColorScale | None = None
+        if isinstance(coloring, ColorScale):
+            self.scale = coloring._replace(full=checks.positive("coloring.full", coloring.full))
         else:
-            checks.one_of("colouring", colouring, COLOURINGS)
+            checks.one_of("coloring", coloring, COLORINGS)
             if self.shows_strain:
-                self.scale = ColourScale("strain (below 0: shorter than at rest)", self._full_strain, True)
+                self.scale = ColorScale("strain (below 0: shorter than at rest)", self._full_strain, True)
         even = (EVEN_AMBIENT, EVEN_AMBIENT, 0.0, EVEN_SHARE)
         self.sky, self.bounce, self.contact, self.diffuse = even if self.by_value else (SKY, BOUNCE, CONTACT, 1.0)
-        self.colours_move = self.scale is not None
+        self.colors_move = self.scale is not None
         self.device = device
         self.body = self._body_of(scene)
-        finish = self._finish(checks.colour("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
+        finish = self._finish(checks.color("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
         backs = [axes_of(view)[2] for view in look.views]
         right = axes_of(look.views[0])[0]
         solids = [*meshes(scene), *walls(scene, [*backs, towards(KEY_FROM, right, -backs[0])])]
@@ -111,7 +111,7 @@ class Drawing(ReleasedInTurn):
 
         ends = np.cumsum([0, *(len(part.uv) for part in parts)]).tolist()
         arrays: list[Any] = [wp.zeros(ends[-1], dtype=wp.vec3, device=device) for _ in range(3)]
-        self.points, self.normals, self.colours = arrays
+        self.points, self.normals, self.colors = arrays
         for part, (start, end) in zip(parts, pairwise(ends), strict=True):
             part.join(slice(start, end), *arrays)
         self.triangles = np.concatenate([part.triangles for part in parts])
@@ -121,15 +121,15 @@ class Drawing(ReleasedInTurn):
         self.finish = np.repeat([numbers[part.finish.reflectance] for part in parts], counts).astype(np.int32)
         self.glass = np.array([one.opacity < 1 for one in FINISHES.values()])[self.finish]
         self.closed = np.repeat([part.closed for part in parts], counts)
-        takes_shadows = [not (self.colours_move and k < len(self.body)) for k in range(len(parts))]
+        takes_shadows = [not (self.colors_move and k < len(self.body)) for k in range(len(parts))]
         self.takes_shadows = np.repeat(takes_shadows, counts)
         self.texture, uvs = self._textured(parts)
         self.uv = np.concatenate(uvs).astype(np.float32)
         paint = np.ones((ends[-1], 3))  # white leaves a texture unchanged
         if self.texture is None:
             for part in parts:
-                paint[part.vertices] = part.finish.colour
-        self.colours.assign(paint)
+                paint[part.vertices] = part.finish.color
+        self.colors.assign(paint)
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
         self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
@@ -159,7 +159,7 @@ class Drawing(ReleasedInTurn):
         body: list[Part] = []
         for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
             before = len(body)
-            finish = self._finish(checks.colour("colour", look.colour), look.texture, look.gloss, look.finish)
+            finish = self._finish(checks.color("color", look.color), look.texture, look.gloss, look.finish)
             for bends in (False, True):
                 if surface is None or not (mine := (of_triangle == k) & (of_sheet == bends)).any():
                     continue
@@ -170,7 +170,7 @@ class Drawing(ReleasedInTurn):
                 corners = part.points(system.position)[part.triangles]
                 body.append(Sheet(flat, corners, system.pinned, obstacles, self.device) if bends else flat)
             if tears is not None and (bare := of_particle[tears.triangles].max(axis=1) == k).any():
-                crumb = Finish(np.array(checks.colour("inside", look.inside or look.colour)))
+                crumb = Finish(np.array(checks.color("inside", look.inside or look.color)))
                 times = tears.until[bare], tears.since[bare]
                 body.append(SurfacePart(inside_of(tears.triangles[bare]), crumb, False, self.device, *times))
             own = shown[of_connection == k]
@@ -200,7 +200,7 @@ class Drawing(ReleasedInTurn):
             dark = Finish(np.where(system.pinned[particles, None], PINNED, INK))
             halvings = 2 if system.particle_count <= LARGE_BALLS else 1
             parts.append(Balls(particles, BALL * unit, dark, self.device, halvings))
-        elif rope.any():  # balls in the colour of one of the springs
+        elif rope.any():  # balls in the color of one of the springs
             joints, first = np.unique(system.connections[shown[rope]], return_index=True)
             joints, along = joints[count[joints] <= 2], shown[rope][first[count[joints] <= 2] // 2]
             parts.append(Balls(joints, TUBE * unit, white, self.device, int(len(joints) <= MOST_BALLS)))
@@ -208,7 +208,7 @@ class Drawing(ReleasedInTurn):
         return parts
 
     def _ropes(self, system: System, look: Look, shown: NDArray, finish: Finish) -> list[Part]:
-        """Return springs as round tubes in the colour of a look, with balls where they meet."""
+        """Return springs as round tubes in the color of a look, with balls where they meet."""
         unit = self._unit(system, look, shown)
         joints = np.unique(system.connections[shown])
         halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
@@ -227,24 +227,24 @@ class Drawing(ReleasedInTurn):
         return Tubes(system.connections[shown], TUBE * unit, finish, self.device, sides, broken_at)
 
     def _finish(
-        self, colour: tuple[float, float, float], texture: NDArray | None, gloss: float, name: str = "matt"
+        self, color: tuple[float, float, float], texture: NDArray | None, gloss: float, name: str = "matt"
     ) -> Finish:
-        """Return a finish, matt and without highlights if colours show a quantity."""
-        if self.colours_move:
-            return Finish(np.array(colour), texture)
+        """Return a finish, matt and without highlights if colors show a quantity."""
+        if self.colors_move:
+            return Finish(np.array(color), texture)
         reflectance = FINISHES[name]
-        return Finish(np.array(colour), texture, gloss if reflectance.roughness < 1 else 0.0, reflectance)
+        return Finish(np.array(color), texture, gloss if reflectance.roughness < 1 else 0.0, reflectance)
 
     def _textured(self, parts: Sequence[Part]) -> tuple[NDArray | None, list[NDArray]]:
         """Return the texture of all parts, and their coordinates in it; None if no part has a texture."""
         uvs, finishes = [part.uv for part in parts], [part.finish for part in parts]
-        if self.colours_move or all(finish.texture is None for finish in finishes):
+        if self.colors_move or all(finish.texture is None for finish in finishes):
             return None, uvs
         images: dict[object, NDArray] = {}
         keys: list[object] = []
-        for colour, texture, *_ in finishes:
-            keys.append(tuple(colour) if texture is None else id(texture))
-            one_pixel = np.round(255 * colour).astype(np.uint8)[None, None]
+        for color, texture, *_ in finishes:
+            keys.append(tuple(color) if texture is None else id(texture))
+            one_pixel = np.round(255 * color).astype(np.uint8)[None, None]
             images.setdefault(keys[-1], one_pixel if texture is None else np.asarray(texture))
         if len(images) == 1:
             return images[keys[0]], uvs
@@ -257,7 +257,7 @@ class Drawing(ReleasedInTurn):
     def follow(self, position: NDArray | wp.array, time: float = 0.0, values: NDArray | None = None) -> None:
         """Move to particle positions [m], shape [particle_count, d], and to the colliders' poses at `time`.
 
-        Positions may be a Warp array of vectors on the drawing's device. Colours by value show `values`, shape
+        Positions may be a Warp array of vectors on the drawing's device. Colors by value show `values`, shape
         [particle_count].
         """
         self.visible = slice(0, len(self.points))

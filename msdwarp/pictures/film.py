@@ -29,7 +29,7 @@ except ImportError:  # no ISA-L for this processor: slower, the same pictures
 MOST_WRITERS, WAITING = 8, 3
 """Maximal number of threads that write frames, and of pictures that wait for the film: limits of memory."""
 SMEARED = 16
-"""Margin around changes that a WebP film also stores [pixels]: compression smears colours that far."""
+"""Margin around changes that a WebP film also stores [pixels]: compression smears colors that far."""
 FRAME_FORMATS = ("png", "none")
 FILM_FORMATS = ("webp", "mp4", "gif", "none")
 Picture = NDArray[np.uint8]

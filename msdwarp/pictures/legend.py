@@ -1,4 +1,4 @@
-"""Legends of pictures: colour bars and force arrows."""
+"""Legends of pictures: color bars and force arrows."""
 
 import functools
 import math
@@ -8,25 +8,25 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ..kernels.pictures import drawing
-from .arrows import COLOUR
-from .drawing import ColourScale
+from .arrows import COLOR
+from .drawing import ColorScale
 
 ROOM = 0.125
 """Height of a legend at the upper edge, over the height of the picture."""
 INK, VEIL = (60, 66, 72, 255), (255, 255, 255, 150)
-"""Colours of letters and of the translucent background."""
+"""Colors of letters and of the translucent background."""
 Stops = tuple[tuple[float, float, float], ...]
 
 
 def ramp(stops: Stops, count: int) -> NDArray[np.float64]:
-    """Return colours in 0 … 1, evenly spaced on a scale from end to end, shape [count, 3]."""
+    """Return colors in 0 … 1, evenly spaced on a scale from end to end, shape [count, 3]."""
     at, places = np.linspace(0, 1, count), np.linspace(0, 1, len(stops))
     return np.stack([np.interp(at, places, channel) for channel in np.transpose(stops)], axis=1)
 
 
 @functools.lru_cache(maxsize=4)
-def bar(height: int, scale: ColourScale, stops: Stops) -> Image.Image:
-    """Return the colour bar for a picture of this height."""
+def bar(height: int, scale: ColorScale, stops: Stops) -> Image.Image:
+    """Return the color bar for a picture of this height."""
     unit = height / 720
     length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
     font = ImageFont.load_default(size)
@@ -50,10 +50,10 @@ def arrow(height: int, label: str, share: float) -> Image.Image:
     size, length = max(9, round(19 * height / 720)), share * height
     font = ImageFont.load_default(size)
     legend = Image.new("RGBA", (math.ceil(length + font.getlength(label) + 3 * size), 2 * size), VEIL)
-    pen, colour = ImageDraw.Draw(legend), tuple(round(255 * c) for c in COLOUR)
+    pen, color = ImageDraw.Draw(legend), tuple(round(255 * c) for c in COLOR)
     tip, neck, half = size + length, size + length - drawing.HEAD * length, drawing.WIDE * length
-    pen.line([(size, size), (neck, size)], colour, max(1, round(2 * drawing.THICK * length)))
-    pen.polygon([(tip, size), (neck, size - half), (neck, size + half)], colour)
+    pen.line([(size, size), (neck, size)], color, max(1, round(2 * drawing.THICK * length)))
+    pen.polygon([(tip, size), (neck, size - half), (neck, size + half)], color)
     pen.text((tip + size / 2, size), label, INK, font, anchor="lm")
     return legend
 

@@ -1,6 +1,6 @@
 """Light: its directions, its strength and the softness of its shadows, equal in all pictures.
 
-A surface of colour c, unit normal n and gloss g, seen from the direction v, has the brightness
+A surface of color c, unit normal n and gloss g, seen from the direction v, has the brightness
 
     c d + w, where w = g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e) and
     d = SKY (1 + n·z)/2 + BOUNCE b (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0).
@@ -9,7 +9,7 @@ The unit vector z points up, l to the key light, h back along the camera's view,
 and h, mirrored at n, and e is the `shininess` of its roughness. The share s of the key light is visible from the
 surface, 0 in full shadow; k = SHADED + (1 - SHADED) s of it arrives, since the surroundings scatter some. Near the
 ground a body hides the light from there: b = h / (h + a) at the height h, with CONTACT in a. The ground is unlit,
-and keeps SHADOW + (1 - SHADOW) s of its colour.
+and keeps SHADOW + (1 - SHADOW) s of its color.
 
 Surfaces with other finishes (`world.Reflectance`: sheen t, metallic m, opacity o) that mirror the brightness r of
 their surroundings (`kernels/pictures/shading.py`) have, with i = 1 - n·v,
@@ -33,8 +33,8 @@ shares (1 + n·z)/2 of the sky and (1 - n·z)/2 of a wide floor (B. Liu and R. J
 CONTACT = 0.03
 """Height above the ground where half of the floor's light arrives, over the extent of all that the camera sees."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
-"""Strength of ambient light, and factor of the lights with a direction, where colours show values: ambient light
-is equal from above and below, so that colours look on all sides as in the legend."""
+"""Strength of ambient light, and factor of the lights with a direction, where colors show values: ambient light
+is equal from above and below, so that colors look on all sides as in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow, over its brightness in light."""
 SHADED = 0.12

@@ -133,7 +133,7 @@ class OnScreen:
             plotter.renderer.remove_all_lights()
             add_lights(pv, plotter, stage.camera)
             back.RemoveAllViewProps()
-            back.SetBackground(*checks.colour("background", stage.look.background))
+            back.SetBackground(*checks.color("background", stage.look.background))
             if stage.ground is not None:
                 self._ground = ground_actor(pv, stage.ground)
                 self._ground.prop.culling = "back"  # invisible from below
@@ -179,7 +179,7 @@ class OnScreen:
             actor.texture, actor.prop.color = self._pv.Texture(np.asarray(image)), "white"
             actor.ForceTranslucentOn()
 
-    def shape(self, name: str, points: NDArray | None, colour: tuple[float, float, float] = (0, 0, 0)) -> None:
+    def shape(self, name: str, points: NDArray | None, color: tuple[float, float, float] = (0, 0, 0)) -> None:
         """Replace the triangles of this name over the drawing; None removes them.
 
         Their corners are in pixels from the lower left of the window, shape [any, 3, 2].
@@ -187,7 +187,7 @@ class OnScreen:
         self._remove(name)
         if points is not None:
             _, actor = self._add_overlay(name, points.reshape(-1, 2), 3)
-            actor.prop.color = colour
+            actor.prop.color = color
 
     def _add_overlay(self, name: str, points: NDArray, corners: int) -> tuple[Any, Any]:
         """Add polygons of this many corners over the drawing, points of shape [any, 2]; return mesh and actor."""

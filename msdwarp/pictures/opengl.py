@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..kernels.pictures import drawing
 from .actors import Actors, add_lights, ground_actor, mesh_actor
-from .arrows import COLOUR, Arrows
+from .arrows import COLOR, Arrows
 from .drawing import Drawing
 from .opengl_window import import_pyvista
 from .stage import Camera, Stage
@@ -36,7 +36,7 @@ class OpenGL:
         self._read = pv.convert_array(np.zeros((width * height, 4), np.uint8))
         fine = pv.convert_array(self._read).reshape(height, width, 4)
         self._fine = wp.array(fine, dtype=wp.vec4ub, device="cpu", copy=False)
-        sky = [round(255 * c) for c in checks.colour("background", stage.look.background)]
+        sky = [round(255 * c) for c in checks.color("background", stage.look.background)]
         self._backdrop = wp.array(np.full((*shape, 4), [*sky, 255], np.uint8), dtype=wp.vec4ub, device="cpu")
         self._pixels = wp.zeros(shape, dtype=wp.vec4ub, device="cpu")
         weakref.finalize(self, self._plotter.close)
@@ -53,7 +53,7 @@ class OpenGL:
         if arrows is not None:
             points, normals = arrows.points.numpy(), arrows.normals.numpy()
             self._arrow_mesh, actor = mesh_actor(pv, arrows.triangles, points, normals)
-            actor.prop.color, actor.prop.interpolation = COLOUR, "Phong"
+            actor.prop.color, actor.prop.interpolation = COLOR, "Phong"
             # VTK has no light from the sky and from below: ambient light is as for an upright face.
             actor.prop.ambient, actor.prop.diffuse = 0.5 * (drawing.sky + drawing.bounce), drawing.diffuse
             self._layer(FRONT).AddActor(actor)

@@ -14,12 +14,12 @@ from .collider_meshes import Mesh, pose_in_space
 
 
 class Finish(NamedTuple):
-    """The look of a part whose colours show no values.
+    """The look of a part whose colors show no values.
 
-    `colour` is of shape [3], or [vertex_count, 3], in 0 … 1; the image `texture` replaces it.
+    `color` is of shape [3], or [vertex_count, 3], in 0 … 1; the image `texture` replaces it.
     """
 
-    colour: NDArray[np.float64]
+    color: NDArray[np.float64]
     texture: NDArray[np.uint8] | None = None
     gloss: float = 0.0
     reflectance: Reflectance = FINISHES["matt"]
@@ -32,7 +32,7 @@ class Part:
     vertices: slice
     points: wp.array
     normals: wp.array
-    colours: wp.array
+    colors: wp.array
     uv: NDArray[np.float64]  # texture coordinates, shape [vertex_count, 2]
     triangles: NDArray[np.int32]  # the part's vertices, after `join` the drawing's, shape [triangle_count, 3]
     finish: Finish
@@ -44,10 +44,10 @@ class Part:
     times: list[wp.array] | None = None  # times when pieces appear and disappear [s]; None: never
     _strain_of: tuple[wp.array, wp.array] | None = None  # springs whose strain the pieces show, and rest lengths
 
-    def join(self, vertices: slice, points: Any, normals: Any, colours: Any) -> None:
+    def join(self, vertices: slice, points: Any, normals: Any, colors: Any) -> None:
         """Become part of a drawing: use a slice of its vertices, given as slices of its arrays of vec3."""
         self.vertices, self.triangles = vertices, self.triangles + np.int32(vertices.start)
-        self.points, self.normals, self.colours = points[vertices], normals[vertices], colours[vertices]
+        self.points, self.normals, self.colors = points[vertices], normals[vertices], colors[vertices]
 
     def follow(self, x: wp.array, time: float) -> None:
         """Place the part's vertices for particles at x, an array of vec3, and for colliders at `time` [s]."""
@@ -79,8 +79,8 @@ class Part:
         return np.repeat(since & ~until, len(self.triangles) // max(len(since), 1))
 
     def show_value(self, shares: wp.array, stops: wp.array) -> None:
-        """Colour the vertices by the values of their particles, as fractions of the full value."""
-        _launch(drawing.colour_by_value, len(self.colours), [shares, *self.mixture, stops], [self.colours])
+        """Color the vertices by the values of their particles, as fractions of the full value."""
+        _launch(drawing.color_by_value, len(self.colors), [shares, *self.mixture, stops], [self.colors])
 
     def take_strain_of(self, connections: NDArray, rest_length: NDArray, device: str) -> None:
         """Let each piece show the strain of a spring."""
@@ -88,10 +88,10 @@ class Part:
         self._strain_of = springs, wp.array(rest_length, dtype=float, device=device)
 
     def show_strain(self, x: wp.array, full_strain: float, stops: wp.array) -> None:
-        """Colour the pieces by the strain of their springs, if `take_strain_of` has set these."""
+        """Color the pieces by the strain of their springs, if `take_strain_of` has set these."""
         if self._strain_of is not None:
             inputs = [x, *self._strain_of, full_strain, self.corners, stops]
-            _launch(drawing.colour_by_strain, len(self._strain_of[0]), inputs, [self.colours])
+            _launch(drawing.color_by_strain, len(self._strain_of[0]), inputs, [self.colors])
 
 
 class SurfacePart(Part):
@@ -170,15 +170,15 @@ class Tubes(Part):
 
 
 class Balls(Part):
-    """Balls at particles, given by indices, shape [any]; in one colour, or in colours of shape [any, 3]."""
+    """Balls at particles, given by indices, shape [any]; in one color, or in colors of shape [any, 3]."""
 
     def __init__(self, particles: NDArray, radius: float, finish: Finish, device: str, halvings: int) -> None:
         directions, triangles = icosphere(1.0, halvings)
         n, count = len(directions), len(particles)
         self.triangles = (n * np.arange(count)[:, None, None] + triangles).reshape(-1, 3).astype(np.int32)
         self.uv, self.finish = np.zeros((n * count, 2)), finish
-        if finish.colour.ndim > 1:
-            self.finish = finish._replace(colour=np.repeat(finish.colour, n, axis=0))
+        if finish.color.ndim > 1:
+            self.finish = finish._replace(color=np.repeat(finish.color, n, axis=0))
         self.radius, self.corners = radius, n
         self._follow_particles(np.repeat(particles, n)[:, None], None, device)
         self._normals = wp.array(np.tile(directions, (count, 1)), dtype=wp.vec3, device=device)

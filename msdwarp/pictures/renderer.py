@@ -11,10 +11,10 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..runtime import find_device, in_turn, start_warp
+from ..runtime import find_device, in_turn, renamed, start_warp
 from ..world import Scene
 from .arrows import LONGEST, Arrows
-from .drawing import ColourScale, Drawing
+from .drawing import ColorScale, Drawing
 from .legend import ROOM, arrow, bar, with_corner
 from .opengl import OpenGL
 from .opengl_window import ADVICE, has_card, opengl_window
@@ -28,6 +28,7 @@ The class of each takes (drawing, stage, arrows); its `draw(..., shadows)` retur
 """
 
 
+@renamed(colouring="coloring")
 class Renderer:
     """Draws the frames of a scene, with one camera, which stands still unless the look lets it move.
 
@@ -41,9 +42,9 @@ class Renderer:
         or any others. Solid colliders are also kept in view, for the whole duration of the scene.
     resolution
         Width and height in pixels.
-    colouring
+    coloring
         "texture" for the surface with its texture; "strain" for springs from blue (shorter than at rest) to
-        red (longer); or a `ColourScale`, which colours the surface (or springs, if there is none) by values
+        red (longer); or a `ColorScale`, which colors the surface (or springs, if there is none) by values
         given with each frame. Default: set by the scene's look.
     backend
         "raster" (Warp, on the CPU), "raycast" (Warp, on any device), "opengl" (PyVista), or "auto": the ray caster
@@ -71,7 +72,7 @@ class Renderer:
         positions: NDArray,
         *,
         resolution: tuple[int, int] = (1280, 720),
-        colouring: str | ColourScale | None = None,
+        coloring: str | ColorScale | None = None,
         backend: str = "auto",
         device: str | None = None,
         zoom: float = 1.0,
@@ -81,12 +82,12 @@ class Renderer:
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
         width, height = picture_size(resolution)
         checks.positive("zoom", zoom)
-        if colouring is None:
-            colouring = "strain" if scene.look.strain else "texture"
+        if coloring is None:
+            coloring = "strain" if scene.look.strain else "texture"
         start_warp()
         self.backend = _chosen(backend, device)
         """The renderer in use: "raster", "raycast" or "opengl"."""
-        self.drawing = Drawing(scene, colouring, find_device(device).alias if self.backend == "raycast" else "cpu")
+        self.drawing = Drawing(scene, coloring, find_device(device).alias if self.backend == "raycast" else "cpu")
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             allowed = f"(..., {scene.system.dim}), with at least one point"
@@ -118,8 +119,8 @@ class Renderer:
         time
             Time of the frame [s], for moving colliders.
         values
-            A number per particle, in the unit of the `ColourScale`, shape [particle_count]; None if the colouring
-            is not a `ColourScale`.
+            A number per particle, in the unit of the `ColorScale`, shape [particle_count]; None if the coloring
+            is not a `ColorScale`.
         forces
             A force on each particle [N], shape [particle_count, d], if there are `arrows`; else None.
 
@@ -127,7 +128,7 @@ class Renderer:
         ------
         ValueError
             If `position`, `values` or `forces` is not finite or not of the system's shape, or values are missing,
-            or values or forces are given without a `ColourScale` or arrows.
+            or values or forces are given without a `ColorScale` or arrows.
         """
         if self.stage.moves and position.shape[:1] == self._shape[:1]:
             self.aim(_on_host(position), time)
@@ -176,10 +177,10 @@ class Renderer:
             )
         if values is None and by_value:
             raise ValueError(
-                f"values is None; it must have the shape {shape[:1]} where the colouring is a ColourScale"
+                f"values is None; it must have the shape {shape[:1]} where the coloring is a ColorScale"
             )
         if values is not None and not by_value:
-            raise ValueError("values is given; it must be None unless the colouring is a ColourScale")
+            raise ValueError("values is given; it must be None unless the coloring is a ColorScale")
         if values is not None:
             values = finite_array("values", values, shape[:1]).astype(np.float64)
         self.drawing.follow(position, time, values)
@@ -195,7 +196,7 @@ class Renderer:
         )
 
     def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a picture with its legend: the colour bar and the longest arrow, if it has them."""
+        """Return a picture with its legend: the color bar and the longest arrow, if it has them."""
         if self.arrows is not None:
             image = with_corner(image, arrow(len(image), f"{self.arrows.full:g} N or more", LONGEST), right=False)
         if self.drawing.scale is not None:

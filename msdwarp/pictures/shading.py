@@ -40,7 +40,7 @@ float clearAt(vec3 at, vec2 slope, float margin, vec2 aside)
 {{
   vec2 place = (at.xy + aside) / lampUnits.y;
   ivec2 one = clamp(ivec2(place), 0, {SIZE - 1});
-  // Four texels in a row are one colour.
+  // Four texels in a row are one color.
   vec4 four = texelFetch(shadowMap, ivec2(one.x >> 2, one.y), 0);
   vec2 two = (one.x & 2) == 0 ? four.xy : four.zw;
   float nearest = (one.x & 1) == 0 ? two.x : two.y;

@@ -191,8 +191,8 @@ class Ground:
         far = np.sqrt(along[None, :] ** 2 + along[:, None] ** 2) / self.half
         fade = np.clip(1.25 - 1.35 * far, 0, 1) ** 2
         self.texture = np.empty((size, size, 3), np.uint8)
-        colours = checks.colour("ground", look.ground), checks.colour("background", look.background)
-        for k, (ground, sky) in enumerate(zip(*colours, strict=True)):
+        colors = checks.color("ground", look.ground), checks.color("background", look.background)
+        for k, (ground, sky) in enumerate(zip(*colors, strict=True)):
             self.texture[..., k] = 255 * (sky + fade * (ground * (1 - 0.07 * odd) - sky)) + 0.5
 
     @property

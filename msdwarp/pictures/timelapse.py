@@ -31,7 +31,7 @@ def timelapse(
     The camera of the `renderer` should see all poses. `positions` [m] have the shape
     [pose_count, particle_count, d], and `times` [s] are those of the poses. `values` are as for `Renderer.image`,
     shape [pose_count, particle_count]. ValueError is raised if there is no pose, a pose lacks its time or the
-    values that the colouring needs, or an array is not finite or not of the right shape.
+    values that the coloring needs, or an array is not finite or not of the right shape.
     """
     count = len(positions)
     if not count:
@@ -49,8 +49,8 @@ def timelapse(
     for position, time, own, opacity in zip(positions, moments.tolist(), values_of, opacities, strict=True):
         image, stage = renderer.bare(position, time, values=own), renderer.bare(None, time)
         shadowless = renderer.bare(position, time, shadows=False, values=own)
-        colour, cover = _body(shadowless, renderer.bare(None, time, shadows=False))
-        bodies += opacity * cover * (colour - bodies)
+        color, cover = _body(shadowless, renderer.bare(None, time, shadows=False))
+        bodies += opacity * cover * (color - bodies)
         clear *= 1 - opacity * cover
         # The remaining light on the ground; overlapping shadows are no darker than one.
         after, before = (each.sum(axis=2, keepdims=True, dtype=np.int32) for each in (image, stage))
@@ -84,18 +84,18 @@ def still(
 
 
 def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, NDArray]:
-    """Return the body's colour in a picture, and its share of each pixel, given the picture without it.
+    """Return the body's color in a picture, and its share of each pixel, given the picture without it.
 
-    A pixel on its outline is a blend of both; the body's colour there is assumed to be that of the neighbours.
+    A pixel on its outline is a blend of both; the body's color there is assumed to be that of the neighbours.
     """
     body = (image != stage).any(axis=2, keepdims=True)
     inside = _sum_around(body) == 9
     beside = _sum_around(inside)
     outline = body & ~inside & (beside > 0)
-    colour = np.where(outline, _sum_around(inside * image.astype(np.int32)) / np.maximum(beside, 1), image)
-    whole, seen = colour - stage, image - stage.astype(float)
+    color = np.where(outline, _sum_around(inside * image.astype(np.int32)) / np.maximum(beside, 1), image)
+    whole, seen = color - stage, image - stage.astype(float)
     share = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
-    return colour, np.where(outline, np.clip(share, 0.0, 1.0), body)
+    return color, np.where(outline, np.clip(share, 0.0, 1.0), body)
 
 
 def _sum_around(values: NDArray) -> NDArray[np.int64]:

@@ -208,7 +208,7 @@ class _Searched:
 def _body_of(drawn: Drawing | Arrows, chosen: NDArray[np.bool_] | slice = ALL) -> Any:
     """Return the struct of chosen triangles for kernels, in the same memory, without a search tree."""
     body, device = shading.Body(), drawn.device
-    body.points, body.normals, body.colours = drawn.points, drawn.normals, drawn.colours
+    body.points, body.normals, body.colors = drawn.points, drawn.normals, drawn.colors
     body.uv = wp.array(drawn.uv, dtype=wp.vec2, device=device)
     body.triangles = wp.array(drawn.triangles[chosen], dtype=wp.vec3i, device=device)
     body.closed = wp.array(drawn.closed[chosen], dtype=wp.bool, device=device)
@@ -217,7 +217,7 @@ def _body_of(drawn: Drawing | Arrows, chosen: NDArray[np.bool_] | slice = ALL) -
     body.finishes = wp.array([_finish(one) for one in FINISHES.values()], dtype=shading.Finish, device=device)
     body.texture = _image(_BLANK if drawn.texture is None else drawn.texture, device)
     body.textured = int(drawn.texture is not None)
-    # Fine shadows of a lattice of tubes on itself would hide its colours.
+    # Fine shadows of a lattice of tubes on itself would hide its colors.
     if isinstance(drawn, Drawing) and drawn.shows_strain:
         body.first_shaded = sum(len(one.triangles) for one in drawn.body)
     return body
@@ -235,7 +235,7 @@ def _finish(reflectance: Reflectance) -> Any:
 def _surroundings_of(drawing: Drawing, stage: Stage) -> Any:
     """Return the camera, the lights and the ground."""
     view, device, ground, light = shading.Surroundings(), drawing.device, stage.ground, stage.camera.light
-    view.background = wp.vec3(*checks.colour("background", stage.look.background))
+    view.background = wp.vec3(*checks.color("background", stage.look.background))
     view.sky, view.bounce = drawing.sky, drawing.bounce
     view.key, view.head, view.fill = (drawing.diffuse * strength for strength in (KEY, HEAD, FILL))
     view.fill_from = wp.vec3(*stage.camera.fill)

@@ -1,4 +1,4 @@
-"""How this process uses Warp: its start and messages, recorded graphs, and one thread at a time."""
+"""How this process uses Warp: its start and messages, recorded graphs, one thread at a time; and old names."""
 
 from .compile_ahead import THREADS, Job, Kernels, compile_all
 from .kernel_cache import Compiling
@@ -6,4 +6,5 @@ from .machine import cores, find_device
 from .messages import start_warp, verbose
 from .recording import CAPTURE_LOCK, record
 from .rehearsal import ImaginedGpu, rehearsing
+from .renamed import RENAMED, renamed
 from .turns import ReleasedInTurn, asked, calling, completing, exclusive, in_turn, stop_if_asked

@@ -111,8 +111,8 @@ def _plot(trajectory: Trajectory, table: NDArray[np.void], path: Path) -> None:
     panels = energies, momentum, heights = figure.subplots(3, sharex=True)
     draw_energies(energies, table)
     size = {"size": (table["momentum_kg_m_s"], DARK)}
-    colours = dict(zip("xyz", (RED, GREEN, BLUE), strict=True))
-    components = {axis: (table[f"momentum_{axis}_kg_m_s"], colours[axis]) for axis in _axes(trajectory)}
+    colors = dict(zip("xyz", (RED, GREEN, BLUE), strict=True))
+    components = {axis: (table[f"momentum_{axis}_kg_m_s"], colors[axis]) for axis in _axes(trajectory)}
     draw_curves(momentum, table["time_s"], size | components, "momentum [kg m/s]")
     curves = {
         "highest": (table["highest_m"], RED),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .. import disk
 
 RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
-"""Colours of curves."""
+"""Colors of curves."""
 
 
 def output_path(path: str | Path, suffix: str, force: bool, name: str = "path") -> Path:
@@ -66,9 +66,9 @@ def draw_energies(axes: Any, table: NDArray[np.void]) -> None:
 
 
 def draw_curves(axes: Any, time: NDArray, curves: Mapping[str, tuple[NDArray, str]], quantity: str) -> None:
-    """Draw curves against time, given as (values, colour) by name; the DARK one is drawn thicker."""
-    for label, (values, colour) in curves.items():
-        axes.plot(time, values, label=label, color=colour, lw=2.2 if colour == DARK else 1.5)
+    """Draw curves against time, given as (values, color) by name; the DARK one is drawn thicker."""
+    for label, (values, color) in curves.items():
+        axes.plot(time, values, label=label, color=color, lw=2.2 if color == DARK else 1.5)
     axes.set_ylabel(quantity)
     axes.margins(x=0)
     add_grid(axes)

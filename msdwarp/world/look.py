@@ -1,4 +1,4 @@
-"""Look: colours and other properties of a scene in pictures."""
+"""Look: colors and other properties of a scene in pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -8,20 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
+from ..runtime import renamed
 
-OF_BODIES = ("colour", "inside", "texture", "smooth", "gloss", "finish", "particles", "tube")
+OF_BODIES = ("color", "inside", "texture", "smooth", "gloss", "finish", "particles", "tube")
 """Fields that a body can set for itself; the others belong to the whole picture."""
 
 
 class Reflectance(NamedTuple):
-    """How a surface reflects light, beside its colour and its gloss."""
+    """How a surface reflects light, beside its color and its gloss."""
 
     roughness: float
     """Width of highlights, as in USD's preview surface, 0 … 1; at 1 there are none."""
     metallic: float = 0.0
-    """Share of light that is mirrored, in the surface's colour, 0 … 1."""
+    """Share of light that is mirrored, in the surface's color, 0 … 1."""
     sheen: float = 0.0
-    """Light that fibres scatter where a surface is seen edge-on, in its colour."""
+    """Light that fibres scatter where a surface is seen edge-on, in its color."""
     opacity: float = 1.0
     """Share of light from behind that is held back where a surface is seen face-on, 0 … 1; below 1 it mirrors."""
 
@@ -55,20 +56,21 @@ class Viewpoint:
     distance: float | None = None
 
 
+@renamed(colour="color")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
     """How a scene, or a body in it, is drawn.
 
-    A body's look, in `Scene.looks`, sets its colour, inside, texture, smooth, gloss, finish, particles and tube.
+    A body's look, in `Scene.looks`, sets its color, inside, texture, smooth, gloss, finish, particles and tube.
     All other parameters apply to the whole picture; only the scene's look sets them.
 
     Parameters
     ----------
-    colour
-        Colour of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without
-        surface have it if this, `gloss` or `finish` is not the default; else they are coloured by their strain.
+    color
+        Color of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without
+        surface have it if this, `gloss` or `finish` is not the default; else they are colored by their strain.
     inside
-        Colour of the fracture surfaces of a torn solid, "#rrggbb". None: the colour of the body.
+        Color of the fracture surfaces of a torn solid, "#rrggbb". None: the color of the body.
     texture
         Image on the surface, mapped by texture coordinates, uint8 of shape [height, width, 3].
     smooth
@@ -78,7 +80,7 @@ class Look:
     finish
         What the body seems to be made of: "matt"; "rubber", with wide highlights; "metal", which mirrors the sky;
         "glass", through which one sees what is behind, but no other glass; or "cloth", bright where it is seen
-        edge-on. Colours that show quantities are matt.
+        edge-on. Colors that show quantities are matt.
     azimuth, elevation
         Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
     target
@@ -94,25 +96,25 @@ class Look:
         Viewpoints in the order of time, between which the camera moves smoothly: it is at rest at the first and
         before, at the last and after. Empty: the camera stands still, or follows a group.
     background, ground
-        Colours of the backdrop and of the ground beneath the body, "#rrggbb".
+        Colors of the backdrop and of the ground beneath the body, "#rrggbb".
     obstacle
-        Colour of solid colliders, "#rrggbb". In strain colours it replaces their texture.
+        Color of solid colliders, "#rrggbb". In strain colors it replaces their texture.
     obstacle_texture
         Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` describes its mapping.
     obstacle_gloss
         Strength of highlights on solid colliders, 0 … 1. The ground has none.
     strain
-        Colour connections by strain, unless a run requests the texture.
+        Color connections by strain, unless a run requests the texture.
     full_strain
         Strain drawn in full red; minus this is drawn in full blue. None: fitted to the run, or 0.2.
     particles
-        Draw particles as balls. None: unless there are too many. If connections have the body's colour, the balls
+        Draw particles as balls. None: unless there are too many. If connections have the body's color, the balls
         are no thicker than the connections.
     tube
         Radius of drawn connections, such as ropes [m]. None: a fraction of their rest length.
     """
 
-    colour: str = "#d9603b"
+    color: str = "#d9603b"
     inside: str | None = None
     texture: NDArray[np.uint8] | None = None
     smooth: bool = True
@@ -136,10 +138,10 @@ class Look:
     tube: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("colour", "background", "ground", "obstacle"):
-            checks.colour(name, getattr(self, name))
+        for name in ("color", "background", "ground", "obstacle"):
+            checks.color(name, getattr(self, name))
         if self.inside is not None:
-            checks.colour("inside", self.inside)
+            checks.color("inside", self.inside)
         for name in ("texture", "obstacle_texture"):
             _check_image(name, getattr(self, name))
         checks.one_of("smooth", self.smooth, (False, True))
@@ -184,9 +186,9 @@ class Look:
         ] or [self]
 
     @property
-    def says_colour(self) -> bool:
-        """Whether its colour, gloss or finish is not the default, so that connections are drawn with them."""
-        return (self.colour, self.gloss, self.finish) != (Look.colour, Look.gloss, Look.finish)
+    def says_color(self) -> bool:
+        """Whether its color, gloss or finish is not the default, so that connections are drawn with them."""
+        return (self.color, self.gloss, self.finish) != (Look.color, Look.gloss, Look.finish)
 
     def of_the_picture(self) -> list[str]:
         """Return the names of non-default fields that apply to the whole picture."""

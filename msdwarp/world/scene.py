@@ -101,7 +101,7 @@ class Scene:
         gravity_at(self.gravity, np.zeros(1), dim)
         checks.positive("duration", self.duration)
         checks.one_of("settled", self.settled, (False, True))
-        checks.instance("look", self.look, Look, "Look(colour='#d9603b')")
+        checks.instance("look", self.look, Look, "Look(color='#d9603b')")
         if self.look.follow is not None:
             checks.one_of("look.follow", self.look.follow, self.system.groups)
         object.__setattr__(self, "looks", self._checked_looks())
@@ -121,7 +121,7 @@ class Scene:
         looks = dict(checks.mapping("looks", self.looks))
         for name, look in looks.items():
             checks.one_of("a name in looks", name, self.system.groups)
-            checks.instance(f"looks[{name!r}]", look, Look, "Look(colour='#d9603b')")
+            checks.instance(f"looks[{name!r}]", look, Look, "Look(color='#d9603b')")
             if wrong := look.of_the_picture():
                 raise ValueError(
                     f"looks[{name!r}] sets {' and '.join(wrong)}, which is of the whole picture; it must be set "

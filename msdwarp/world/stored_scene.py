@@ -20,6 +20,8 @@ Stored = tuple[dict[str, Any], dict[str, NDArray]]
 """JSON data, and arrays by name."""
 _COLLIDERS = {kind.__name__: kind for kind in (Plane, Sphere, Box, Capsule, Cone)}
 _TEXTURES = ("texture", "obstacle_texture")
+_COLOR = "colour"
+"""The name in files of a look's `color`, which it had before 0.3."""
 _LATER = ("target", "distance", "follow", "field_of_view", "path", "finish")
 
 
@@ -96,6 +98,7 @@ def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[
         image = values.pop(name)
         if image is not None:
             arrays[f"{place}/{name}"] = np.asarray(image)
+    values[_COLOR] = values.pop("color")
     # Earlier versions open files of scenes that use nothing later.
     values["path"] = [asdict(one) for one in look.path] or look.path
     return {
@@ -106,7 +109,8 @@ def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[
 def _look(described: Mapping[str, Any], place: str, arrays: Mapping[str, NDArray]) -> Look:
     textures = {name: arrays[f"{place}/{name}"] for name in _TEXTURES if f"{place}/{name}" in arrays}
     path = [Viewpoint(**one) for one in described.get("path", [])]
-    return Look(**{**described, **textures, "path": path})
+    values = {"color" if name == _COLOR else name: value for name, value in described.items()}
+    return Look(**{**values, **textures, "path": path})
 
 
 def _collider_as_stored(

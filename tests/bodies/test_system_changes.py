@@ -121,8 +121,8 @@ def test_freeze_makes_the_present_shape_the_rest_shape():
 def test_replace_validates():
     with pytest.raises(ValueError, match=r"damping is -1"):
         triangle().replace(damping=-1.0)
-    with pytest.raises(TypeError, match="colour"):
-        triangle().replace(colour="red")
+    with pytest.raises(TypeError, match="color"):
+        triangle().replace(color="red")
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])

@@ -148,13 +148,13 @@ SHORT = ("run", "cube", "--size", "3", "--duration", "0.1", "--video", "none", "
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "flags", [["--frames", "none", "--contact-forces"], ["--arrows"], ["--colour", "contact"]], ids=str
+    "flags", [["--frames", "none", "--contact-forces"], ["--arrows"], ["--color", "contact"]], ids=str
 )
 def test_they_are_kept_and_drawn_where_asked_for(msdwarp, tmp_path, flags):
     assert msdwarp(*SHORT, "--out", "a", *flags)[0] == 0
     with Trajectory(tmp_path / "a" / "trajectory.vtkhdf") as trajectory:
         assert np.isfinite(trajectory.contact_forces[:]).all()
-    again = ("--out", "b", "--video", "none", "--resolution", "64x64", "--arrows", "--colour", "contact")
+    again = ("--out", "b", "--video", "none", "--resolution", "64x64", "--arrows", "--color", "contact")
     assert msdwarp("render", "a/trajectory.vtkhdf", *again)[0] == 0
     assert (tmp_path / "b" / "frame_0006.png").exists()
 

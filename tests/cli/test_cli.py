@@ -149,13 +149,13 @@ def test_a_folder_that_holds_something_is_not_touched_without_force(msdwarp, tmp
         (["--resolution", "101x100"], 1, "resolution is '101x100'"),
         (["--out", "/dev/null/deep"], 1, "out is /dev/null/deep, which cannot be written to"),
         (["--log", "/dev/null/e.csv"], 1, "log is /dev/null/e.csv, which cannot be written to"),
-        (["--colour", "plaid"], 1, "colour is 'plaid'; it must be one of"),
+        (["--color", "plaid"], 1, "color is 'plaid'; it must be one of"),
         (["--overlay", "1"], 1, "overlay is 1; it must be a whole number of at least 2"),
         (["--overlay", "8"], 1, "overlay is 8; it must be at most the number of frames drawn, 7"),
         (["--overlay", "2.4"], 1, "overlay is '2.4'; it must be a whole number"),
         (["--every", "1.5"], 1, "every is '1.5'; it must be a whole number"),
         (["--log", "deep/down/energy.csv"], 1, "log is deep/down/energy.csv, whose folder does not exist"),
-        (["--colour", "energy", "--no-strain"], 1, "--colour energy needs the strains"),
+        (["--color", "energy", "--no-strain"], 1, "--color energy needs the strains"),
         (["--azimuth", "400"], 1, "azimuth is 400.0; it must be from -360 to 360"),
         (["--elevation", "nan"], 1, "elevation is nan; it must be from -90 to 90"),
         (["--target", "here"], 1, "target is 'here'; it must be X,Y,Z, such as 0,0,0.5"),
@@ -281,7 +281,7 @@ def test_list_names_every_scene_with_its_first_line(msdwarp):
 def test_help_shows_the_scene_s_own_flags_and_the_common_ones(msdwarp):
     code, out, _ = msdwarp("run", "worm", "--help")
     assert code == 0
-    for flag in ("--length", "--stiffness", "--device", "--colour", "--out"):
+    for flag in ("--length", "--stiffness", "--device", "--color", "--out"):
         assert flag in out
 
 

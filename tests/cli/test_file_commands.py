@@ -42,9 +42,9 @@ def test_what_is_rendered_later_is_what_would_have_been_drawn(msdwarp, cube, tmp
 
 
 @pytest.mark.slow
-def test_colours_and_the_camera_can_be_chosen(msdwarp, cube):
+def test_colors_and_the_camera_can_be_chosen(msdwarp, cube):
     pictures = {}
-    choices = [(), ("--colour", "strain"), ("--colour", "velocity"), ("--colour", "energy")]
+    choices = [(), ("--color", "strain"), ("--color", "velocity"), ("--color", "energy")]
     choices += [("--azimuth", "40")]
     for k, choice in enumerate(choices):
         assert msdwarp("render", str(cube), *PICTURES, *choice, "--out", f"{k}")[0] == 0
@@ -60,7 +60,7 @@ def test_pictures_that_are_there_are_kept(msdwarp, cube):
         code, out, _ = msdwarp("render", str(cube / "trajectory.vtkhdf"), *PICTURES)
         assert (code, f"{folder}/cube.webp" in out) == (0, True)
     before = (cube / "render" / "cube.webp").read_bytes()
-    strained = (*PICTURES, "--colour", "strain", "--out", str(cube / "render"))
+    strained = (*PICTURES, "--color", "strain", "--out", str(cube / "render"))
     code, out, err = msdwarp("render", str(cube), *strained)
     assert (code, out) == (1, "")
     assert "cube.webp exists, and would be replaced; name another --out or add --force" in err

@@ -187,7 +187,7 @@ def test_runs_of_an_earlier_version_go_on_and_are_made_again(msdwarp, tmp_path):
     old = json.loads(
         """{"device": "cpu", "precision": null, "force_algorithm": "auto", "integrator": null, "substeps": "auto",
         "allow_unstable": false, "tolerance": null, "duration": 0.1, "fps": 60.0, "out": "parts", "pictures":
-        {"frames": "none", "video": "none", "overlay": null, "resolution": "1280x720", "colour": null},
+        {"frames": "none", "video": "none", "overlay": null, "resolution": "1280x720", "color": null},
         "trajectory": "plain", "every": 1, "strain": true, "restart": 60.0, "force": false, "quiet": false,
         "verbose": false}"""
     ) | {"log": str(tmp_path / "e.csv")}

@@ -1,4 +1,4 @@
-"""USD: what another program reads is what pictures show: bodies, obstacles, colours, ground and camera."""
+"""USD: what another program reads is what pictures show: bodies, obstacles, colors, ground and camera."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def scene_of(kind: str) -> Scene:
     two = sheet((4, 4), 0.1).named("a cloth") + box((3, 3, 3), 0.1).translate((0, 0, 0.5)).named("cube")
     looks = {
         "a cloth": Look(texture=gingham("#c03020", "#f4f1e8")),
-        "cube": Look(colour="#3366cc", smooth=False, finish="glass"),
+        "cube": Look(color="#3366cc", smooth=False, finish="glass"),
     }
     return Scene(system=two, colliders=[Plane(offset=-1.0), Sphere((0, 0, -0.5), 0.2)], looks=looks)
 
@@ -73,7 +73,7 @@ def test_the_camera_sees_the_body_in_its_middle(drawn):
 
 
 @pytest.mark.parametrize("drawn", ["textures"], indirect=True)
-def test_materials_have_textures_and_colours(drawn, tmp_path):
+def test_materials_have_textures_and_colors(drawn, tmp_path):
     _, _, stage = drawn
     names = [one.GetPrim().GetName() for one in meshes(stage)]
     assert names == ["a_cloth", "cube", "obstacle", "ground"]

@@ -1,4 +1,4 @@
-"""Ways out: every file for other programs has the triangles and colours of pictures, whatever is beside what."""
+"""Ways out: every file for other programs has the triangles and colors of pictures, whatever is beside what."""
 
 import base64
 import io
@@ -30,7 +30,7 @@ from msdwarp import (
 )
 from msdwarp.cli.draw import round_up
 from msdwarp.cli.options import Options, Pictures
-from msdwarp.pictures import ColourScale, Drawing
+from msdwarp.pictures import ColorScale, Drawing
 from msdwarp.shapes import icosphere
 from msdwarp.textures import gingham
 from msdwarp.world import scene_as_stored
@@ -77,18 +77,18 @@ def moved(bodies, time):
     return np.concatenate(positions).astype(np.float32)
 
 
-def triangles_in_pictures(scene, position, time, colouring="texture", values=None):
-    """Return the corners of the body's triangles that have an area, and their colours, [triangle_count, 3, 3].
+def triangles_in_pictures(scene, position, time, coloring="texture", values=None):
+    """Return the corners of the body's triangles that have an area, and their colors, [triangle_count, 3, 3].
 
-    Colours are NaN where there is a texture.
+    Colors are NaN where there is a texture.
     """
-    drawing = Drawing(scene, colouring)
+    drawing = Drawing(scene, coloring)
     drawing.follow(position, time, values)
-    colours = drawing.colours.numpy().copy()
+    colors = drawing.colors.numpy().copy()
     for part in drawing.body if drawing.texture is not None else ():
-        colours[part.vertices] = np.nan if part.finish.texture is not None else part.finish.colour
+        colors[part.vertices] = np.nan if part.finish.texture is not None else part.finish.color
     faces = np.concatenate([np.zeros((0, 3), int), *(part.triangles for part in drawing.body)])
-    return with_area(drawing.points.numpy()[faces], colours[faces])
+    return with_area(drawing.points.numpy()[faces], colors[faces])
 
 
 def with_area(corners, *others):
@@ -110,7 +110,7 @@ def pairs(kinds):
 
 @pytest.mark.parametrize(("one", "other"), [*pairs(KINDS), *pairs(FLAT)])
 def test_a_body_beside_another_is_drawn_as_it_is_alone(one, other):
-    look = Look(colour="#3050a0")  # so that connections of bodies without surface are always drawn alike
+    look = Look(color="#3050a0")  # so that connections of bodies without surface are always drawn alike
     other = other.translate((0.0,) * (other.dim - 1) + (2.0,))
     for time in (0.4, 0.6):
         alone = [
@@ -125,14 +125,14 @@ def test_a_body_beside_another_is_drawn_as_it_is_alone(one, other):
         assert np.ptp(beside, axis=1).max() < 0.19
 
 
-# What each format holds: (corners of triangles, their colours or None, [(name, image), ...]).
+# What each format holds: (corners of triangles, their colors or None, [(name, image), ...]).
 
 
 def read_by_vtk(path):
     mesh = pv.read(path)
     faces = mesh.faces.reshape(-1, 4)[:, 1:]
-    colours = mesh.point_data["RGB"][faces] / 255 if path.suffix == ".ply" else None
-    return mesh.points[faces], colours, []
+    colors = mesh.point_data["RGB"][faces] / 255 if path.suffix == ".ply" else None
+    return mesh.points[faces], colors, []
 
 
 def read_gltf(path):
@@ -148,7 +148,7 @@ def read_gltf(path):
         assert len(data) == 4 * width * accessor["count"]
         return np.frombuffer(data, kind).reshape(-1, width)
 
-    corners, colours, images = [], [], []
+    corners, colors, images = [], [], []
     for part in document["meshes"][0]["primitives"]:
         faces, at = read(part["indices"]).reshape(-1, 3), part["attributes"]
         corners.append(read(at["POSITION"])[faces])
@@ -159,9 +159,9 @@ def read_gltf(path):
                 (material["name"], np.array(Image.open(io.BytesIO(base64.b64decode(source.split(",")[1])))))
             )
         paint = read(at["COLOR_0"]) if "COLOR_0" in at else np.ones((faces.max() + 1, 3))
-        colours.append(screen(paint)[faces])
+        colors.append(screen(paint)[faces])
     assert document["nodes"][0]["rotation"] == pytest.approx([-(0.5**0.5), 0, 0, 0.5**0.5])
-    return np.concatenate(corners), np.concatenate(colours), images
+    return np.concatenate(corners), np.concatenate(colors), images
 
 
 def read_usd(path, k):
@@ -169,7 +169,7 @@ def read_usd(path, k):
     from pxr import UsdGeom
 
     stage = usd.Stage.Open(str(path))
-    corners, colours, images = [], [], []
+    corners, colors, images = [], [], []
     for prim in stage.GetPrimAtPath("/scene").GetChildren():
         if not prim.IsA(UsdGeom.Mesh) or prim.GetName().startswith(("obstacle", "ground")):
             continue
@@ -181,13 +181,13 @@ def read_usd(path, k):
         texture = stage.GetPrimAtPath(f"/scene/materials/{name}/image")
         if texture:
             images.append((name, np.array(Image.open(path.parent / f"{path.stem}_textures" / f"{name}.png"))))
-        colours.append(np.broadcast_to(screen(paint) if not texture else np.ones(3), points.shape)[faces])
-    return np.concatenate(corners), np.concatenate(colours), images
+        colors.append(np.broadcast_to(screen(paint) if not texture else np.ones(3), points.shape)[faces])
+    return np.concatenate(corners), np.concatenate(colors), images
 
 
-def screen(colour):
-    """Return sRGB colours, given linear ones."""
-    return np.where(colour <= 0.0031308, 12.92 * colour, 1.055 * colour ** (1 / 2.4) - 0.055)
+def screen(color):
+    """Return sRGB colors, given linear ones."""
+    return np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055)
 
 
 def in_a_row(kinds):
@@ -195,19 +195,19 @@ def in_a_row(kinds):
 
 
 def scene_of(kinds, textured=None, colliders=()):
-    """Return a scene of all bodies in a row, each with a colour of its own, or one with a texture."""
+    """Return a scene of all bodies in a row, each with a color of its own, or one with a texture."""
     named = [body.named(name) for name, body in zip(kinds, in_a_row(kinds), strict=True)]
     looks, system = {}, reduce(add, named)
     for k, name in enumerate(kinds):
-        looks[name] = Look(colour=f"#{40 + 15 * k:02x}6080")
+        looks[name] = Look(color=f"#{40 + 15 * k:02x}6080")
     if textured:
         looks[textured] = Look(texture=gingham("#c03020", "#f4f1e8"))
     return Scene(system=system, looks=looks, colliders=colliders)
 
 
-def stored(path, scene, bodies, colour):
-    """Write a run of two frames, before and after bodies break, whose pictures are in a colour."""
-    options = replace(Options(), pictures=Pictures(colour=colour, full_strain=0.3))
+def stored(path, scene, bodies, color):
+    """Write a run of two frames, before and after bodies break, whose pictures are in a color."""
+    options = replace(Options(), pictures=Pictures(color=color, full_strain=0.3))
     whole = scene.system.replace(break_strain=9.0, broken_at=np.inf)
     times, positions = (0.4, 0.6), []
     with TrajectoryWriter(
@@ -222,23 +222,23 @@ def stored(path, scene, bodies, colour):
 
 @pytest.mark.each_value
 @pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf", "usd"])
-@pytest.mark.parametrize("colour", [None, "strain", "velocity"])
+@pytest.mark.parametrize("color", [None, "strain", "velocity"])
 @pytest.mark.parametrize("kind", ["solid", "flat", "on obstacles"])
-def test_a_file_has_the_triangles_and_colours_of_pictures(msdwarp, tmp_path, to, colour, kind):
+def test_a_file_has_the_triangles_and_colors_of_pictures(msdwarp, tmp_path, to, color, kind):
     colliders = [Sphere((0.0, 0.1, 2.0), 0.12)] if kind == "on obstacles" else []
     kinds = FLAT if kind == "flat" else KINDS
-    scene = scene_of(kinds, "torn sheet" if colour is None else None, colliders)
-    times, positions = stored(tmp_path / "a.vtkhdf", scene, in_a_row(kinds), colour)
+    scene = scene_of(kinds, "torn sheet" if color is None else None, colliders)
+    times, positions = stored(tmp_path / "a.vtkhdf", scene, in_a_row(kinds), color)
     code, _, err = msdwarp("export", "a.vtkhdf", "--to", to)
     assert (code, err) == (0, "")
     scene = replace(scene, look=replace(scene.look, full_strain=0.3))
     for k, (time, position) in enumerate(zip(times, positions, strict=True)):
-        colouring, values = colour or "texture", None
-        if colour == "velocity":  # which is written as the positions; the scale ends at most of the largest
+        coloring, values = color or "texture", None
+        if color == "velocity":  # which is written as the positions; the scale ends at most of the largest
             speeds = [np.linalg.norm(each.astype(float), axis=1) for each in positions]
             full = round_up(max(np.quantile(each, 0.99) for each in speeds))
-            colouring, values = ColourScale("speed", full), speeds[k]
-        corners, colours = triangles_in_pictures(scene, position, time, colouring, values)
+            coloring, values = ColorScale("speed", full), speeds[k]
+        corners, colors = triangles_in_pictures(scene, position, time, coloring, values)
         if to == "usd":
             found = read_usd(tmp_path / "a.usd", k)
         else:
@@ -247,13 +247,13 @@ def test_a_file_has_the_triangles_and_colours_of_pictures(msdwarp, tmp_path, to,
         drawn, *paint = with_area(*(each for each in found[:2] if each is not None))
         # Texts have six digits, of metres; stl is read without points that are the same.
         np.testing.assert_allclose(drawn, corners, atol=1e-5)
-        if colour is None and to in ("gltf", "usd"):
+        if color is None and to in ("gltf", "usd"):
             ((name, image),) = found[2]
             assert name.replace("_", " ") == "torn sheet"
             np.testing.assert_array_equal(image, gingham("#c03020", "#f4f1e8"))
         if paint:
-            plain = np.isfinite(colours)
-            np.testing.assert_allclose(paint[0][plain], colours[plain], atol=0.003)  # of 256 steps
+            plain = np.isfinite(colors)
+            np.testing.assert_allclose(paint[0][plain], colors[plain], atol=0.003)  # of 256 steps
 
 
 @pytest.mark.parametrize("to", ["obj", "stl", "ply", "gltf", "usd"])

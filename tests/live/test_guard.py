@@ -195,7 +195,7 @@ def test_a_client_sets_values_and_nothing_else(view):
 
 def test_values_that_no_widget_shows_are_not_taken(view):
     with client(view) as hostile:
-        slider, text = uuid(view, "mass ×"), uuid(view, "colours")
+        slider, text = uuid(view, "mass ×"), uuid(view, "colors")
         odd = [math.nan, math.inf, 1e300, -1, 0, "x", None, [], [1.0] * 3, {}, "x" * 10_000, 2**64 - 1, True]
         sent = [
             {"type": "GuiUpdateMessage", "uuid": one, "updates": {"value": value}}

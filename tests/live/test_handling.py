@@ -61,7 +61,7 @@ def test_what_does_not_touch_has_no_friction():
     with pytest.raises(ValueError, match="side is 'obstacles'"):
         source.handling.do("contact", side="obstacles", name="friction", value=1.0)
     with pytest.raises(ValueError, match="name"):
-        source.handling.do("contact", side="bodies", name="colour", value=1.0)
+        source.handling.do("contact", side="bodies", name="color", value=1.0)
     source = running()
     with pytest.raises(ValueError, match="restitution"):
         source.handling.do("contact", side="obstacles", name="restitution", value=1.5)

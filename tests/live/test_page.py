@@ -160,7 +160,7 @@ def test_a_browser_shows_the_body_and_handles_it(chromium, view):
         page.mouse.up()
         until(lambda: view.hand.grip is None)
 
-        # By images the middle of the picture has the body's colour, and a drag takes hold of it.
+        # By images the middle of the picture has the body's color, and a drag takes hold of it.
         view.post("send", value="images")
         until(lambda: view.screens[0]._images is not None and view.screens[0]._images._sent)
         view.post("reset")

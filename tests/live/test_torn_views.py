@@ -27,7 +27,7 @@ def test_a_torn_sheet_is_drawn_torn_beside_a_ball(torn):
     assert np.ptp(places, axis=1).max() < 0.15  # nothing spans the gap of a metre; cells are 0.1 m wide
 
 
-def test_colours_of_strain_are_of_whole_springs(torn):
+def test_colors_of_strain_are_of_whole_springs(torn):
     scene, broken_at, frame = torn
     shown = Shown(scene, "strain")
     shown.follow(frame._replace(position=scene.system.position, time=0.0))

@@ -324,7 +324,7 @@ def test_a_thread_of_its_own_ends_when_it_is_closed():
     assert screen.turns  # it has not ended by itself
 
 
-def test_colours_and_wires_are_drawn_anew():
+def test_colors_and_wires_are_drawn_anew():
     stages = []
     view, screen = played(
         lambda v: v.press("c"),

@@ -106,7 +106,7 @@ def turns(count):
 
 
 def rests(window):
-    """Wait until the window shows the same for some turns, and more than one colour."""
+    """Wait until the window shows the same for some turns, and more than one color."""
     end, before = time.monotonic() + LONG, None
     while before is None or before.std() < 1 or (before != window.image()).any():
         assert time.monotonic() < end, "what the window shows goes on changing"
@@ -187,7 +187,7 @@ def test_a_person_sees_and_handles_a_body(person):
         person("key", "h")
         yield from until(lambda: view.helps)
         person("key", "h", "key", "c")
-        yield from until(lambda: view.shown.colour == "speed")
+        yield from until(lambda: view.shown.color == "speed")
         for key in ("e", "t", "j", "3", "u", "i"):  # keys of VTK and PyVista, which would act if they were heard
             person("key", key)
         yield from turns(20)
@@ -266,7 +266,7 @@ def test_beside_the_body_the_mouse_moves_the_camera(person):
         np.testing.assert_array_equal(orbit.target, at_end)
         assert (turned != window.image()).any()  # though the view is paused
         person("key", "r", "key", "c")  # the same source: the camera stays
-        yield from until(lambda: view.shown.colour == "speed")
+        yield from until(lambda: view.shown.color == "speed")
         assert window._screen.orbit is orbit
 
     played(script, paused=True)

@@ -5,7 +5,7 @@ import pytest
 from backends import BACKENDS
 
 import msdwarp as msd
-from msdwarp.pictures.arrows import COLOUR, LONGEST
+from msdwarp.pictures.arrows import COLOR, LONGEST
 
 SIZE = (640, 480)
 
@@ -14,13 +14,13 @@ SIZE = (640, 480)
 def scene() -> msd.Scene:
     """A red cube, seen horizontally along y."""
     cube = msd.box((5, 5, 5), 0.1, mass=0.1, stiffness=100.0)
-    return msd.Scene(system=cube, look=msd.Look(colour="#c02020", azimuth=-90.0, elevation=0.0, gloss=0.0))
+    return msd.Scene(system=cube, look=msd.Look(color="#c02020", azimuth=-90.0, elevation=0.0, gloss=0.0))
 
 
 def pixels_of_arrows(image) -> np.ndarray:
     """Return rows and columns of the pixels in the arrows' hue, the legend left out, shape [any, 2]."""
-    colour = image.astype(float)
-    green_over_red = (colour[..., 1] > 2 * colour[..., 0] + 20) & (COLOUR[1] > 2 * COLOUR[0])
+    color = image.astype(float)
+    green_over_red = (color[..., 1] > 2 * color[..., 0] + 20) & (COLOR[1] > 2 * COLOR[0])
     green_over_red[:60, :240] = False
     return np.argwhere(green_over_red)
 

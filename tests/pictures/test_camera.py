@@ -20,7 +20,7 @@ def cube():
 
 
 def scene_of(cube, **look):
-    return msd.Scene(system=cube, colliders=[msd.Plane()], look=msd.Look(colour="#c03020", **look))
+    return msd.Scene(system=cube, colliders=[msd.Plane()], look=msd.Look(color="#c03020", **look))
 
 
 def reddish(image):

@@ -35,7 +35,7 @@ def test_every_picture_is_written(tmp_path, video):
             opened.seek(k)
             opened.load()
             assert opened.info["duration"] == 50
-            # Lossy (WebP) or of few colours (GIF): close on the whole.
+            # Lossy (WebP) or of few colors (GIF): close on the whole.
             assert np.abs(np.asarray(opened.convert("RGB")).astype(int) - image).mean() < 6
 
 

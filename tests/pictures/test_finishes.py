@@ -27,8 +27,8 @@ def mirrored(direction, normal):
     return 2 * (direction @ normal) * normal - direction
 
 
-def lit(name, gloss, colour, behind, normal, view, camera):
-    """Return the colour, 0 … 255, of a surface above no ground, seen from the direction `view`."""
+def lit(name, gloss, color, behind, normal, view, camera):
+    """Return the color, 0 … 255, of a surface above no ground, seen from the direction `view`."""
     made_of = FINISHES[name]
     lights = ((KEY, camera.light), (HEAD, -camera.forward))
     up, edge = normal[2], 1 - normal @ view
@@ -46,28 +46,28 @@ def lit(name, gloss, colour, behind, normal, view, camera):
     sky = MIRRORED_SKY - ZENITH * max(height, 0)
     around = MIRRORED_GROUND + (sky - MIRRORED_GROUND) * share**2 * (3 - 2 * share)
     if name == "metal":
-        return 255 * colour * ((1 - made_of.metallic) * diffuse + made_of.metallic * around + glint)
+        return 255 * color * ((1 - made_of.metallic) * diffuse + made_of.metallic * around + glint)
     if name == "glass":
         fresnel = MIRRORS + (1 - MIRRORS) * edge**5
         passes = (1 - made_of.opacity) * (1 - fresnel) * (1 - glint)
-        return 255 * (made_of.opacity * diffuse * colour + fresnel * around + glint + passes * behind)
-    return 255 * (colour * (diffuse + made_of.sheen * edge**2) + glint)
+        return 255 * (made_of.opacity * diffuse * color + fresnel * around + glint + passes * behind)
+    return 255 * (color * (diffuse + made_of.sheen * edge**2) + glint)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_each_finish_is_as_bright_as_its_formula_says(backend):
     boxes = [BOX.rotate(0.5).translate((0.7 * k, 0, 0)).named(name) for k, name in enumerate(FINISHES)]
-    colour, gloss, background = "#605040", 0.5, "#202830"
+    color, gloss, background = "#605040", 0.5, "#202830"
     scene = msd.Scene(
         system=sum(boxes[1:], boxes[0]),
         look=msd.Look(background=background, azimuth=-85, elevation=35),
-        looks={name: msd.Look(colour=colour, gloss=gloss, finish=name, smooth=False) for name in FINISHES},
+        looks={name: msd.Look(color=color, gloss=gloss, finish=name, smooth=False) for name in FINISHES},
     )
     x = scene.system.position
     renderer = msd.Renderer(scene, x, resolution=SIZE, backend=backend, device="cpu")
     image, camera = renderer.bare(x, shadows=False).astype(int), renderer.stage.camera
     turn = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
-    rgb, behind = (np.array(checks.colour("", one)) for one in (colour, background))
+    rgb, behind = (np.array(checks.color("", one)) for one in (color, background))
     for k, name in enumerate(FINISHES):
         for normal in turn @ [0, -1, 0], np.array([0.0, 0.0, 1.0]):
             spot = boxes[k].position.mean(axis=0) + 0.2 * normal
@@ -106,8 +106,8 @@ def test_of_two_glass_bodies_the_nearer_is_seen_wherever_it_is_in_the_system(bac
         near, far = BOX.named("red"), BOX.translate((0, 1.0, 0)).named("blue")
         first, second = (near, far)[::order]
         looks = {
-            name: msd.Look(colour=colour, finish="glass", gloss=0, smooth=False)
-            for name, colour in (("red", "#e02020"), ("blue", "#2020e0"))
+            name: msd.Look(color=color, finish="glass", gloss=0, smooth=False)
+            for name, color in (("red", "#e02020"), ("blue", "#2020e0"))
         }
         scene = msd.Scene(system=first + second, looks=looks, look=msd.Look(azimuth=-90, elevation=0))
         x = scene.system.position
@@ -122,7 +122,7 @@ def test_a_browser_sees_through_glass_alone():
     assert {one.opacity for one in patches(Drawing(scene, "texture"))} == {FINISHES["glass"].opacity, None}
 
 
-def test_where_colours_show_quantities_all_is_matt():
+def test_where_colors_show_quantities_all_is_matt():
     scene = msd.Scene(system=BOX, look=msd.Look(finish="glass"))
     assert Drawing(scene, "texture").finish.all()
     assert not Drawing(scene, "strain").finish.any()

@@ -6,12 +6,12 @@ import warp as wp
 from backends import BACKENDS
 
 import msdwarp as msd
-from msdwarp.pictures.drawing import ColourScale, Drawing
+from msdwarp.pictures.drawing import ColorScale, Drawing
 from msdwarp.pictures.dressing import look_of_triangles, part_of, uncovered
 from msdwarp.pictures.parts import Balls, Finish, SurfacePart, Tubes
 
 SIZE = (160, 120)
-RED, GREEN, BLUE = msd.Look(colour="#d01010", gloss=0), msd.Look(colour="#10c010"), msd.Look(colour="#1010d0")
+RED, GREEN, BLUE = msd.Look(color="#d01010", gloss=0), msd.Look(color="#10c010"), msd.Look(color="#1010d0")
 
 
 def tied(system, pairs):
@@ -37,9 +37,9 @@ TIE = [[BALL.particle_count - 1, BALL.particle_count]]  # from the last of the b
 LOOKS = {"ball": RED, "rope": BLUE, "cloth": GREEN}
 
 
-def parts_of(scene, colouring="texture"):
+def parts_of(scene, coloring="texture"):
     """Return the parts of a scene's body, after it has followed its particles."""
-    drawing = Drawing(scene, colouring)
+    drawing = Drawing(scene, coloring)
     drawing.follow(scene.system.position)
     return drawing.body
 
@@ -52,12 +52,12 @@ def pixels_like(image, channel):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("textured", [False, True])
-def test_each_body_has_its_colour(backend, textured):
-    # A texture of one body puts the plain colours of the others into an atlas with it.
+def test_each_body_has_its_color(backend, textured):
+    # A texture of one body puts the plain colors of the others into an atlas with it.
     texture = np.full((8, 8, 3), (16, 192, 16), np.uint8)
     looks = LOOKS | {
         "cloth": msd.Look(texture=texture) if textured else GREEN,
-        "rope": msd.Look(colour="#1010d0", tube=0.03),
+        "rope": msd.Look(color="#1010d0", tube=0.03),
     }
     scene = msd.Scene(system=tied(SYSTEM, TIE), look=msd.Look(background="#ffffff"), looks=looks)
     renderer = msd.Renderer(scene, SYSTEM.position, resolution=SIZE, backend=backend)
@@ -68,7 +68,7 @@ def test_each_body_has_its_colour(backend, textured):
 
 
 def test_a_body_without_its_own_look_has_the_scene_s():
-    scene = msd.Scene(system=SYSTEM, look=msd.Look(colour="#d01010"), looks={"cloth": GREEN})
+    scene = msd.Scene(system=SYSTEM, look=msd.Look(color="#d01010"), looks={"cloth": GREEN})
     image = msd.Renderer(scene, SYSTEM.position, resolution=SIZE, backend="raster").image(SYSTEM.position)
     assert pixels_like(image, 0) > 60
     assert pixels_like(image, 1) > 60
@@ -79,7 +79,7 @@ def test_where_looks_meet_the_later_counts():
     system = SYSTEM.named("all")
     first = parts_of(msd.Scene(system=system, looks={"all": RED, "ball": BLUE}))
     surfaces = [part for part in first if isinstance(part, SurfacePart)]
-    assert [tuple(part.finish.colour > 0.5) for part in surfaces] == [(True, False, False), (False, False, True)]
+    assert [tuple(part.finish.color > 0.5) for part in surfaces] == [(True, False, False), (False, False, True)]
     assert len(surfaces[1].triangles) == len(BALL.surface.triangles)
     second = parts_of(msd.Scene(system=system, looks={"ball": BLUE, "all": RED}))
     assert len([part for part in second if isinstance(part, SurfacePart)]) == 1
@@ -126,8 +126,8 @@ def test_tubes_have_their_radius_all_around_and_face_outwards(sides):
     drawing = Drawing(scene, "texture")
     drawing.follow(ROPE.position)
     tubes = Tubes(ROPE.connections, 0.02, Finish(np.ones(3)), "cpu", sides, None)
-    points, normals, colours = (wp.zeros(len(tubes.uv), dtype=wp.vec3, device="cpu") for _ in range(3))
-    tubes.join(slice(0, len(points)), points, normals, colours)
+    points, normals, colors = (wp.zeros(len(tubes.uv), dtype=wp.vec3, device="cpu") for _ in range(3))
+    tubes.join(slice(0, len(points)), points, normals, colors)
     tubes.follow(drawing._x, 0.0)
     # The rope is the z axis; float32 coordinates of about one metre.
     np.testing.assert_allclose(np.linalg.norm(points.numpy()[:, :2], axis=1), 0.02, atol=1e-6)
@@ -136,10 +136,10 @@ def test_tubes_have_their_radius_all_around_and_face_outwards(sides):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_values_colour_ropes_and_surfaces_alike(backend):
+def test_values_color_ropes_and_surfaces_alike(backend):
     scene = msd.Scene(system=SYSTEM, looks={"rope": msd.Look(tube=0.03), "ball": RED})
     renderer = msd.Renderer(
-        scene, SYSTEM.position, resolution=SIZE, colouring=ColourScale("speed [m/s]", 1.0), backend=backend
+        scene, SYSTEM.position, resolution=SIZE, coloring=ColorScale("speed [m/s]", 1.0), backend=backend
     )
     still = renderer.image(SYSTEM.position, values=np.zeros(SYSTEM.particle_count))
     moving = renderer.image(SYSTEM.position, values=1.0 * SYSTEM.group("rope"))
@@ -184,27 +184,27 @@ def test_gloss_is_of_each_look():
 
 
 def test_a_rope_alone_has_its_look_or_that_of_its_scene():
-    for look in ({"look": msd.Look(colour="#2040d0")}, {"looks": {"rope": BLUE}}):
+    for look in ({"look": msd.Look(color="#2040d0")}, {"looks": {"rope": BLUE}}):
         drawing = Drawing(msd.Scene(system=ROPE, **look), "texture")
         assert drawing.scale is None
-        assert (drawing.colours.numpy()[:, 2] > 0.5).all()
+        assert (drawing.colors.numpy()[:, 2] > 0.5).all()
     assert Drawing(msd.Scene(system=ROPE), "texture").scale is not None
-    assert Drawing(msd.Scene(system=ROPE, look=msd.Look(colour="#2040d0")), "strain").scale is not None
+    assert Drawing(msd.Scene(system=ROPE, look=msd.Look(color="#2040d0")), "strain").scale is not None
     assert Drawing(msd.Scene(system=ROPE, look=msd.Look(tube=0.1, azimuth=3.0)), "texture").scale is not None
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize(("look", "colouring"), [({"colour": "#2040d0"}, "texture"), ({}, "strain")])
-def test_a_rope_has_no_gaps_at_its_bends(backend, look, colouring):
+@pytest.mark.parametrize(("look", "coloring"), [({"color": "#2040d0"}, "texture"), ({}, "strain")])
+def test_a_rope_has_no_gaps_at_its_bends(backend, look, coloring):
     # A right angle, seen from ahead: the outer corner of the bend is a disc around the particle.
     radius = 0.2
     corner = msd.System(position=[(-1, 0, 0), (0, 0, 0), (0, 0, 1)], connections=[(0, 1), (1, 2)])
     view = msd.Look(**look, particles=False, tube=radius, azimuth=-90.0, elevation=0.0, background="#ffffff")
     scene = msd.Scene(system=corner, look=view)
-    drawing = Drawing(scene, colouring)
+    drawing = Drawing(scene, coloring)
     drawing.follow(corner.position)
     outer = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5)])  # away from both tubes
     near = drawing.points.numpy() @ outer
     assert near.max() > 0.8 * radius  # the tubes alone end at 0.71, as far as the flat end of one reaches
-    renderer = msd.Renderer(scene, corner.position, resolution=SIZE, colouring=colouring, backend=backend)
+    renderer = msd.Renderer(scene, corner.position, resolution=SIZE, coloring=coloring, backend=backend)
     assert np.isfinite(renderer.image(corner.position)).all()

@@ -179,33 +179,33 @@ def test_planes_have_no_mesh(body):
     assert meshes(msd.Scene(system=body, colliders=[msd.Plane(), msd.Plane(normal=(1, 0, 0), offset=-3)])) == []
 
 
-def shade(colour, normal, camera, height):
-    """Return the colour of a matt surface with this normal, 0 … 255; `height` is over the extent of the view."""
+def shade(color, normal, camera, height):
+    """Return the color of a matt surface with this normal, 0 … 255; `height` is over the extent of the view."""
     facing = KEY * max(normal @ camera.light, 0) + HEAD * max(-normal @ camera.forward, 0)
     facing += FILL * max(normal @ camera.fill, 0)
     below = (1 - normal[2]) / 2
     around = SKY * (1 - below) + BOUNCE * below * height / (height + CONTACT)
-    return np.minimum(255 * np.array(colour) * (around + facing), 255)
+    return np.minimum(255 * np.array(color) * (around + facing), 255)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("colouring", ["texture", "strain"])
-def test_an_obstacle_is_seen_where_it_is_in_its_colour(body, backend, colouring):
+@pytest.mark.parametrize("coloring", ["texture", "strain"])
+def test_an_obstacle_is_seen_where_it_is_in_its_color(body, backend, coloring):
     # A block beside the body, half of it below the ground.
     block = msd.Box((1.2, 0.0, 0.0), (0.6, 0.6, 1.0))
     look = msd.Look(obstacle="#4060c0", obstacle_gloss=0.0)
     scene = msd.Scene(system=body, colliders=[msd.Plane(), block], look=look)
     seen = np.concatenate([body.position, [[1.2, -1.5, 0.0]]])  # room in front of the block
-    renderer = msd.Renderer(scene, seen, resolution=SIZE, backend=backend, colouring=colouring)
+    renderer = msd.Renderer(scene, seen, resolution=SIZE, backend=backend, coloring=coloring)
     for corner in block.position + np.array([[0.3, 0.3, 0.5], [0.3, -0.3, 0.0], [-0.3, 0.3, 0.5]]):
         row, column = pixel_of(renderer, corner)
         assert 0 <= row < SIZE[1]
         assert 0 <= column < SIZE[0]
     image = renderer.image(body.position).astype(int)
-    camera, colour = renderer.stage.camera, checks.colour("", "#4060c0")
+    camera, color = renderer.stage.camera, checks.color("", "#4060c0")
     for place, normal in (((1.2, -0.3, 0.25), (0, -1, 0)), ((1.2, 0.0, 0.5), (0, 0, 1))):
-        wanted = shade(colour, np.array(normal), camera, place[2] / renderer.stage.ground.reach)
+        wanted = shade(color, np.array(normal), camera, place[2] / renderer.stage.ground.reach)
         np.testing.assert_allclose(image[pixel_of(renderer, place)], wanted, atol=2)
     # Where its lower half would be seen, if the ground did not hide it, there is ground.
     blue = image[pixel_of(renderer, (1.2, -0.3, -0.2))]
@@ -262,13 +262,13 @@ def test_body_and_obstacle_keep_their_own_textures(body, backend, textured):
     random = np.random.default_rng(3)
     stripes = np.repeat(random.integers(60, 200, (24, 1, 3)), 36, axis=1).astype(np.uint8)
     dots = np.repeat(np.repeat(random.integers(60, 200, (4, 9, 3)), 8, axis=0), 8, axis=1).astype(np.uint8)
-    colours = {"colour": "#c03020", "obstacle": "#4060c0", "gloss": 0.0, "obstacle_gloss": 0.0}
+    colors = {"color": "#c03020", "obstacle": "#4060c0", "gloss": 0.0, "obstacle_gloss": 0.0}
     own = {"texture": stripes} if textured != "obstacle" else {}
     other = {"obstacle_texture": dots} if textured != "body" else {}
     block = msd.Box((0.9, 0.0, 0.5), (0.5, 0.5, 0.5))
 
     def picture(colliders, **look):
-        scene = msd.Scene(system=body, colliders=[msd.Plane(), *colliders], look=msd.Look(**colours, **look))
+        scene = msd.Scene(system=body, colliders=[msd.Plane(), *colliders], look=msd.Look(**colors, **look))
         seen = np.concatenate([body.position, mesh_of(block, 3).points])
         renderer = msd.Renderer(scene, seen, resolution=SIZE, backend=backend)
         return renderer, renderer.image(body.position).astype(int)

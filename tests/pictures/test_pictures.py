@@ -1,4 +1,4 @@
-"""Pictures: the camera, normals, colours, both renderers, and memory."""
+"""Pictures: the camera, normals, colors, both renderers, and memory."""
 
 import os
 import sys
@@ -22,7 +22,7 @@ SIZE = (320, 180)
 def scene():
     """A cube of 0.4 m that floats half a metre above the floor."""
     cube = msd.box((5, 5, 5), 0.1, mass=0.1).translate((0, 0, 0.7))
-    return msd.Scene(system=cube, colliders=[msd.Plane()], look=msd.Look(colour="#c03020"))
+    return msd.Scene(system=cube, colliders=[msd.Plane()], look=msd.Look(color="#c03020"))
 
 
 @pytest.mark.parametrize("aspect", [0.5, 16 / 9])
@@ -78,7 +78,7 @@ def test_connections_are_grey_at_rest_red_when_stretched_and_blue_when_compresse
     )
     drawing = Drawing(msd.Scene(system=body, look=msd.Look(full_strain=0.2)), "strain")
     drawing.follow(body.position)
-    rest, stretched, compressed, half = drawing.colours.numpy()[:24].reshape(4, 6, 3)[:, 0]
+    rest, stretched, compressed, half = drawing.colors.numpy()[:24].reshape(4, 6, 3)[:, 0]
     assert np.ptp(rest) < 0.05  # grey
     assert stretched[0] > 2 * max(stretched[1:])  # red
     assert compressed[2] > 2 * max(compressed[:2])  # blue
@@ -100,8 +100,8 @@ def test_inside_a_large_body_no_connections_are_drawn():
 
 def test_the_camera_leaves_room_for_a_legend():
     body = msd.box((3, 3, 3), 0.2)
-    for colouring, free in (("texture", 0.0), ("strain", 0.125)):
-        renderer = msd.Renderer(msd.Scene(system=body), body.position, colouring=colouring, backend="raycast")
+    for coloring, free in (("texture", 0.0), ("strain", 0.125)):
+        renderer = msd.Renderer(msd.Scene(system=body), body.position, coloring=coloring, backend="raycast")
         rows, columns = renderer.stage.camera.pixels(body.position, 720, 1280)
         assert rows.min() >= 720 * free
         assert rows.max() <= 720
@@ -185,27 +185,27 @@ def test_particles_of_small_systems_are_balls(particles, count, drawn):
     np.testing.assert_allclose(balls.mean(axis=1), chain.position, atol=1e-5)
     radius = np.linalg.norm(balls - chain.position[:, None], axis=2)
     np.testing.assert_allclose(radius, 0.11 * 0.1, rtol=1e-2)  # float32 places of 30 m, to a micrometre
-    colours = drawing.colours.numpy()[tubes:].reshape(count, -1, 3)
-    assert (colours[0] < colours[1]).all()  # the pinned one is darker
+    colors = drawing.colors.numpy()[tubes:].reshape(count, -1, 3)
+    assert (colors[0] < colors[1]).all()  # the pinned one is darker
     assert drawing.triangles.max() < len(drawing.points)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("colouring", ["texture", "strain"])
+@pytest.mark.parametrize("coloring", ["texture", "strain"])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backend, colouring):
+def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backend, coloring):
     system = scene.system
     wide = np.concatenate([system.position, [[-1, -1, 0], [2, 2, 0]]])  # leave room around
-    renderer = msd.Renderer(scene, wide, resolution=SIZE, colouring=colouring, backend=backend)
+    renderer = msd.Renderer(scene, wide, resolution=SIZE, coloring=coloring, backend=backend)
     assert renderer.backend == backend
     image = renderer.image(system.position).astype(int)
     assert image.shape == (180, 320, 3)
 
     centre = system.centre_of_mass
     red, green, _ = image[pixel_of(renderer, centre)]
-    assert (red > 2 * green) if colouring == "texture" else (green > red)
+    assert (red > 2 * green) if coloring == "texture" else (green > red)
 
-    np.testing.assert_allclose(image[2, 2], 255 * np.array(checks.colour("", scene.look.background)), atol=1)
+    np.testing.assert_allclose(image[2, 2], 255 * np.array(checks.color("", scene.look.background)), atol=1)
 
     light = renderer.stage.camera.light
     ground = Ground(scene, wide)
@@ -217,15 +217,15 @@ def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backe
 
     # 8-bit rounding, and the texture between its pixels. The shadow of connections has gaps: not looked at.
     np.testing.assert_allclose(image[pixel_of(renderer, lit)], painted(lit), atol=3)
-    if colouring == "texture":
+    if coloring == "texture":
         np.testing.assert_allclose(image[pixel_of(renderer, shaded)], SHADOW * painted(shaded), atol=3)
 
 
 @pytest.mark.parametrize("other", BACKENDS[1:])
-@pytest.mark.parametrize("colouring", ["texture", "strain"])
-def test_all_renderers_draw_the_same_picture(scene, colouring, other):
+@pytest.mark.parametrize("coloring", ["texture", "strain"])
+def test_all_renderers_draw_the_same_picture(scene, coloring, other):
     images = [
-        msd.Renderer(scene, scene.system.position, resolution=SIZE, backend=backend, colouring=colouring)
+        msd.Renderer(scene, scene.system.position, resolution=SIZE, backend=backend, coloring=coloring)
         .image(scene.system.position)
         .astype(int)
         for backend in ("raster", other)
@@ -234,7 +234,7 @@ def test_all_renderers_draw_the_same_picture(scene, colouring, other):
     # Only pixels on outlines, averaged over different points, may differ by more than rounding: of tubes, a few
     # pixels thick, a third of all where they are.
     assert np.median(difference) <= 1
-    assert (difference > 8).mean() < (0.02 if colouring == "texture" else 0.1)
+    assert (difference > 8).mean() < (0.02 if coloring == "texture" else 0.1)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -263,12 +263,12 @@ def test_positions_of_another_system_are_refused(scene, wrong):
         renderer.image(wrong(position))
 
 
-def test_a_scene_can_ask_for_strain_colours(scene):
+def test_a_scene_can_ask_for_strain_colors(scene):
     position = scene.system.position
     strained = msd.Scene(system=scene.system, look=msd.Look(strain=True))
-    for one, colouring, wanted in ((scene, None, False), (strained, None, True), (strained, "texture", False)):
-        renderer = msd.Renderer(one, position, resolution=SIZE, colouring=colouring, backend="raycast")
-        assert renderer.drawing.colours_move == wanted
+    for one, coloring, wanted in ((scene, None, False), (strained, None, True), (strained, "texture", False)):
+        renderer = msd.Renderer(one, position, resolution=SIZE, coloring=coloring, backend="raycast")
+        assert renderer.drawing.colors_move == wanted
 
 
 def test_a_scene_of_nothing_to_draw_is_refused():
@@ -299,7 +299,7 @@ def test_a_sheet_on_the_ground_hides_it_though_it_sinks_in(backend):
     sheet = msd.sheet((9, 9), 0.1, mass=0.1)
     # By half of what may be seen: UNSEEN times the extent, here 0.8 m times the square root of 2.
     sheet = sheet.translate((0, 0, -0.5 * UNSEEN * 0.8 * 2**0.5))
-    look = msd.Look(colour="#c03020", gloss=0.0, azimuth=-90, elevation=40)
+    look = msd.Look(color="#c03020", gloss=0.0, azimuth=-90, elevation=40)
     scene = msd.Scene(system=sheet, colliders=[msd.Plane()], look=look)
     renderer = msd.Renderer(scene, sheet.position, resolution=SIZE, backend=backend)
     image = renderer.image(sheet.position).astype(int)
@@ -331,7 +331,7 @@ SIZE = (320, 180)
 
 def test_a_square_covers_as_much_of_the_picture_as_geometry_says():
     sheet = msd.sheet((5, 5), 0.25).rotate(0.4, axis=(1, 2, 3))
-    look = msd.Look(colour="#000000", background="#ffffff", gloss=0.0, azimuth=-70, elevation=35)
+    look = msd.Look(color="#000000", background="#ffffff", gloss=0.0, azimuth=-70, elevation=35)
     renderer = msd.Renderer(msd.Scene(system=sheet, look=look), sheet.position, resolution=SIZE, backend="raster")
     covered = (1 - renderer.image(sheet.position)[..., 0] / 255).sum()
     corners = sheet.position[[0, 4, 24, 20]]

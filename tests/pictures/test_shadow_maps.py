@@ -17,7 +17,7 @@ def lying(height: float = 0.6) -> Scene:
     """Return a cube of 40 cm above a table as wide as 2 m, whose top is at 0."""
     cube = box((3, 3, 3), 0.2).translate((0, 0, height))
     table = Box((0, 0, -0.1), (2, 2, 0.2))
-    return Scene(system=cube, colliders=[table], look=Look(colour="#808080", obstacle="#c0c0c0", gloss=0.0))
+    return Scene(system=cube, colliders=[table], look=Look(color="#808080", obstacle="#c0c0c0", gloss=0.0))
 
 
 def pictures(

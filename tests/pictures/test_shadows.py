@@ -12,7 +12,7 @@ from msdwarp.pictures.light import FILL, HEAD, KEY, SHADED, SHADOW, SKY, SOFTNES
 
 SIZE = (64, 48)
 RADIUS, CENTRE = 0.3, np.array([0.0, 0.0, 1.0])
-LOOK = msd.Look(colour="#808080", obstacle="#808080", gloss=0.0, obstacle_gloss=0.0, azimuth=-90, elevation=60)
+LOOK = msd.Look(color="#808080", obstacle="#808080", gloss=0.0, obstacle_gloss=0.0, azimuth=-90, elevation=60)
 SPECK = msd.box((2, 2, 2), 1e-3, mass=1.0).translate((2.5, -2.0, 0.002))  # too small to be seen
 ROOM = np.array([[-1.5, -1.5, 0.0], [2.5, 2.0, 0.0], [0.0, 0.0, 1.5]])
 
@@ -90,11 +90,11 @@ def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
     shaded = np.array([0.0, 0.0, 0.9]) - (0.9 - 0.2) / camera.light[2] * camera.light
     (row, column), (far_row, far_column) = pixels_of(renderer, [shaded, [0.9, -0.9, 0.2]])
     head, key = HEAD * -camera.forward[2] + FILL * camera.fill[2], KEY * camera.light[2]
-    colour = 255 * 0x80 / 255
-    # In full shadow SHADED of the key light is left; bytes are rounded, and float32 colours too.
-    np.testing.assert_allclose(both[row, column], colour * (SKY + head + SHADED * key), atol=1)
-    np.testing.assert_allclose(alone[row, column], colour * (SKY + head + key), atol=1)
-    np.testing.assert_allclose(both[far_row, far_column], colour * (SKY + head + key), atol=1)
+    color = 255 * 0x80 / 255
+    # In full shadow SHADED of the key light is left; bytes are rounded, and float32 colors too.
+    np.testing.assert_allclose(both[row, column], color * (SKY + head + SHADED * key), atol=1)
+    np.testing.assert_allclose(alone[row, column], color * (SKY + head + key), atol=1)
+    np.testing.assert_allclose(both[far_row, far_column], color * (SKY + head + key), atol=1)
 
 
 @pytest.mark.slow
@@ -118,9 +118,9 @@ def test_a_body_has_the_shadow_of_an_obstacle_and_no_acne_elsewhere():
     assert np.abs(np.diff(spot, axis=1)).max() < 4
 
 
-def test_a_lattice_in_strain_colours_has_no_shadows_on_itself_but_casts_one():
+def test_a_lattice_in_strain_colors_has_no_shadows_on_itself_but_casts_one():
     body = msd.box((5, 5, 5), 0.2, mass=1.0).translate((0.0, 0.0, 0.6))
-    renderer, image = pictured([], size=(160, 120), system=body, colouring="strain")
+    renderer, image = pictured([], size=(160, 120), system=body, coloring="strain")
     plain = renderer.bare(body.position, shadows=False).astype(float)
     darker = (image.mean(axis=2) < plain.mean(axis=2) - 1).nonzero()
     assert len(darker[0]) > 50  # on the floor

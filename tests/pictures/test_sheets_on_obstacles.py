@@ -61,7 +61,7 @@ def laid(kind: str, size: int, shift: float = 0.0) -> tuple[msd.Scene, np.ndarra
     cloth = msd.sheet((size, size), 1.0 / (size - 1), mass=0.001, stiffness=10.0)
     u, v, _ = (cloth.position - cloth.position.mean(axis=0) + shift / (size - 1)).T
     where, obstacle = LAID[kind]
-    look = msd.Look(colour="#0000ff", obstacle="#ff0000", gloss=0.0, obstacle_gloss=0.0, azimuth=40, elevation=50)
+    look = msd.Look(color="#0000ff", obstacle="#ff0000", gloss=0.0, obstacle_gloss=0.0, azimuth=40, elevation=50)
     position = where(u, v)
     return msd.Scene(system=cloth.replace(position=position), colliders=[obstacle], look=look), position
 

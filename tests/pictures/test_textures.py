@@ -125,7 +125,7 @@ def test_an_atlas_shows_each_image_as_if_it_were_alone(sizes):
 @pytest.mark.parametrize(
     ("paint", "message"),
     [
-        (lambda: textures.pips("white", "#000000"), "colour is 'white'"),
+        (lambda: textures.pips("white", "#000000"), "color is 'white'"),
         (lambda: textures.waffle("#000000", "#ffffff", counts=(5, 0)), r"counts\[1\] is 0"),
         (lambda: textures.ticking("#000000", "#ffffff", shape=(2, 0, 1)), r"shape\[1\] is 0"),
         (lambda: textures.ticking("#000000", "#ffffff", buttons=0), "buttons is 0"),

@@ -16,7 +16,7 @@ PLACES = np.array([(-1.2, 0, 0.6), (0.0, 0, 0.9), (1.2, 0, 0.8)])
 def scene():
     cube = msd.box((3, 3, 3), 0.25, mass=0.1)
     post = msd.Box((0.0, 1.5, 0.4), (0.3, 0.3, 0.8))
-    look = msd.Look(colour="#c03020", gloss=0.0, azimuth=-90)
+    look = msd.Look(color="#c03020", gloss=0.0, azimuth=-90)
     return msd.Scene(system=cube, colliders=[msd.Plane(), post], look=look)
 
 
@@ -94,9 +94,9 @@ def test_without_ground_and_obstacles_poses_lie_on_the_backdrop(backend):
 
 
 @pytest.mark.slow
-def test_strain_colours_come_with_their_legend(scene):
+def test_strain_colors_come_with_their_legend(scene):
     positions = poses(scene)
-    renderer = msd.Renderer(scene, positions, resolution=(640, 360), colouring="strain", backend="raycast")
+    renderer = msd.Renderer(scene, positions, resolution=(640, 360), coloring="strain", backend="raycast")
     picture = timelapse(renderer, positions, [0, 1, 2])
     on_white, on_black = (renderer.with_legend(np.full((360, 640, 3), c, np.uint8)) for c in (255, 0))
     legend = (on_white == on_black).all(axis=2)

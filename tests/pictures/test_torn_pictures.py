@@ -8,8 +8,8 @@ from msdwarp.pictures.drawing import MOST_TUBES, Drawing
 from msdwarp.pictures.dressing import outermost_connections
 
 
-def drawn(system, colouring="texture", **look) -> Drawing:
-    return Drawing(Scene(system=system, look=Look(**look)), colouring)
+def drawn(system, coloring="texture", **look) -> Drawing:
+    return Drawing(Scene(system=system, look=Look(**look)), coloring)
 
 
 def areas(drawing: Drawing, triangles: slice) -> np.ndarray:

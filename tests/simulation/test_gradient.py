@@ -255,7 +255,7 @@ def test_a_run_that_diverges_is_told():
 @pytest.mark.parametrize(
     ("by", "message"),
     [
-        (("position", "colour"), r"by\[1\] is 'colour'; it must be one of 'position'"),
+        (("position", "color"), r"by\[1\] is 'color'; it must be one of 'position'"),
         (("strain",), "there must be an Actuator"),
         (("damping",), "no connection has a damper"),
         (("mass",), "by has 'mass', and gravity is a function of time here"),

@@ -41,8 +41,8 @@ RIGHT: dict[str, dict[str, Any]] = {
     "contact_forces": {"contact_forces": True},
     # Those of a scene alone:
     "duration": {"duration": 0.1},
-    "look": {"look": Look(colour="#d9603b")},
-    "looks": {"looks": {"chain": Look(colour="#d9603b")}, "system": CHAIN.named("chain")},
+    "look": {"look": Look(color="#d9603b")},
+    "looks": {"looks": {"chain": Look(color="#d9603b")}, "system": CHAIN.named("chain")},
     "observe": {"observe": {"height": lambda x, v: x[:, -1, 2]}},
     "settled": {"settled": True, "system": CHAIN.pin([0])},
 }

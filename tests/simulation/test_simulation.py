@@ -165,7 +165,7 @@ def test_reset_goes_back_to_the_parameters_given():
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"colour": "red"}, "parameter is 'colour'.*'mass', 'velocity', 'stiffness', 'damping', 'rest_length'"),
+        ({"color": "red"}, "parameter is 'color'.*'mass', 'velocity', 'stiffness', 'damping', 'rest_length'"),
         ({"position": np.zeros((27, 3))}, "parameter is 'position'"),
         ({"stiffness": -1.0}, "stiffness is -1; it"),
         ({"stiffness": 800.0, "damping": math.nan}, "damping is nan; it"),

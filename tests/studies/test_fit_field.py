@@ -83,8 +83,8 @@ def test_a_uniform_change_costs_nothing_but_what_it_moves():
 
 def test_what_cannot_be_fitted_is_told():
     scene, measured = hanging(), motion(hanging(), 2)
-    with pytest.raises(ValueError, match="name is 'colour'; it must be one of 'stiffness'"):
-        fit_field(scene, measured, "colour", noise=NOISE)
+    with pytest.raises(ValueError, match="name is 'color'; it must be one of 'stiffness'"):
+        fit_field(scene, measured, "color", noise=NOISE)
     with pytest.raises(ValueError, match="noise is 0"):
         fit_field(scene, measured, noise=0.0)
     with pytest.raises(ValueError, match="a field is fitted to tracked points"):

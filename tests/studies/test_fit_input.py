@@ -15,7 +15,7 @@ POINTS = TrackedPoints([0.1, 0.2], [0, 1], np.zeros((2, 3)))
     ("wrong", "said"),
     [
         ({"report": None}, "report is None; it must be a function of a line of text"),
-        ({"parameters": ["colour"]}, "a name in parameters is 'colour'; it must be one of 'stiffness'"),
+        ({"parameters": ["color"]}, "a name in parameters is 'color'; it must be one of 'stiffness'"),
         ({"parameters": ["mass", "mass"]}, "each must be named once"),
         ({"parameters": {"stiffness": -1.0}}, r"parameters\['stiffness'\] is -1; it must be a number above 0"),
         ({"parameters": ["friction"]}, "the scene must have colliders"),

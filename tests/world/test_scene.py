@@ -59,7 +59,7 @@ IMAGE = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
     ("looks", "message"),
     [
         ({"bal": msd.Look()}, "a name in looks is 'bal'; it must be one of 'ball', 'rope'"),
-        ({"ball": "red"}, "looks['ball'] is 'red'; it must be a Look, such as Look(colour='#d9603b')"),
+        ({"ball": "red"}, "looks['ball'] is 'red'; it must be a Look, such as Look(color='#d9603b')"),
         (
             {"rope": msd.Look(azimuth=10, obstacle="#000000", obstacle_texture=IMAGE)},
             "looks['rope'] sets azimuth and obstacle and obstacle_texture, which is of the whole picture; it must "
@@ -84,7 +84,7 @@ def stored_and_back(scene, forget=()):
 
 def test_a_file_keeps_looks_in_their_order():
     own = {
-        "rope": msd.Look(colour="#2050b0", tube=0.02, particles=True),
+        "rope": msd.Look(color="#2050b0", tube=0.02, particles=True),
         "ball": msd.Look(texture=IMAGE, smooth=False, gloss=0.5, finish="glass"),
     }
     scene = msd.Scene(system=BODIES, look=msd.Look(texture=255 - IMAGE, azimuth=10), looks=own)
@@ -104,6 +104,6 @@ def test_a_file_keeps_where_the_camera_is_aimed_and_says_nothing_of_what_earlier
 
 
 def test_a_file_from_before_there_were_looks_of_bodies_opens():
-    scene = msd.Scene(system=BODIES, look=msd.Look(colour="#2050b0"))
+    scene = msd.Scene(system=BODIES, look=msd.Look(color="#2050b0"))
     found = stored_and_back(scene, forget=("looks",))
-    assert (found.looks, found.look.colour) == ({}, "#2050b0")
+    assert (found.looks, found.look.color) == ({}, "#2050b0")
