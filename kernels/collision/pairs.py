@@ -58,19 +58,6 @@ def places(scalar: type):
 
 
 @functools.cache
-def unit_normal(scalar: type):
-    """Compose (x, corner) -> the outward unit normal of a facet; 0 for a degenerate one."""
-    V, load = vector(3, scalar), records(3, scalar).load
-
-    @wp.func
-    def normal_of(x: wp.array(dtype=V), corner: wp.vec3i) -> V:
-        a = load(x, corner[0])
-        return wp.normalize(wp.cross(load(x, corner[1]) - a, load(x, corner[2]) - a))
-
-    return normal_of
-
-
-@functools.cache
 def pairs(scalar: type, worlds: bool = False):
     """Compose (find_rule, thickness_of, stiffness_of).
 
