@@ -189,13 +189,11 @@ def NearPairs(scalar: type):
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], of the particles of all worlds
         pushes: wp.array(dtype=int)  # pairs that push each particle in a round
         impulse: wp.array2d(dtype=wp.int64)  # of pairs on each particle, times the substep [kg m], in units
-        share: wp.array(dtype=float)  # fraction of its displacement in the substep that each particle may make
+        truncation: wp.array(dtype=float)  # fraction of its displacement that each particle may make
         held: wp.array(dtype=int)  # whether that fraction was below 1 after an earlier round
         shift: wp.array(dtype=float)  # length of its path by impulses in this substep [m]
         most_weight: float  # largest sum of the absolute weights of a vertex
-        anchored: wp.array(
-            dtype=int
-        )  # of each world: whether any particle is pinned; then what is held loses speed
+        anchored: wp.array(dtype=int)  # of each world: whether any particle is pinned; then what is held slows
         driven: wp.array(dtype=int)  # indices of the driven particles
         done: wp.array(dtype=wp.float64)  # work of driven particles on others [J]; empty if none is driven
         contact_impulse: wp.array(dtype=wp.vec3d)  # on each particle [N s]; empty if not requested
@@ -211,8 +209,8 @@ def NearPairs(scalar: type):
         many: wp.array(dtype=int)  # whether there are too many pairs for a single launch; 0 after the last round
         round: wp.array(dtype=int)  # round of impulses from 0, if each step of a round is a launch, shape [1]
         exceeded: wp.array(dtype=int)  # whether impulses moved a particle so far that all pairs count, shape [1]
-        lacking: wp.array(dtype=int)  # last round of impulses in which a pair came too near, from 1
-        cutting: wp.array(dtype=int)  # whether any displacement is shortened in this substep, shape [1]
+        violated: wp.array(dtype=int)  # last round of impulses in which a pair violated its limit, from 1
+        cutting: wp.array(dtype=int)  # whether any displacement is truncated in this substep, shape [1]
         unsettled: wp.array(dtype=int)  # of each world: whether the second-last round held particles back
 
     return NearPairs
@@ -230,7 +228,7 @@ def Motion(scalar: type):
         v_out: wp.array(dtype=V)  # velocities at its end [m/s]
         h: scalar  # length of the substep [s]
         per_unit: wp.float64  # units of impulse times substep [1/(kg m)]
-        apart: scalar  # beyond this distance pairs are left alone [m]
+        activation: scalar  # beyond this distance pairs are left alone [m]
         particles: int  # number of particles in each world
 
     return Motion

@@ -8,7 +8,7 @@ the thickness if that is more, unless it stays wide. If so,
 1. impulses act between the two sides of each such pair, in a few rounds. All pairs act at the same time, so each
    divides the mass of a particle by the number of pairs that push it;
 2. if a pair would still come too near, the displacements of those particles that would reach its plane in this
-   substep are shortened. Then the other pairs of these particles are tested against their planes, and so on.
+   substep are truncated. Then the other pairs of these particles are tested against their planes, and so on.
    Velocities stay, so that momentum and angular momentum are kept; impulses reduce them in the next substeps.
    Where any particle is pinned or driven, which takes momentum anyway, they are cut as the displacements are. Else
    forces would accelerate, without work, what is held back, as in a knot that is pulled tight.
@@ -16,7 +16,7 @@ the thickness if that is more, unless it stays wide. If so,
 The two sides of a pair then stay on their sides of a plane during the whole substep, since particles move on
 straight lines. The plane is at rest if a particle of the pair is held back; else it moves with the pair, so that
 bodies that fly together are not held back. The impulses of a pair sum to 0 and are added as integers, and a
-displacement is shortened to the least that any of its pairs allows. So the order of pairs changes no result.
+displacement is truncated to the least that any of its pairs allows. So the order of pairs changes no result.
 References: Chen et al., Offset geometric contact, ACM TOG 44 (2025); Tonge et al., Mass splitting for jitter-free
 parallel rigid body simulation, ACM TOG 31 (2012).
 """
@@ -32,18 +32,18 @@ from ..threads import grid_thread, wait
 from .contact_data import FLAGS, HELD_BACK, Motion, NearPairs
 from .near_pairs import vertex_of
 from .pair_gaps import ways
-from .pair_impulses import find_lacking, move_pushed, pair_impulses, push_pairs
+from .pair_impulses import find_violations, move_pushed, pair_impulses, push_pairs
 
 ROUNDS = 24
 """Maximal number of rounds of impulses; with 4 a rope that winds around a free cloth gained half of its energy."""
 ALLOWED = 0.8
 """Fraction of its distance from the plane by which a vertex may approach the plane."""
-LEAST_SHARE = 0.05
+LEAST_FRACTION = 0.05
 """The least fraction of the gap on either side of a plane."""
 CATCH_UP = 50.0
 """How far a particle with a drive at rest may go in a substep to catch up, as a multiple of the least gap."""
 CUTS = 4
-"""Rounds in which displacements are shortened. The last is for all pairs, in case more would be needed."""
+"""Rounds in which displacements are truncated. The last is for all pairs, in case more would be needed."""
 MOST_THREADS = 256
 """Threads in a block; the compiler leaves registers for this many."""
 
@@ -97,14 +97,14 @@ def catch_up(scalar: type):
 
 
 @functools.cache
-def shorten_ways(scalar: type):
+def truncate_displacements(scalar: type):
     """Compose the kernel that reduces the fractions of displacements which particles may make.
 
     Its threads divide the pairs. `number` is that of the round, from 0. In the last one all pairs of a world count
     in which the round before held anything back.
     """
     W, Pairs, Moving = wp.types.vector(4, scalar), NearPairs(scalar), Motion(scalar)
-    (place_of, way_towards, approach_of), may_approach = ways(scalar), pair_impulses(scalar)[2]
+    (place_of, displacement_towards, approach_of), may_approach = ways(scalar), pair_impulses(scalar)[2]
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
@@ -118,17 +118,17 @@ def shorten_ways(scalar: type):
         return found
 
     @wp.func
-    def shorten(pairs: Pairs, motion: Moving, everywhere: bool, k: int):
+    def truncate(pairs: Pairs, motion: Moving, everywhere: bool, k: int):
         """Reduce the fractions of displacement that particles of pair k may make, so that none reaches its plane.
 
         Unless `everywhere`, only if one was held back, or if the pair comes too near.
         """
-        x, x_out, apart = motion.x, motion.x_out, motion.apart
+        x, x_out, activation = motion.x, motion.x_out, motion.activation
         normal = pairs.normal[k]
         gap = pairs.gap[k]
         if gap <= zero:
             return
-        largest = may_approach(gap, pairs.least[k], apart)
+        largest = may_approach(gap, pairs.least[k], activation)
         if not everywhere and approach_of(pairs, x, x_out, k) <= largest and not is_held(pairs, k):
             return
         vertices = pairs.vertices[k]
@@ -144,24 +144,24 @@ def shorten_ways(scalar: type):
             v = vertex_of(vertices, m)
             mobility = pairs.mobility[v]
             if m < firsts:
-                ways[m] = way_towards(pairs, x, x_out, v, normal)
+                ways[m] = displacement_towards(pairs, x, x_out, v, normal)
                 furthest_first = wp.max(furthest_first, ways[m])
                 mobility_first += mobility
             else:
-                ways[m] = way_towards(pairs, x, x_out, v, -normal)
+                ways[m] = displacement_towards(pairs, x, x_out, v, -normal)
                 furthest_second = wp.max(furthest_second, ways[m])
                 mobility_second += mobility
-        most = wp.max(scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]), gap - apart)
+        most = wp.max(scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]), gap - activation)
         if furthest_first + furthest_second <= most:
             return
         # The plane's place, as a fraction of the gap from the second side: the faster side has more room, and a
         # driven side as much as it needs.
-        share = furthest_second / (furthest_first + furthest_second)
+        place = furthest_second / (furthest_first + furthest_second)
         if mobility_first == zero and mobility_second > zero:
-            share = one - (furthest_first / scalar(ALLOWED) + pairs.least[k]) / gap
+            place = one - (furthest_first / scalar(ALLOWED) + pairs.least[k]) / gap
         if mobility_second == zero and mobility_first > zero:
-            share = (furthest_second / scalar(ALLOWED) + pairs.least[k]) / gap
-        share = wp.clamp(share, scalar(LEAST_SHARE), one - scalar(LEAST_SHARE))
+            place = (furthest_second / scalar(ALLOWED) + pairs.least[k]) / gap
+        place = wp.clamp(place, scalar(LEAST_FRACTION), one - scalar(LEAST_FRACTION))
         f, p, w = pairs.first_particle, pairs.particle_of, pairs.weight
         origin = place_of(f, p, w, x, vertices[3])
         highest = zero  # vertex of the second side, along the normal from vertices[3] [m]
@@ -170,17 +170,17 @@ def shorten_ways(scalar: type):
         for m in range(4):
             if ways[m] > zero:
                 v = vertex_of(vertices, m)
-                height = wp.dot(place_of(f, p, w, x, v) - origin, normal) - highest - share * gap
+                height = wp.dot(place_of(f, p, w, x, v) - origin, normal) - highest - place * gap
                 if m >= firsts:
                     height = -height
                 allowed = scalar(ALLOWED) * wp.max(zero, height - pairs.least[k])
                 if ways[m] > allowed:
                     pairs.cutting[0] = 1
                     for s in range(f[v], f[v + 1]):
-                        lower_to(pairs.share, p[s], wp.float32(0.9999 * wp.float32(allowed / ways[m])))
+                        lower_to(pairs.truncation, p[s], wp.float32(0.9999 * wp.float32(allowed / ways[m])))
 
     @kernel
-    def shorten_all(pairs: Pairs, motion: Moving, number: int, threads: int):
+    def truncate_all(pairs: Pairs, motion: Moving, number: int, threads: int):
         every = number > 0 or pairs.exceeded[0] != 0
         last = pairs.watched_count[0]
         if every:
@@ -196,10 +196,10 @@ def shorten_ways(scalar: type):
             if number == wp.static(CUTS - 1):
                 particle = pairs.particle_of[pairs.first_particle[vertex_of(pairs.vertices[k], 0)]]
                 everywhere = pairs.unsettled[particle / motion.particles] != 0
-            shorten(pairs, motion, everywhere, k)
+            truncate(pairs, motion, everywhere, k)
             n += threads
 
-    return shorten_all
+    return truncate_all
 
 
 @functools.cache
@@ -212,7 +212,7 @@ def mark_held(scalar: type):
         n = grid_thread()
         while n < pairs.particle_count[0] and pairs.cutting[0] != 0:
             i = pairs.particle[n]
-            if pairs.share[i] < 1.0 and pairs.held[i] == 0:
+            if pairs.truncation[i] < 1.0 and pairs.held[i] == 0:
                 pairs.held[i] = 1
                 if number == wp.static(CUTS - 2):
                     pairs.unsettled[i / motion.particles] = 1
@@ -223,7 +223,7 @@ def mark_held(scalar: type):
 
 @functools.cache
 def hold_particles(scalar: type):
-    """Compose the kernel that shortens displacements, and ends the substep; its threads divide the particles."""
+    """Compose the kernel that truncates displacements, and ends the substep; its threads divide the particles."""
     Pairs, Moving = NearPairs(scalar), Motion(scalar)
     (load, store, _), zero, one = records(3, scalar), scalar(0.0), scalar(1.0)
 
@@ -235,11 +235,11 @@ def hold_particles(scalar: type):
         particle is pinned or driven.
         """
         x_out, v_out, h = motion.x_out, motion.v_out, motion.h
-        share = scalar(pairs.share[i])
-        if share == one:
+        factor = scalar(pairs.truncation[i])
+        if factor == one:
             return float(0.0)
-        lost = (share - one) * (load(x_out, i) - load(motion.x, i))
-        pairs.share[i] = 1.0
+        lost = (factor - one) * (load(x_out, i) - load(motion.x, i))
+        pairs.truncation[i] = 1.0
         pairs.held[i] = 0
         store(x_out, i, load(x_out, i) + lost)
         if pairs.anchored[i / motion.particles] != 0:
@@ -274,8 +274,10 @@ def keep_apart(scalar: type, blocks: int):
     functions in them.
     """
     Pairs, Moving = NearPairs(scalar), Motion(scalar)
-    find, push, move = (as_function(one(scalar)) for one in (find_lacking, push_pairs, move_pushed))
-    shorten, mark, hold = (as_function(one(scalar)) for one in (shorten_ways, mark_held, hold_particles))
+    find, push, move = (as_function(one(scalar)) for one in (find_violations, push_pairs, move_pushed))
+    truncate, mark, hold = (
+        as_function(one(scalar)) for one in (truncate_displacements, mark_held, hold_particles)
+    )
 
     def keep(
         pairs: Pairs,
@@ -301,14 +303,14 @@ def keep_apart(scalar: type, blocks: int):
         for number in range(rounds):
             find(pairs, motion, number, threads)
             wait()
-            if pairs.lacking[0] <= number:
+            if pairs.violated[0] <= number:
                 break
             push(pairs, motion, number, threads)
             wait()
             move(pairs, motion, number, threads)
             wait()
         for number in range(cuts):
-            shorten(pairs, motion, number, threads)
+            truncate(pairs, motion, number, threads)
             wait()
             if pairs.cutting[0] == 0:
                 break
@@ -332,7 +334,7 @@ def end_round(scalar: type):
     def end_round_of_impulses(pairs: Pairs):
         following = pairs.round[0] + 1
         pairs.round[0] = following
-        if pairs.lacking[0] < following or following == wp.static(ROUNDS):
+        if pairs.violated[0] < following or following == wp.static(ROUNDS):
             pairs.many[0] = 0
 
     return end_round_of_impulses

@@ -25,9 +25,10 @@ which may increase."""
 def ways(scalar: type):
     """Compose (place_of, way_towards, approach_of).
 
-    `place_of` returns a vertex's position. `way_towards` bounds its displacement against a normal [m]: each of its
-    particles may be held back alone, so particles that move along the normal count as at rest. `approach_of`
-    returns how far the two sides of a pair approach along its normal if no particle is held back [m].
+    `place_of` returns a vertex's position. `displacement_towards` bounds its displacement against a normal [m]:
+    each of its particles may be held back alone, so particles that move along the normal count as at rest.
+    `approach_of` returns how far the two sides of a pair approach along its normal if no particle is held back
+    [m].
     """
     V, load = vector(3, scalar), records(3, scalar).load
     Pairs, W = NearPairs(scalar), wp.types.vector(4, scalar)
@@ -46,7 +47,9 @@ def ways(scalar: type):
         return place
 
     @wp.func
-    def way_towards(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V) -> scalar:
+    def displacement_towards(
+        pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V
+    ) -> scalar:
         way = scalar(0.0)  # each particle may make only a part of its displacement; weights may be negative
         for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
             i = pairs.particle_of[s]
@@ -69,7 +72,7 @@ def ways(scalar: type):
             second = wp.max(second, rise[1])
         return second - first
 
-    return place_of, way_towards, approach_of
+    return place_of, displacement_towards, approach_of
 
 
 @functools.cache
@@ -150,7 +153,7 @@ def measure_pairs(scalar: type, watched: bool):
         x: wp.array(dtype=V),  # positions at the substep's start [m]
         x_out: wp.array(dtype=V),  # positions at its end [m]
         least: scalar,  # the least distance from a plane [m]
-        apart: scalar,  # beyond this distance pairs are left alone [m]
+        activation: scalar,  # beyond this distance pairs are left alone [m]
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -161,18 +164,18 @@ def measure_pairs(scalar: type, watched: bool):
         count = wp.min(pairs.count[0], pairs.vertices.shape[0])
         k = first_of_part(grid_thread(), part)
         if k == 0:
-            pairs.lacking[0] = 0
+            pairs.violated[0] = 0
             pairs.cutting[0] = 0
         while k < count:
             measure(pairs, x, least, k)
             gap = pairs.gap[k]
             if gap > zero:
                 approach = approach_of(pairs, x, x_out, k)
-                allowed = may_lose(gap, floor_of(pairs, k), apart)
+                allowed = may_lose(gap, floor_of(pairs, k), activation)
                 if approach > allowed:
                     pairs.alarm[0] = 1
-                reserve = wp.min(allowed, may_approach(gap, pairs.least[k], apart)) - approach
-                if reserve - pairs.least[k] <= scalar(wp.static(1.001 * WATCHED)) * apart:
+                reserve = wp.min(allowed, may_approach(gap, pairs.least[k], activation)) - approach
+                if reserve - pairs.least[k] <= scalar(wp.static(1.001 * WATCHED)) * activation:
                     pairs.watched[count_up(pairs.watched_count, 0)] = k
             k = next_of_part(k, threads, parts)
 
@@ -183,9 +186,9 @@ def measure_pairs(scalar: type, watched: bool):
 def find_alarm(scalar: type, worlds: bool = False):
     """Compose the kernel that tests whether surfaces may meet; then it sets `may_meet` and counts pairs.
 
-    Two sides of a pair may meet if they can come within `apart` in `AHEAD` substeps, from the vertices' positions
-    when the substep begins. `measure_pairs` would find that later, and takes ten times as long. The threads divide
-    the pairs. `flags` gets the number of pairs.
+    Two sides of a pair may meet if they can come within `activation` in `AHEAD` substeps, from the vertices'
+    positions when the substep begins. `measure_pairs` would find that later, and takes ten times as long. The
+    threads divide the pairs. `flags` gets the number of pairs.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
@@ -195,7 +198,7 @@ def find_alarm(scalar: type, worlds: bool = False):
     def find(
         data: Data,
         pairs: Pairs,
-        apart: scalar,  # beyond this distance pairs are left alone [m]
+        activation: scalar,  # beyond this distance pairs are left alone [m]
         h: scalar,  # length of the substep [s]
         threads: int,  # in each part
         part: int,
@@ -227,7 +230,7 @@ def find_alarm(scalar: type, worlds: bool = False):
             else:
                 on = on_triangle(V(), b, c, d)
                 away = -(on[0] * b + on[1] * c + on[2] * d)
-            if wp.length(away) < apart + scalar(AHEAD) * h * fastest:
+            if wp.length(away) < activation + scalar(AHEAD) * h * fastest:
                 pairs.may_meet[0] = 1
                 if not (flags[wp.static(PAIRS)] >= float(count)):
                     raise_to(flags, wp.static(PAIRS), float(count))

@@ -21,26 +21,27 @@ LARGEST_APPROACH = 0.8
 HOLD_BEYOND = 0.95
 """Particles are held back if a pair loses more than this fraction of its gap, less half of the least gap."""
 WATCHED = 0.5
-"""Pairs are tested again after impulses only if they may then come too near by this fraction of `apart`. If any
+"""Pairs are tested again after impulses only if they may then come too near by this fraction of `activation`. If
+any
 particle moves more than half as far, all are tested."""
 
 
 @functools.cache
 def pair_impulses(scalar: type):
-    """Compose (floor_of, may_lose, may_approach, lacks, count_pushes, push, apply).
+    """Compose (floor_of, may_lose, may_approach, violation, count_pushes, push, apply).
 
     `may_lose` returns by how much the gap of a pair may shrink in a substep before impulses act [m],
-    `may_approach` by how much any two of its vertices may approach before they are held back [m]. `lacks` finds
-    where the gap shrinks most. It returns (weights, change): the weights of the vertices there, and by how much
-    the approach is to be reduced [m], at most 0 if it is allowed. In a round each pair adds 1 to `pushes` of its
-    particles, then its impulses; then each particle applies them.
+    `may_approach` by how much any two of its vertices may approach before they are held back [m]. `violation`
+    finds where the gap shrinks most. It returns (weights, change): the weights of the vertices there, and by how
+    much the approach is to be reduced [m], at most 0 if it is allowed. In a round each pair adds 1 to `pushes` of
+    its particles, then its impulses; then each particle applies them.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs, Moving, (load, store, _) = NearPairs(scalar), Motion(scalar), records(3, scalar)
     zero, kept = scalar(0.0), scalar(KEPT)
 
     @wp.func
-    def way_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int) -> V:
+    def displacement_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int) -> V:
         """Return the displacement of vertex v in the substep [m]."""
         way = V()
         for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
@@ -117,7 +118,7 @@ def pair_impulses(scalar: type):
             store(motion.v_out, i, load(motion.v_out, i) + moved / h)
             shift = pairs.shift[i] + float(wp.length(moved))
             pairs.shift[i] = shift
-            if pairs.most_weight * shift > wp.static(0.5 * WATCHED) * float(motion.apart):
+            if pairs.most_weight * shift > wp.static(0.5 * WATCHED) * float(motion.activation):
                 pairs.exceeded[0] = 1
             store(x_out, i, load(x_out, i) + moved)
 
@@ -128,34 +129,34 @@ def pair_impulses(scalar: type):
         return pairs.floor[bodies[0]] + pairs.floor[bodies[1]]
 
     @wp.func
-    def may_lose(gap: scalar, floor: scalar, apart: scalar) -> scalar:
+    def may_lose(gap: scalar, floor: scalar, activation: scalar) -> scalar:
         share = wp.min((scalar(1.0) - kept) * gap, gap - floor)
-        return wp.max(zero, wp.max(share, gap - apart))
+        return wp.max(zero, wp.max(share, gap - activation))
 
     @wp.func
-    def may_approach(gap: scalar, least: scalar, apart: scalar) -> scalar:
-        return wp.max(scalar(HOLD_BEYOND) * gap - scalar(0.5) * least, gap - apart)
+    def may_approach(gap: scalar, least: scalar, activation: scalar) -> scalar:
+        return wp.max(scalar(HOLD_BEYOND) * gap - scalar(0.5) * least, gap - activation)
 
     @wp.func
-    def lacks(pairs: Pairs, motion: Moving, k: int):
-        x, x_out, apart = motion.x, motion.x_out, motion.apart
+    def violation(pairs: Pairs, motion: Moving, k: int):
+        x, x_out, activation = motion.x, motion.x_out, motion.activation
         vertices = pairs.vertices[k]
         weights = pairs.weights[k]
         gap = pairs.gap[k]
         approach = zero
         rises = W()
         for m in range(4):
-            of_vertex = way_of(pairs, x, x_out, vertex_of(vertices, m))
+            of_vertex = displacement_of(pairs, x, x_out, vertex_of(vertices, m))
             approach -= weights[m] * wp.dot(of_vertex, pairs.normal[k])
             rises[m] = wp.dot(of_vertex, pairs.normal[k])
-        change = approach - may_lose(gap, floor_of(pairs, k), apart)
+        change = approach - may_lose(gap, floor_of(pairs, k), activation)
         if change > zero:
             # What bounces is back where it began. What is fast has hardly met springs of contact, which would have
             # thrown it back; what is pressed slowly would get more energy than it loses.
             bodies = pairs.bodies[k]
             e = pairs.restitution[pairs.rules[pairs.kind[bodies[0]], pairs.kind[bodies[1]]]]
             change += e * (approach - change)
-            if approach > apart:
+            if approach > activation:
                 change += e * approach
         else:
             # If a side rotates, another of its vertices may be faster. This exerts a moment, unlike the above.
@@ -168,23 +169,23 @@ def pair_impulses(scalar: type):
             if vertices[0] >= 0 and rises[1] > rises[second]:
                 second = int(1)
             room = wp.max(zero, gap - pairs.least[k])
-            change = rises[second] - rises[first] - wp.max(scalar(LARGEST_APPROACH) * room, gap - apart)
+            change = rises[second] - rises[first] - wp.max(scalar(LARGEST_APPROACH) * room, gap - activation)
             weights = W()
             weights[first] = scalar(1.0)
             weights[second] = scalar(-1.0)
         return weights, change
 
-    return floor_of, may_lose, may_approach, lacks, count_pushes, push, apply
+    return floor_of, may_lose, may_approach, violation, count_pushes, push, apply
 
 
 @functools.cache
-def find_lacking(scalar: type):
+def find_violations(scalar: type):
     """Compose the kernel that begins a round: it lists pairs which come too near, and counts them on particles.
 
     The threads divide the pairs. `number` is that of the round; below 0: it is `pairs.round`.
     """
     Pairs, Moving = NearPairs(scalar), Motion(scalar)
-    _, _, _, lacks, count_pushes, _, _ = pair_impulses(scalar)
+    _, _, _, violation, count_pushes, _, _ = pair_impulses(scalar)
 
     @kernel
     def find(pairs: Pairs, motion: Moving, number: int, threads: int):
@@ -201,9 +202,9 @@ def find_lacking(scalar: type):
             if not every:
                 k = pairs.watched[n]
             if pairs.gap[k] > scalar(0.0):
-                weights, change = lacks(pairs, motion, k)
+                weights, change = violation(pairs, motion, k)
                 if change > scalar(0.0):
-                    pairs.lacking[0] = this + 1
+                    pairs.violated[0] = this + 1
                     at = count_up(pairs.pushing_count, 0)
                     pairs.pushing[at] = k
                     pairs.pushed[at] = weights

@@ -32,12 +32,12 @@ def searches(scalar: type, worlds: bool):
     margin, doubt = margin_of_boxes(scalar), scalar(1.01)
 
     @wp.func
-    def search_of(data: Data, pairs: Pairs, body: int, b: int, skin: scalar, apart: scalar) -> Search:
+    def search_of(data: Data, pairs: Pairs, body: int, b: int, skin: scalar, activation: scalar) -> Search:
         search = Search()
         search.other = data.neighbors.body_pairs[body, b]
         search.alike = body == search.other
         search.x = data.surfaces.x
-        search.reach = doubt * (skin + apart)
+        search.reach = doubt * (skin + activation)
         if pairs.rank[body] > pairs.rank[search.other]:
             search.reach = scalar(-1.0)
         elif search.alike:
@@ -59,8 +59,9 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, gr
     """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
 
     Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
-    more than `apart` needs no impulse. So pairs beyond skin + `apart` are not listed; listing one changes no
-    result. Each facet has `lanes` threads. If all bodies are `grains`, facets and bodies have the same indices.
+    more than `activation` needs no impulse. So pairs beyond skin + `activation` are not listed; listing one
+    changes no result. Each facet has `lanes` threads. If all bodies are `grains`, facets and bodies have the same
+    indices.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
@@ -116,17 +117,17 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, gr
         place: int,
         lane: int,
         skin: scalar,
-        apart: scalar,
+        activation: scalar,
         flags: wp.array(dtype=float),
     ):
         """Add the near pairs of the facet at `place` in the order of the tree."""
         facet = tree.facet[place]
         body = data.surfaces.owner[facet]
-        wide = margin(tree.lower[place], tree.upper[place], skin + apart)
+        wide = margin(tree.lower[place], tree.upper[place], skin + activation)
         low, high = tree.lower[place] - wide, tree.upper[place] + wide
         if overlap(low, high, tree.near_lower[body], tree.near_upper[body]):
             for b in range(data.neighbors.body_pair_count[body]):
-                search = search_of(data, pairs, body, b, skin, apart)
+                search = search_of(data, pairs, body, b, skin, activation)
                 if search.reach >= scalar(0.0):
                     low, high = box_of(tree, search, place)
                     if overlap(low, high, tree.body_lower[search.other], tree.body_upper[search.other]):
@@ -138,7 +139,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, gr
         tree: FacetTree,
         pairs: Pairs,
         buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
-        apart: scalar,  # [m]
+        activation: scalar,  # [m]
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -147,7 +148,7 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, gr
         place = first_of_part(grid_thread(), part) / wp.static(lanes)
         lane = grid_thread() % wp.static(lanes)
         while place < tree.facet.shape[0]:
-            find_one(data, tree, pairs, place, lane, buffer[0], apart, flags)
+            find_one(data, tree, pairs, place, lane, buffer[0], activation, flags)
             place = next_of_part(place, threads / wp.static(lanes), parts)
 
     return find
@@ -261,17 +262,17 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, worlds: bool = False):
         queue: int,
         lane: int,
         skin: scalar,
-        apart: scalar,
+        activation: scalar,
         flags: wp.array(dtype=float),
     ):
         piece = tree.piece[p]
         body = piece[0]
         place = piece[2] + lane
-        wide = margin(tree.piece_lower[p], tree.piece_upper[p], skin + apart)
+        wide = margin(tree.piece_lower[p], tree.piece_upper[p], skin + activation)
         low, high = tree.piece_lower[p] - wide, tree.piece_upper[p] + wide
         if overlap(low, high, tree.near_lower[body], tree.near_upper[body]):
             for b in range(data.neighbors.body_pair_count[body]):
-                search = search_of(data, pairs, body, b, skin, apart)
+                search = search_of(data, pairs, body, b, skin, activation)
                 if search.reach >= scalar(0.0):
                     low = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
                     high = -low
@@ -288,7 +289,7 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, worlds: bool = False):
         tree: FacetTree,
         pairs: Pairs,
         buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
-        apart: scalar,  # [m]
+        activation: scalar,  # [m]
         threads: int,
         part: int,
         parts: int,
@@ -299,7 +300,7 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, worlds: bool = False):
         lane = grid_thread() % wp.static(WARP)
         while n < wp.static(SHARES) * tree.piece.shape[0]:
             p = n / wp.static(SHARES)
-            find_of_piece(data, tree, pairs, p, n % wp.static(SHARES), queue, lane, buffer[0], apart, flags)
+            find_of_piece(data, tree, pairs, p, n % wp.static(SHARES), queue, lane, buffer[0], activation, flags)
             n += threads / wp.static(WARP)
 
     return find

@@ -45,7 +45,7 @@ def ContactNumbers(scalar: type):
         ahead: float
         beyond: float
         farthest: scalar
-        apart: scalar
+        activation: scalar
 
     return ContactNumbers
 
@@ -81,7 +81,7 @@ def search_in_launch(scalar: type):
         candidates(data, tree, numbers.farthest, buffer, threads, 0, 1)
         wait()
         rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
-        near(data, tree, pairs, buffer, numbers.apart, threads, 0, 1, flags)
+        near(data, tree, pairs, buffer, numbers.activation, threads, 0, 1, flags)
         wait()
         speeds(data, threads)
         wait()
@@ -125,7 +125,7 @@ def contact_before(composition: Composition, method: Any, options: ContactParts)
         # Equal for all threads: it changes only after the search's first barriers.
         if data.neighbors.due[0] != 0:
             search(data, tree, pairs, numbers, buffer, flags, threads)
-        watch(data, pairs, numbers.apart, h, threads, 0, 1, flags)
+        watch(data, pairs, numbers.activation, h, threads, 0, 1, flags)
         evaluate(data, h, rate, per_unit, buffer, threads, 0, 1, flags, none, none)
         wait()
 

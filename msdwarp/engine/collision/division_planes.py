@@ -18,11 +18,11 @@ from ...kernels.collision.division_planes import (
     hold_particles,
     keep_apart,
     mark_held,
-    shorten_ways,
+    truncate_displacements,
 )
 from ...kernels.collision.near_pairs import clear_pairs
 from ...kernels.collision.pair_gaps import find_alarm, measure_pairs
-from ...kernels.collision.pair_impulses import find_lacking, move_pushed, push_pairs
+from ...kernels.collision.pair_impulses import find_violations, move_pushed, push_pairs
 from ...kernels.collision.pair_search import QUEUES, SHARES, find_pairs, find_pairs_of_pieces
 from ...kernels.collision.tangles import find_tangles
 from ...kernels.lanes import WARP
@@ -37,7 +37,7 @@ LEAST_GAP = 1e-3
 """The least gap, as a fraction of the thickness of contact; without it rounding would finally close gaps."""
 FLOOR = 0.1
 """Fraction of its thickness below which a pair loses nothing more of its gap in a substep."""
-APART = 0.25
+ACTIVATION = 0.25
 """Pairs with larger gaps, as fractions of the thickness, are ignored: contact forces act long before."""
 ROOM = 4
 """Initial room for near pairs, as a multiple of the number of vertices."""
@@ -56,8 +56,8 @@ MOST_SEARCHING = 2**18
 PAIR_THREADS = 2**16
 """Maximal number of GPU threads that divide the pairs: with more, launches take longer if nothing is near."""
 
-PUSHING, CUTTING = (find_lacking, push_pairs, move_pushed), (shorten_ways, mark_held, hold_particles)
-"""The kernels of a round of impulses, and of one that shortens displacements and its end."""
+PUSHING, CUTTING = (find_violations, push_pairs, move_pushed), (truncate_displacements, mark_held, hold_particles)
+"""The kernels of a round of impulses, and of one that truncates displacements and its end."""
 
 
 class DivisionPlanes(Effect):
@@ -87,7 +87,7 @@ class DivisionPlanes(Effect):
         thick = np.concatenate([rules.thickness, *(2.0 * one.radius for one in surfaces.by_row)])
         thickness = float(thick[thick > 0].min(initial=thick.max()))  # the smallest thickness of any contact
         self.least_gap = LEAST_GAP * thickness
-        self.apart = APART * thickness
+        self.activation = ACTIVATION * thickness
         scalar, device = model.scalar, model.device
         data = self.pairs = NearPairs(scalar)()
         edge, owned, points = edges(on_host)
@@ -100,7 +100,7 @@ class DivisionPlanes(Effect):
         counts = np.diff(data.first_particle.numpy())
         of_vertex = np.repeat(np.arange(len(counts)), counts)
         data.most_weight = float(np.bincount(of_vertex, np.abs(data.weight.numpy())).max())
-        numbers = "count", "particle_count", "pushing_count", "tangles", "lacking", "cutting", "exceeded"
+        numbers = "count", "particle_count", "pushing_count", "tangles", "violated", "cutting", "exceeded"
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
         signals = "may_meet", "alarm", "many", "watched_count", "round"
@@ -112,7 +112,7 @@ class DivisionPlanes(Effect):
             wp.zeros(particles, dtype=int, device=device) for _ in "ipph"
         )
         data.impulse = wp.zeros((particles, 3), dtype=wp.int64, device=device)
-        data.share, data.shift = (wp.full(particles, one, dtype=float, device=device) for one in (1.0, 0.0))
+        data.truncation, data.shift = (wp.full(particles, one, dtype=float, device=device) for one in (1.0, 0.0))
         mass, data.inverse_mass = model.row_of("mass"), contact.surfaces.inverse_mass
         data.anchored = each.by_row(np.array([[int(np.isinf(one).any())] for one in mass]), int)
         data.driven = each.alike(np.flatnonzero(model.driven), int, model.stride)
@@ -182,7 +182,7 @@ class DivisionPlanes(Effect):
             self._find_tangles()
         lanes = 1 if self._grains else neighbors.lanes
         threads = self._searching or lanes * len(neighbors.tree.facet)
-        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.apart]
+        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.activation]
         neighbors.share(self._find_pairs(), threads, inputs, [neighbors.flags])
 
     def start(self) -> None:
@@ -202,7 +202,7 @@ class DivisionPlanes(Effect):
         """Launch the test whether surfaces may come so near that their pairs must be kept apart."""
         if self.may_sleep:
             kernel, neighbors = find_alarm(self._model.scalar, self._model.in_worlds), self.neighbors
-            inputs = [self._contact, self.pairs, self.apart, neighbors.dt]
+            inputs = [self._contact, self.pairs, self.activation, neighbors.dt]
             neighbors.share(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
@@ -216,7 +216,7 @@ class DivisionPlanes(Effect):
                 outputs = [after.x, after.v]
                 inputs = [self.pairs, before.x, steps.dt, self.least_gap]
                 neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
-            measured = [self.pairs, before.x, after.x, self.least_gap, self.apart]
+            measured = [self.pairs, before.x, after.x, self.least_gap, self.activation]
             neighbors.share(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
             self._keep_apart(before, after)
         if substep + 1 == steps.substeps:  # otherwise the next substep tests it
@@ -226,7 +226,7 @@ class DivisionPlanes(Effect):
         model, device, neighbors, pairs = self._model, self._model.device, self.neighbors, self.pairs
         motion: Any = Motion(model.scalar)()
         motion.x, motion.x_out, motion.v_out, motion.h = before.x, after.x, after.v, self.steps.dt
-        motion.per_unit, motion.apart, motion.particles = self.per_unit, self.apart, model.stride
+        motion.per_unit, motion.activation, motion.particles = self.per_unit, self.activation, model.stride
 
         def launch(kernel: Any, threads: int, *numbers: int, flags: Sequence[wp.array] = ()) -> None:
             given = [pairs, motion, *numbers, threads]
@@ -239,9 +239,9 @@ class DivisionPlanes(Effect):
 
         def launch_each() -> None:
             wp.capture_while(pairs.many, launch_round)
-            shorten, mark, hold = (one(model.scalar) for one in CUTTING)
+            truncate, mark, hold = (one(model.scalar) for one in CUTTING)
             for number in range(CUTS):
-                launch(shorten, PAIR_THREADS, number)
+                launch(truncate, PAIR_THREADS, number)
                 if number < CUTS - 1:
                     launch(mark, PAIR_THREADS, number)
             launch(hold, PAIR_THREADS, flags=[neighbors.flags])

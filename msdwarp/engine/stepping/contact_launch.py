@@ -58,7 +58,7 @@ class ContactLaunch:
         numbers, h = ContactNumbers(model.scalar)(), effect.steps.dt
         numbers.beyond, numbers.farthest = neighbors.margins
         numbers.h, numbers.rate, numbers.per_unit = h, DAMPING / h, 1.0 / effect.data.unit
-        numbers.ahead, numbers.apart = AHEAD * h, planes.apart
+        numbers.ahead, numbers.activation = AHEAD * h, planes.activation
         (kernel, before), threads = self._kernel(), CLUSTER * MOST_THREADS
         contact = before.Data()
         contact.data, contact.tree = effect.on_device
