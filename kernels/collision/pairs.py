@@ -176,7 +176,8 @@ def crowding(scalar: type, worlds: bool):
         at = 1 - measuring
         first = scalar(data.surfaces.touching[point.ends[0], at])
         second = scalar(data.surfaces.touching[point.ends[1], at])
-        touching = wp.max(point.density, (first + point.share * (second - first)) / whole)
+        touching = (first + point.share * (second - first)) / whole
+        touching = wp.max(wp.max(point.density, touching), scalar(1.0e-9))  # of a flat triangle it may be 0
         return point.density * number_of(data.surfaces.crowd, point.number) / touching
 
     @wp.func
