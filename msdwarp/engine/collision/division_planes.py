@@ -44,9 +44,9 @@ ROOM = 4
 LEAST_ROOM = 2**13
 """Initial room for pairs of solid bodies."""
 MOST_IN_CLUSTER = 2**15
-"""With more pairs each phase is a separate launch, since a cluster has too few threads."""
+"""With more pairs each kernel is a launch, since a cluster has too few threads."""
 CLUSTER = 8
-"""Blocks in the cluster that has all phases in one launch."""
+"""Blocks in the cluster that runs all of them in one launch."""
 QUIET = 60
 """After this many frames in which no pair came too near, no launch keeps pairs apart until one does."""
 MANY_FACETS = 2**14
