@@ -308,12 +308,11 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                 rule = int(-1)
                 if j < end:
                     rule = find_rule(data, i, j)
-                if rule >= 0:
+                if rule >= 0 and not overlap(low, high, tree.body_lower[j], tree.body_upper[j]):
+                    rule = -1
                     below = tree.body_lower[j] - tree.body_upper[i]
-                    apart = wp.max(wp.max(below, tree.body_lower[i] - tree.body_upper[j]), wp.vec3())
-                    if not overlap(low, high, tree.body_lower[j], tree.body_upper[j]):
-                        rule = -1
-                        free = wp.min(free, wp.length(apart))
+                    away = wp.max(wp.max(below, tree.body_lower[i] - tree.body_upper[j]), wp.vec3())
+                    free = wp.min(free, wp.length(away))
                 those = ballot(rule >= 0)
                 if rule >= 0:
                     list_pair(data, rule, i, j, count + count_before(those, lane))

@@ -128,12 +128,12 @@ class ContactRules:
 
     def blocks(self, surfaces: ContactSurfaces) -> NDArray[np.float64]:
         """Return contributions to diagonal blocks of K [N/m], shape [rows, particle_count]."""
-        return np.array([self._blocks(one, surfaces.density, surfaces.shape) for one in surfaces.by_row])
+        return np.array([self._blocks(one, surfaces.around, surfaces.shape) for one in surfaces.by_row])
 
     def _blocks(
-        self, surfaces: TouchingSurfaces, density: NDArray[np.float64], x: NDArray[np.float64]
+        self, surfaces: TouchingSurfaces, around: NDArray[np.float64], x: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return `blocks` for one row of the model's parameters.
+        """Return `blocks` for one row of the model's parameters; `around` is that of `ContactSurfaces`.
 
         A contact of stiffness k and gradient g has the stiffness matrix k g gᵀ. By Gershgorin's theorem it is
         bounded by the diagonal matrix of k |g_i| Σ|g_j|, with Σ|g_j| = 2: the weights of the point sum to 1, as do
@@ -160,14 +160,11 @@ class ContactRules:
                 most, opposite = max(most, k), max(opposite, k * max(1.0, (s_a / apart) ** 2))
             mine = number == a
             stiff[mine], reaction[mine] = most, opposite
-        body, ends, share = surfaces.body, surfaces.ends, surfaces.share
-        weights = np.zeros(len(surfaces.particle))
-        np.add.at(weights, ends[:, 0], density * (1 - share))
-        np.add.at(weights, ends[:, 1], density * share)
+        body = surfaces.body
         bare = np.bincount(body[surfaces.corner[:, 0]], minlength=bodies) > 0
         bare &= ~surfaces.solid & (surfaces.radius > 0.2 * spacing)
         contacts = np.where(surfaces.spacing == 0, CONTACTS_OF_A_SPHERE, np.where(bare, CONTACTS_OF_A_ROPE, 1.0))
-        each = contacts[body] * (stiff + reaction)[body] * weights
+        each = contacts[body] * (stiff + reaction)[body] * around
         # Not all vertices around a particle inside press along one axis at a time. Those on faces press along
         # these. So do the others if pressed by the same plane: of a cube's centre a third by its faces, half with
         # its edges.

@@ -32,6 +32,10 @@ class ContactSurfaces:
         self._sides = sides_between(surfaces)
         self.density = densities(surfaces, self.shape, self.body_of_point, *self._sides)
         """Stiffness of each point as a fraction of that of an independent vertex, in proportion to its area."""
+        self.around = np.zeros(len(surfaces.particle))
+        """Sum of this at each vertex, over the points around it."""
+        np.add.at(self.around, surfaces.ends[:, 0], self.density * (1 - surfaces.share))
+        np.add.at(self.around, surfaces.ends[:, 1], self.density * surfaces.share)
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
         """Fill the struct that kernels read; each body has no self-contact within its number `hops` of edges."""
@@ -59,11 +63,7 @@ class ContactSurfaces:
         data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
         data.body = each.alike(self.body_of_point, int, bodies)
         data.density = each.alike(self.density, scalar)
-        around = np.bincount(
-            surfaces.ends.reshape(-1),
-            (np.stack([1 - surfaces.share, surfaces.share], axis=1) * self.density[:, None]).reshape(-1),
-        )
-        first, second = around[surfaces.ends].T
+        first, second = self.around[surfaces.ends].T
         data.crowd = each.alike(first + surfaces.share * (second - first), scalar)
         host = hosts(surfaces, *self._sides)
         data.host = each.alike(np.where(host < 0, -(2**30), host), int, len(surfaces.corner))  # below 0 in all

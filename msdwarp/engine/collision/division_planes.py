@@ -233,8 +233,8 @@ class DivisionPlanes(Effect):
             wp.launch(kernel, threads, given, list(flags), device=device, block_dim=MOST_THREADS)
 
         def launch_all() -> None:
-            threads, most = self._blocks * MOST_THREADS if device.is_cuda else 1, MOST_IN_CLUSTER
-            most = 2**31 - 1 if self._small else most
+            threads = self._blocks * MOST_THREADS if device.is_cuda else 1
+            most = 2**31 - 1 if self._small else MOST_IN_CLUSTER
             launch(self._keep, threads, most, ROUNDS, CUTS, flags=[neighbors.flags])
 
         def launch_each() -> None:
