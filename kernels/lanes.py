@@ -43,6 +43,23 @@ BALLOT = """
     return chosen;
 #endif
 """
+RESERVE = """
+#if defined(__CUDA_ARCH__)
+    const int lane = threadIdx.x & 31;
+    int until = count;  // of this thread and those before it
+    for (int far = 1; far < 32; far *= 2) {
+        const int before = __shfl_up_sync(~0u, until, far);
+        if (lane >= far)
+            until += before;
+    }
+    int first = 0;
+    if (lane == 31 && until > 0)
+        first = wp::atomic_add(numbers, at, until);
+    return __shfl_sync(~0u, first, 31) + until - count;
+#else
+    return __atomic_fetch_add(&wp::index(numbers, at), count, __ATOMIC_RELAXED);
+#endif
+"""
 LOWEST = """
 #if defined(__CUDA_ARCH__)
     return __ffs(bits) - 1;
@@ -103,6 +120,12 @@ def ballot_of_lanes(lanes: int):
     def ballot(chosen: bool) -> wp.uint32: ...
 
     return ballot
+
+
+@wp.func_native(RESERVE)
+def reserve(numbers: wp.array(dtype=int), at: int, count: int) -> int:
+    """Add `count` to numbers[at] and return its previous value; all threads of a warp must call it together."""
+    ...
 
 
 @wp.func_native(LOWEST)

@@ -10,12 +10,13 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 from ..records import table
 
-MOVED, WAY, NEAR_WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = range(9)
+MOVED, WAY, NEAR_WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE, NEAR_FACETS = range(10)
 """Indices of flags: longest path of a vertex since the last search, less what its body may move beyond half of the
 skin [m]; longest path in a substep, of all vertices and of those of bodies near others; longest row; most bodies
 near one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also
-has, for all worlds, the numbers of near pairs and of points with facets near them."""
-FLAGS = 9
+has, for all worlds, the numbers of near pairs, of points with facets near them, and of facets near each other or
+tests of them for which there was no room."""
+FLAGS = 10
 NOT_DUE, DUE, FORCED = range(3)
 """Whether lists must be made: no; yes, since vertices have moved far; yes, since positions were changed."""
 WHOLE = 1024.0
@@ -167,7 +168,12 @@ def NearPairs(scalar: type):
         # Facets:
         owned: wp.array(dtype=int)  # its corners (bits 0 to 2) and sides (3 to 5) that belong to no other facet
         points: wp.array(dtype=int)  # six each: in owned corners, in the middle of owned sides; below 0: none
-        queue: wp.array(dtype=wp.vec3i)  # two facets that may be near, and a test; QUEUES for each warp
+        # The search, see `pair_search`:
+        near_facets: wp.array(dtype=wp.vec2i)  # facets whose boxes are near each other
+        near_facet_count: wp.array(dtype=int)  # their number, shape [1]
+        point_tests: wp.array(dtype=wp.vec3i)  # two facets, and a test of a point of one and the other
+        edge_tests: wp.array(dtype=wp.vec3i)  # two facets, and a test of their sides
+        test_counts: wp.array(dtype=int)  # numbers of point_tests and edge_tests, shape [2]
         # Pairs:
         vertices: wp.array(dtype=wp.vec4i)  # a vertex and a triangle; or the ends of two edges, the first end as ~
         count: wp.array(dtype=int)  # number of pairs, shape [1]

@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import fully_hashed, kernel, vector
+from ..lanes import reserve
 from ..partition import count_up, raise_to
 from ..records import records
 from ..threads import grid_thread
@@ -15,6 +16,8 @@ from .pairs import never_touches
 
 FIRST_OF_EDGES = 12
 """Index of the first test of two sides among the tests of two facets."""
+NO_PAIR = wp.vec4i(-1, -1, -1, -1)
+"""The vertices of no pair."""
 MARK = """
 #if defined(__CUDA_ARCH__)
     return atomicExch(&wp::index(marks, i), 1) == 0;
@@ -53,6 +56,9 @@ def clear_pairs(scalar: type):
         if i == 0:
             pairs.count[0] = 0
             pairs.particle_count[0] = 0
+            pairs.near_facet_count[0] = 0
+            pairs.test_counts[0] = 0
+            pairs.test_counts[1] = 0
         while i < pairs.in_pair.shape[0]:
             pairs.in_pair[i] = 0
             i += threads
@@ -77,10 +83,9 @@ def PairSearch(scalar: type):
 
     @wp.struct
     class PairSearch:
-        other: int  # the body that is searched
-        alike: bool  # whether it is the same body
+        alike: bool  # whether both are the same body
         x: wp.array(dtype=V)  # positions of vertices [m]
-        reach: scalar  # distance within which pairs are listed [m]; below 0: none are
+        reach: scalar  # distance within which pairs are listed [m]
         touching: scalar  # distance within which points of the same body may touch it [m]
 
     return PairSearch
@@ -88,11 +93,11 @@ def PairSearch(scalar: type):
 
 @functools.cache
 def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
-    """Compose (tests_of, test_point, test_edges), which add the near pairs of two facets to the list.
+    """Compose (tests_of, test_point, test_edges, add_pair), which add the near pairs of two facets to the list.
 
-    Each vertex and each edge belongs to one of the facets around it,
-    so every pair is found once. If `tangled`, vertices that `find_tangles` has marked are left out. If both facets
-    belong to one body, points that may touch the other facet are marked.
+    Each vertex and each edge belongs to one of the facets around it, so every pair is found once. If `tangled`,
+    vertices that `find_tangles` has marked are left out. If both facets belong to one body, points that may touch
+    the other facet are marked.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     Search, load, margin, half = PairSearch(scalar), records(3, scalar).load, margin_of_boxes(scalar), scalar(0.5)
@@ -107,14 +112,16 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
 
     @wp.func
     def add_pair(pairs: Pairs, vertices: wp.vec4i, flags: wp.array(dtype=float)):
+        """Add a pair, if it is not `NO_PAIR`; all threads of a warp must call this together."""
+        adds = vertices[3] >= 0
         if wp.static(tangled):
-            for m in range(4):
-                if pairs.tangled[vertex_of(vertices, m)] != 0:
-                    return
-        k = count_up(pairs.count, 0)
-        if k >= pairs.vertices.shape[0]:
+            if adds:
+                for m in range(4):
+                    adds = adds and pairs.tangled[vertex_of(vertices, m)] == 0
+        k = reserve(pairs.count, 0, int(adds))
+        if adds and k >= pairs.vertices.shape[0]:
             raise_to(flags, wp.static(PAIRS), float(k + 1))
-        else:
+        elif adds:
             pairs.vertices[k] = vertices
             pairs.bodies[k] = wp.vec2i(pairs.body_of[vertex_of(vertices, 0)], pairs.body_of[vertices[3]])
             for m in range(4):
@@ -191,10 +198,11 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         return wp.uint32(tests)
 
     @wp.func
-    def test_point(
-        data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int, flags: wp.array(dtype=float)
-    ):
-        """Add the pair of a corner and a facet; mark the contact point at the corner or at a side's midpoint."""
+    def test_point(data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int) -> wp.vec4i:
+        """Return the pair of a corner and a facet, if they are near.
+
+        Mark the contact point at the corner, or at a side's midpoint, if it may touch the facet.
+        """
         number = mine
         facing = found
         if test >= 6:
@@ -209,18 +217,18 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         w = nearest(x, other.a, other.b, other.c)
         away = wp.length(x - w[0] * other.a - w[1] * other.b - w[2] * other.c)
         c = other.corner
+        pair = wp.static(NO_PAIR)
         if k < 3 and away < search.reach and c[1] != c[2]:
-            add_pair(pairs, wp.vec4i(i, c[0], c[1], c[2]), flags)
+            pair = wp.vec4i(i, c[0], c[1], c[2])
         if search.alike and away < search.touching:
             point = pairs.points[6 * number + k]
             if point >= 0 and not never_touches(data.surfaces.first_near, data.surfaces.near, wp.vec2i(i, j), c):
                 data.neighbors.near_own[point] = 1
+        return pair
 
     @wp.func
-    def test_edges(
-        data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int, flags: wp.array(dtype=float)
-    ):
-        """Add the pair of two sides of different facets."""
+    def test_edges(data: Data, search: Search, mine: int, found: int, test: int) -> wp.vec4i:
+        """Return the pair of two sides of different facets, if they are near."""
         one = facet_at(data.surfaces.corner, search.x, mine)
         other = facet_at(data.surfaces.corner, search.x, found)
         k = (test - wp.static(FIRST_OF_EDGES)) / 3
@@ -230,15 +238,17 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         m, c = corner_of(other, n)
         o, d = corner_of(other, (n + 1) % 3)
         if (i == j or m == o) and (one.corner[1] != one.corner[2] or other.corner[1] != other.corner[2]):
-            return  # the pair of a grain and a triangle is listed by `test_point`
+            return wp.static(NO_PAIR)  # the pair of a grain and a triangle is listed by `test_point`
         shares = on_segments(a, b, c, d)
         away = wp.length(a + shares[0] * (b - a) - c - shares[1] * (d - c))
+        pair = wp.static(NO_PAIR)
         if away < search.reach:
             first = wp.vec2i(wp.min(i, j), wp.max(i, j))
             second = wp.vec2i(wp.min(m, o), wp.max(m, o))
             # Within one body the order of the two edges does not depend on which facet found the other.
             if search.alike and second[0] < first[0]:
                 first, second = second, first
-            add_pair(pairs, wp.vec4i(-1 - first[0], first[1], second[0], second[1]), flags)
+            pair = wp.vec4i(-1 - first[0], first[1], second[0], second[1])
+        return pair
 
-    return tests_of, test_point, test_edges
+    return tests_of, test_point, test_edges, add_pair

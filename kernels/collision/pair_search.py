@@ -1,47 +1,46 @@
-"""The search for near pairs, by the boxes around facets."""
+"""The search for near pairs in three kernels: they list near facets, the tests that these need, and near pairs.
+
+Each kernel appends to a list what the next one needs. So on a GPU all threads of a warp have work, though most
+facets that are near each other need no test, and the others need up to 21.
+"""
 
 import functools
 
 import warp as wp
 
 from ..basis import kernel
-from ..lanes import WARP, ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, wait_for_lanes
-from ..partition import first_of_part, next_of_part
+from ..lanes import WARP, ballot_of_lanes, count_bits, least_of_lanes, lowest_bit, reserve
+from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
-from .contact_data import BodyContactData, NearPairs
+from .contact_data import NEAR_FACETS, BodyContactData, NearPairs
 from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
-from .near_pairs import FIRST_OF_EDGES, PairSearch, pairs_of_facets
-
-ROOM = 2 * WARP
-"""Entries in a queue: each thread may add one while there is not yet work for all threads."""
-SHARES = 4
-"""Warps that divide a piece: in a stack of many layers some pieces take four times as long as most."""
-QUEUES = 3 * ROOM
-"""Entries of a warp's queues: one of pairs of facets, one of tests of points and one of tests of edges."""
+from .near_pairs import FIRST_OF_EDGES, NO_PAIR, PairSearch, pairs_of_facets
+from .pairs import pairs
 
 
 @functools.cache
 def searches(scalar: type, worlds: bool):
-    """Compose (search_of, box_of): which bodies the facets of a body search for near pairs, and in which box.
+    """Compose (searches_for, search_of, box_of): which bodies are searched for near pairs, and how far.
 
-    `search_of` returns the search for pairs with the b-th body near `body`. Its reach is below 0 if the other body
-    searches: that is the one with shorter edges, whose facets have fewer others near. `box_of` returns the box
-    around the facet at `place` in the tree, which the boxes of near facets overlap.
+    `searches_for` tells whether the facets of one body search for those of another: those of the body with shorter
+    edges do, since they have fewer others near. `search_of` returns the search for pairs between two bodies, and
+    `box_of` the box around the facet at `place` in the tree, which the boxes of near facets overlap.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
-    margin, doubt = margin_of_boxes(scalar), scalar(1.01)
+    (find_rule, thickness_of, _), margin, doubt = pairs(scalar, worlds), margin_of_boxes(scalar), scalar(1.01)
 
     @wp.func
-    def search_of(data: Data, pairs: Pairs, body: int, b: int, skin: scalar, activation: scalar) -> Search:
+    def searches_for(pairs: Pairs, body: int, other: int) -> bool:
+        return pairs.rank[body] <= pairs.rank[other]
+
+    @wp.func
+    def search_of(data: Data, body: int, other: int, skin: scalar, activation: scalar) -> Search:
         search = Search()
-        search.other = data.neighbors.body_pairs[body, b]
-        search.alike = body == search.other
+        search.alike = body == other
         search.x = data.surfaces.x
         search.reach = doubt * (skin + activation)
-        if pairs.rank[body] > pairs.rank[search.other]:
-            search.reach = scalar(-1.0)
-        elif search.alike:
-            search.touching = doubt * (data.neighbors.pairs[body, b].thickness + skin)
+        if search.alike:
+            search.touching = doubt * (thickness_of(data, find_rule(data, body, body), body, body) + skin)
         return search
 
     @wp.func
@@ -51,237 +50,122 @@ def searches(scalar: type, worlds: bool):
         wide = margin(low, high, wp.max(search.reach, search.touching))
         return low - wide, high + wide
 
-    return search_of, box_of
+    return searches_for, search_of, box_of
 
 
 @functools.cache
-def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, grains: bool = False):
-    """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
+def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: bool = False):
+    """Compose the kernel that lists facets whose boxes are so near each other that they may have near pairs.
 
-    Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
-    more than `activation` needs no impulse. So pairs beyond skin + `activation` are not listed; listing one
-    changes no result. Each facet has `lanes` threads. If all bodies are `grains`, facets and bodies have the same
-    indices.
-    """
-    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
-    margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
-    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
-    search_of, box_of = searches(scalar, worlds)
-
-    @wp.func
-    def test_all(data: Data, pairs: Pairs, search: Search, facet: int, found: int, flags: wp.array(dtype=float)):
-        bits = tests_of(data.surfaces.corner, pairs.owned, search, facet, found)
-        while bits != wp.uint32(0):
-            test = lowest_bit(bits)
-            bits &= bits - wp.uint32(1)
-            if test < wp.static(FIRST_OF_EDGES):
-                test_point(data, pairs, search, facet, found, test, flags)
-            else:
-                test_edges(data, pairs, search, facet, found, test, flags)
-
-    @wp.func
-    def find_with(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        search: Search,
-        facet: int,
-        low: wp.vec3,
-        high: wp.vec3,
-        lane: int,
-        flags: wp.array(dtype=float),
-    ):
-        """Add the near pairs of a facet with the facets whose boxes overlap the box from `low` to `high`."""
-        if wp.static(grains):
-            if lane == 0 and not search.alike:
-                test_all(data, pairs, search, facet, search.other, flags)
-        elif wp.static(lanes == 1):
-            near = wp.bvh_query_aabb(tree.binary, low, high, tree.root[search.other])
-            k = int(0)
-            while wp.bvh_query_next(near, k):
-                found = tree.facet[k]
-                if not search.alike or found > facet:
-                    test_all(data, pairs, search, facet, found, flags)
-        else:
-            cursor = begin(tree, search.other)
-            while not cursor.ended:
-                cursor = find_next(tree, cursor, low, high, lane)
-                if cursor.facet >= 0 and (not search.alike or cursor.facet > facet):
-                    test_all(data, pairs, search, facet, cursor.facet, flags)
-
-    @wp.func
-    def find_one(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        place: int,
-        lane: int,
-        skin: scalar,
-        activation: scalar,
-        flags: wp.array(dtype=float),
-    ):
-        """Add the near pairs of the facet at `place` in the order of the tree."""
-        facet = tree.facet[place]
-        body = data.surfaces.owner[facet]
-        wide = margin(tree.lower[place], tree.upper[place], skin + activation)
-        low, high = tree.lower[place] - wide, tree.upper[place] + wide
-        if overlap(low, high, tree.near_lower[body], tree.near_upper[body]):
-            for b in range(data.neighbors.body_pair_count[body]):
-                search = search_of(data, pairs, body, b, skin, activation)
-                if search.reach >= scalar(0.0):
-                    low, high = box_of(tree, search, place)
-                    if overlap(low, high, tree.body_lower[search.other], tree.body_upper[search.other]):
-                        find_with(data, tree, pairs, search, facet, low, high, lane, flags)
-
-    @kernel
-    def find(
-        data: Data,
-        tree: FacetTree,
-        pairs: Pairs,
-        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
-        activation: scalar,  # [m]
-        threads: int,  # in each part
-        part: int,
-        parts: int,  # number of parts, one for each CPU thread
-        flags: wp.array(dtype=float),
-    ):
-        place = first_of_part(grid_thread(), part) / wp.static(lanes)
-        lane = grid_thread() % wp.static(lanes)
-        while place < tree.facet.shape[0]:
-            find_one(data, tree, pairs, place, lane, buffer[0], activation, flags)
-            place = next_of_part(place, threads / wp.static(lanes), parts)
-
-    return find
-
-
-@functools.cache
-def find_pairs_of_pieces(scalar: type, tangled: bool, worlds: bool = False):
-    """Compose the kernel that lists the same pairs as `find_pairs`, for so many facets that they fill a GPU.
-
-    `SHARES` warps divide a piece of the tree. A warp searches the tree for all facets of the piece at once; each
-    thread tests the box of its own facet. Found facets, and then the tests between them, wait in queues until all
-    threads of the warp have work: without queues most would be idle.
+    On a GPU a warp searches for all facets of a piece of the tree at once, and each of its threads tests the box
+    of its own facet. On the CPU (one of `lanes`) each facet is searched for in a binary tree. If all bodies are
+    `grains`, facets and bodies have the same indices.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
-    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
-    search_of, box_of = searches(scalar, worlds)
-    ballot, wait, least_of = ballot_of_lanes(WARP), wait_for_lanes(WARP), least_of_lanes(wp.float32, WARP)
+    searches_for, search_of, box_of = searches(scalar, worlds)
+    ballot, least_of = ballot_of_lanes(WARP), least_of_lanes(wp.float32, WARP)
+
+    @wp.func
+    def add(pairs: Pairs, at: int, facet: int, found: int, flags: wp.array(dtype=float)):
+        if at < pairs.near_facets.shape[0]:
+            pairs.near_facets[at] = wp.vec2i(facet, found)
+        else:
+            raise_to(flags, wp.static(NEAR_FACETS), float(at + 1))
+
+    @wp.func
+    def search_for_facet(
+        tree: FacetTree,
+        pairs: Pairs,
+        search: Search,
+        other: int,
+        place: int,
+        flags: wp.array(dtype=float),
+    ):
+        """List the facets of a body that are near the facet at `place`, by a single thread."""
+        facet = tree.facet[place]
+        if wp.static(grains):
+            if not search.alike:
+                add(pairs, count_up(pairs.near_facet_count, 0), facet, other, flags)
+        else:
+            low, high = box_of(tree, search, place)
+            if overlap(low, high, tree.body_lower[other], tree.body_upper[other]):
+                near = wp.bvh_query_aabb(tree.binary, low, high, tree.root[other])
+                k = int(0)
+                while wp.bvh_query_next(near, k):
+                    if not search.alike or tree.facet[k] > facet:
+                        add(pairs, count_up(pairs.near_facet_count, 0), facet, tree.facet[k], flags)
 
     @wp.func
     def least_corner(x: wp.vec3) -> wp.vec3:
         return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
 
     @wp.func
-    def find_with(
-        data: Data,
+    def search_for_piece(
         tree: FacetTree,
         pairs: Pairs,
         search: Search,
-        queue: int,
-        share: int,  # which of the facets near the piece this warp takes
-        place: int,
-        low: wp.vec3,  # the box of this thread's facet
-        high: wp.vec3,
-        lane: int,
+        other: int,
+        place: int,  # of this thread's facet, if it is below `last`
+        last: int,
+        these: wp.uint32,  # which of the facets that are tested together this warp lists
         flags: wp.array(dtype=float),
     ):
-        """Add the near pairs of the facets of a piece with facets of the body that is searched."""
-        below = least_corner(low)
-        above = -least_corner(-high)
-        cursor = begin(tree, search.other)
-        found = wp.uint32(0)  # which of the facets tested together are near the piece
-        facets = int(0)  # number of waiting pairs of facets; below, of waiting tests
-        points = int(0)
-        edges = int(0)
-        tests = wp.uint32(0)  # the tests, as bits, of this thread's pair of facets
-        mine = int(0)
-        other = int(0)
-        done = bool(False)
-        while not done:
-            if ballot(tests != wp.uint32(0)) != wp.uint32(0):
-                test = int(-1)
-                if tests != wp.uint32(0):
-                    test = lowest_bit(tests)
-                    tests &= tests - wp.uint32(1)
-                of_edges = test >= wp.static(FIRST_OF_EDGES)
-                those = ballot(test >= 0 and not of_edges)
-                if test >= 0 and not of_edges:
-                    at = queue + wp.static(ROOM) + points + count_before(those, lane)
-                    pairs.queue[at] = wp.vec3i(mine, other, test)
-                points += count_bits(those)
-                those = ballot(of_edges)
-                if of_edges:
-                    at = queue + wp.static(2 * ROOM) + edges + count_before(those, lane)
-                    pairs.queue[at] = wp.vec3i(mine, other, test)
-                edges += count_bits(those)
-            elif facets >= wp.static(WARP) or (cursor.ended and facets > 0):
-                taken = wp.min(facets, wp.static(WARP))
-                facets -= taken
-                if lane < taken:
-                    two = pairs.queue[queue + facets + lane]
-                    mine = two[0]
-                    other = two[1]
-                    tests = tests_of(data.surfaces.corner, pairs.owned, search, mine, other)
-            elif found != wp.uint32(0):
-                k = cursor.place - wp.static(WARP) + lowest_bit(found)
-                found &= found - wp.uint32(1)
-                hit = overlap(low, high, tree.lower[k], tree.upper[k]) and (not search.alike or k > place)
-                those = ballot(hit)
-                if hit:
-                    at = queue + facets + count_before(those, lane)
-                    pairs.queue[at] = wp.vec3i(tree.facet[place], tree.facet[k], 0)
-                facets += count_bits(those)
-            elif not cursor.ended:
+        """List the facets of a body that are near the facets of a piece, by a warp."""
+        low = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+        high = -low
+        near = bool(False)
+        if place < last:
+            low, high = box_of(tree, search, place)
+            near = overlap(low, high, tree.body_lower[other], tree.body_upper[other])
+        if ballot(near) != wp.uint32(0):
+            below = least_corner(low)
+            above = -least_corner(-high)
+            lane = grid_thread() % wp.static(WARP)
+            cursor = begin(tree, other)
+            while not cursor.ended:
                 cursor = find_next(tree, cursor, below, above, lane)
-                found = ballot(cursor.facet >= 0 and lane % wp.static(SHARES) == share)
-            else:
-                done = True
-            wait()
-            if points >= wp.static(WARP) or (done and points > 0):
-                taken = wp.min(points, wp.static(WARP))
-                points -= taken
-                if lane < taken:
-                    one = pairs.queue[queue + wp.static(ROOM) + points + lane]
-                    test_point(data, pairs, search, one[0], one[1], one[2], flags)
-            if edges >= wp.static(WARP) or (done and edges > 0):
-                taken = wp.min(edges, wp.static(WARP))
-                edges -= taken
-                if lane < taken:
-                    one = pairs.queue[queue + wp.static(2 * ROOM) + edges + lane]
-                    test_edges(data, pairs, search, one[0], one[1], one[2], flags)
-            wait()
+                first = cursor.place - wp.static(WARP)
+                found = ballot(cursor.facet >= 0) & these  # near the piece; of them, near this thread's facet:
+                hits = wp.uint32(0)
+                while found != wp.uint32(0):
+                    bit = found & (~found + wp.uint32(1))
+                    k = first + lowest_bit(found)
+                    found ^= bit
+                    if overlap(low, high, tree.lower[k], tree.upper[k]) and (not search.alike or k > place):
+                        hits |= bit
+                at = reserve(pairs.near_facet_count, 0, count_bits(hits))
+                while hits != wp.uint32(0):
+                    add(pairs, at, tree.facet[place], tree.facet[first + lowest_bit(hits)], flags)
+                    hits &= hits - wp.uint32(1)
+                    at += 1
 
     @wp.func
-    def find_of_piece(
+    def search_around(
         data: Data,
         tree: FacetTree,
         pairs: Pairs,
-        p: int,
-        share: int,
-        queue: int,
-        lane: int,
+        body: int,
+        low: wp.vec3,
+        high: wp.vec3,
+        place: int,
+        last: int,
+        these: wp.uint32,
         skin: scalar,
         activation: scalar,
         flags: wp.array(dtype=float),
     ):
-        piece = tree.piece[p]
-        body = piece[0]
-        place = piece[2] + lane
-        wide = margin(tree.piece_lower[p], tree.piece_upper[p], skin + activation)
-        low, high = tree.piece_lower[p] - wide, tree.piece_upper[p] + wide
-        if overlap(low, high, tree.near_lower[body], tree.near_upper[body]):
+        """Search all bodies near `body` for facets near those in the box low … high."""
+        wide = margin(low, high, skin + activation)
+        if overlap(low - wide, high + wide, tree.near_lower[body], tree.near_upper[body]):
             for b in range(data.neighbors.body_pair_count[body]):
-                search = search_of(data, pairs, body, b, skin, activation)
-                if search.reach >= scalar(0.0):
-                    low = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
-                    high = -low
-                    near = bool(False)
-                    if place < piece[3]:
-                        low, high = box_of(tree, search, place)
-                        near = overlap(low, high, tree.body_lower[search.other], tree.body_upper[search.other])
-                    if ballot(near) != wp.uint32(0):
-                        find_with(data, tree, pairs, search, queue, share, place, low, high, lane, flags)
+                other = data.neighbors.body_pairs[body, b]
+                if searches_for(pairs, body, other):
+                    search = search_of(data, body, other, skin, activation)
+                    if wp.static(lanes == 1 or grains):
+                        search_for_facet(tree, pairs, search, other, place, flags)
+                    else:
+                        search_for_piece(tree, pairs, search, other, place, last, these, flags)
 
     @kernel
     def find(
@@ -290,17 +174,143 @@ def find_pairs_of_pieces(scalar: type, tangled: bool, worlds: bool = False):
         pairs: Pairs,
         buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
         activation: scalar,  # [m]
+        warps: int,  # of each piece
+        threads: int,  # in each part
+        part: int,
+        parts: int,  # number of parts, one for each CPU thread
+        flags: wp.array(dtype=float),
+    ):
+        every = wp.uint32(0xFFFFFFFF)
+        if wp.static(lanes == 1 or grains):
+            k = first_of_part(grid_thread(), part)
+            while k < tree.facet.shape[0]:
+                body = data.surfaces.owner[tree.facet[k]]
+                low = tree.lower[k]
+                search_around(
+                    data, tree, pairs, body, low, tree.upper[k], k, k, every, buffer[0], activation, flags
+                )
+                k = next_of_part(k, threads, parts)
+        else:
+            n = grid_thread() / wp.static(WARP)
+            while n < warps * tree.piece.shape[0]:
+                p = n / warps
+                bit = wp.uint32(1) << wp.uint32(warps)  # its multiples are as far apart as a piece has warps
+                these = (every / (bit - wp.uint32(1))) << wp.uint32(n % warps)
+                piece = tree.piece[p]
+                low = tree.piece_lower[p]
+                high = tree.piece_upper[p]
+                place = piece[2] + grid_thread() % wp.static(WARP)
+                search_around(
+                    data, tree, pairs, piece[0], low, high, place, piece[3], these, buffer[0], activation, flags
+                )
+                n += threads / wp.static(WARP)
+
+    return find
+
+
+@wp.func
+def whole_warps(count: int) -> int:
+    """Round a number of items up to whole warps, whose threads reserve entries of a list together."""
+    return (count + wp.static(WARP - 1)) / wp.static(WARP) * wp.static(WARP)
+
+
+@functools.cache
+def list_tests(scalar: type, worlds: bool = False):
+    """Compose the kernel that lists the tests which near facets need; its threads divide the pairs of facets."""
+    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    search_of, tests_of = searches(scalar, worlds)[1], pairs_of_facets(scalar, False, worlds)[0]
+    points = wp.uint32((1 << FIRST_OF_EDGES) - 1)
+
+    @wp.func
+    def add(
+        list: wp.array(dtype=wp.vec3i),
+        counts: wp.array(dtype=int),
+        kind: int,
+        two: wp.vec2i,
+        tests: wp.uint32,
+        flags: wp.array(dtype=float),
+    ):
+        at = reserve(counts, kind, count_bits(tests))
+        left = tests
+        while left != wp.uint32(0):
+            if at < list.shape[0]:
+                list[at] = wp.vec3i(two[0], two[1], lowest_bit(left))
+            else:
+                raise_to(flags, wp.static(NEAR_FACETS), float(at + 1))
+            left &= left - wp.uint32(1)
+            at += 1
+
+    @kernel
+    def list_all(
+        data: Data,
+        pairs: Pairs,
+        buffer: wp.array(dtype=scalar),
+        activation: scalar,
         threads: int,
         part: int,
         parts: int,
         flags: wp.array(dtype=float),
     ):
-        n = grid_thread() / wp.static(WARP)
-        queue = wp.static(QUEUES) * n
-        lane = grid_thread() % wp.static(WARP)
-        while n < wp.static(SHARES) * tree.piece.shape[0]:
-            p = n / wp.static(SHARES)
-            find_of_piece(data, tree, pairs, p, n % wp.static(SHARES), queue, lane, buffer[0], activation, flags)
-            n += threads / wp.static(WARP)
+        count = wp.min(pairs.near_facet_count[0], pairs.near_facets.shape[0])
+        n = first_of_part(grid_thread(), part)
+        while n < whole_warps(count):
+            two = wp.vec2i()
+            tests = wp.uint32(0)
+            if n < count:
+                two = pairs.near_facets[n]
+                body = data.surfaces.owner[two[0]]
+                search = search_of(data, body, data.surfaces.owner[two[1]], buffer[0], activation)
+                tests = tests_of(data.surfaces.corner, pairs.owned, search, two[0], two[1])
+            add(pairs.point_tests, pairs.test_counts, 0, two, tests & points, flags)
+            add(pairs.edge_tests, pairs.test_counts, 1, two, tests & ~points, flags)
+            n = next_of_part(n, threads, parts)
+
+    return list_all
+
+
+@functools.cache
+def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
+    """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
+
+    Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
+    more than `activation` needs no impulse. So pairs beyond skin + `activation` are not listed; listing one
+    changes no result. Its threads divide the tests.
+    """
+    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    search_of = searches(scalar, worlds)[1]
+    _, test_point, test_edges, add_pair = pairs_of_facets(scalar, tangled, worlds)
+
+    @kernel
+    def find(
+        data: Data,
+        pairs: Pairs,
+        buffer: wp.array(dtype=scalar),
+        activation: scalar,
+        threads: int,
+        part: int,
+        parts: int,
+        flags: wp.array(dtype=float),
+    ):
+        room = pairs.point_tests.shape[0]
+        of_points = wp.min(pairs.test_counts[0], room)
+        first_of_edges = whole_warps(of_points)
+        end = first_of_edges + wp.min(pairs.test_counts[1], room)
+        n = first_of_part(grid_thread(), part)
+        while n < whole_warps(end):
+            found = wp.static(NO_PAIR)
+            if n < of_points:
+                test = pairs.point_tests[n]
+                search = search_of(
+                    data, data.surfaces.owner[test[0]], data.surfaces.owner[test[1]], buffer[0], activation
+                )
+                found = test_point(data, pairs, search, test[0], test[1], test[2])
+            elif n >= first_of_edges and n < end:
+                test = pairs.edge_tests[n - first_of_edges]
+                search = search_of(
+                    data, data.surfaces.owner[test[0]], data.surfaces.owner[test[1]], buffer[0], activation
+                )
+                found = test_edges(data, search, test[0], test[1], test[2])
+            add_pair(pairs, found, flags)
+            n = next_of_part(n, threads, parts)
 
     return find

@@ -15,7 +15,7 @@ from ..collision.facet_tree import FacetTree, begin_search, box_facets, box_neig
 from ..collision.near_pairs import clear_pairs
 from ..collision.neighbor_search import find_candidates, find_rows, range_of_speeds
 from ..collision.pair_gaps import find_alarm
-from ..collision.pair_search import find_pairs
+from ..collision.pair_search import find_near_facets, find_pairs, list_tests
 from ..collision.vertices import place_vertices
 from ..threads import Part, wait
 from .composition import Composition, tools
@@ -58,7 +58,8 @@ def search_in_launch(scalar: type):
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
     candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))
-    near = as_function(find_pairs(scalar, False, lanes))
+    near, tests = as_function(find_near_facets(scalar, lanes)), as_function(list_tests(scalar))
+    test = as_function(find_pairs(scalar, False))
     speeds = as_function(range_of_speeds(scalar, lanes))
 
     @wp.func
@@ -81,7 +82,11 @@ def search_in_launch(scalar: type):
         candidates(data, tree, numbers.farthest, buffer, threads, 0, 1)
         wait()
         rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
-        near(data, tree, pairs, buffer, numbers.activation, threads, 0, 1, flags)
+        near(data, tree, pairs, buffer, numbers.activation, 1, threads, 0, 1, flags)
+        wait()
+        tests(data, pairs, buffer, numbers.activation, threads, 0, 1, flags)
+        wait()
+        test(data, pairs, buffer, numbers.activation, threads, 0, 1, flags)
         wait()
         speeds(data, threads)
         wait()

@@ -23,7 +23,7 @@ from ...kernels.collision.division_planes import (
 from ...kernels.collision.near_pairs import clear_pairs
 from ...kernels.collision.pair_gaps import find_alarm, measure_pairs
 from ...kernels.collision.pair_impulses import find_violations, move_pushed, push_pairs
-from ...kernels.collision.pair_search import QUEUES, SHARES, find_pairs, find_pairs_of_pieces
+from ...kernels.collision.pair_search import find_near_facets, find_pairs, list_tests
 from ...kernels.collision.tangles import find_tangles
 from ...kernels.lanes import WARP
 from ..model.effect import Effect
@@ -49,10 +49,13 @@ CLUSTER = 8
 """Blocks in the cluster that runs all of them in one launch."""
 QUIET = 60
 """After this many frames in which no pair came too near, no launch keeps pairs apart until one does."""
-MANY_FACETS = 2**14
-"""Number of facets above which a GPU has warps for each piece of the tree; below it has a warp per facet."""
-MOST_SEARCHING = 2**18
-"""Maximal number of threads that search for near pairs."""
+NEAR_A_FACET = 8
+"""Initial room for facets near each other, and for the tests that they need, as a multiple of the number of
+facets."""
+FEW_PIECES, FEW_BY_WARPS = 2**10, 4
+"""Up to this number of pieces of the tree a GPU searches by this many warps for each, else by one."""
+MOST_TESTING = 2**18
+"""Maximal number of threads that test near facets."""
 PAIR_THREADS = 2**16
 """Maximal number of GPU threads that divide the pairs: with more, launches take longer if nothing is near."""
 
@@ -100,7 +103,17 @@ class DivisionPlanes(Effect):
         counts = np.diff(data.first_particle.numpy())
         of_vertex = np.repeat(np.arange(len(counts)), counts)
         data.most_weight = float(np.bincount(of_vertex, np.abs(data.weight.numpy())).max())
-        numbers = "count", "particle_count", "pushing_count", "tangles", "violated", "cutting", "exceeded"
+        data.test_counts = wp.zeros(2, dtype=int, device=device)
+        numbers = (
+            "count",
+            "near_facet_count",
+            "particle_count",
+            "pushing_count",
+            "tangles",
+            "violated",
+            "cutting",
+            "exceeded",
+        )
         for name in numbers:
             setattr(data, name, wp.zeros(1, dtype=int, device=device))
         signals = "may_meet", "alarm", "many", "watched_count", "round"
@@ -141,19 +154,20 @@ class DivisionPlanes(Effect):
 
     def meet(self, neighbors: Any) -> None:
         """Set the `NeighborList` whose searches also list pairs."""
-        self.neighbors, device = neighbors, self._model.device
-        self._searching = 0
-        """Threads that search for all facets of a piece at once; 0 if each facet is searched for separately."""
-        if device.is_cuda and len(neighbors.tree.facet) > MANY_FACETS and not self._grains:
-            self._searching = min(SHARES * WARP * len(neighbors.tree.piece), MOST_SEARCHING)
-            self.pairs.queue = wp.zeros(QUEUES * (self._searching // WARP), dtype=wp.vec3i, device=device)
+        self.neighbors = neighbors
+        """Threads that list near facets: some warps for each piece of the tree, or one for each facet."""
+        facets, pieces = len(neighbors.tree.facet), len(neighbors.tree.piece)
+        self._warps = FEW_BY_WARPS if pieces <= FEW_PIECES else 1
+        on_gpu = self._model.device.is_cuda and not self._grains
+        self._searching = self._warps * WARP * pieces if on_gpu else facets
+        self._give_room_to_facets(NEAR_A_FACET * facets)
         self._note_kernels()
 
     def _note_kernels(self) -> None:
         """Note the kernels of searches, and those that keep pairs apart, which may wake in any frame."""
         model, neighbors, note = self._model, self.neighbors, self._model.kernels.note
         scalar, worlds = model.scalar, model.in_worlds
-        note(self._find_pairs(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes, worlds))
+        note(*self._searches(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes, worlds))
         if self.may_sleep:
             note(find_alarm(scalar, worlds))
         if len(self.pairs.driven):
@@ -164,12 +178,11 @@ class DivisionPlanes(Effect):
             note(*(one(scalar) for one in (*PUSHING, *CUTTING)), block=MOST_THREADS)
             note(end_round(scalar))
 
-    def _find_pairs(self) -> Any:
-        """Return the kernel that lists near pairs."""
-        kinds, worlds = (self._model.scalar, self.tangles), self._model.in_worlds
-        if self._searching:
-            return find_pairs_of_pieces(*kinds, worlds)
-        return find_pairs(*kinds, 1 if self._grains else self.neighbors.lanes, worlds, self._grains)
+    def _searches(self) -> tuple[Any, Any, Any]:
+        """Return the kernels that list near facets, their tests and near pairs."""
+        scalar, worlds = self._model.scalar, self._model.in_worlds
+        near = find_near_facets(scalar, self.neighbors.lanes, worlds, self._grains)
+        return near, list_tests(scalar, worlds), find_pairs(scalar, self.tangles, worlds)
 
     def find(self, frame_begins: bool) -> None:
         """Launch the listing of near pairs with the tree of the `NeighborList`, before its search.
@@ -180,16 +193,18 @@ class DivisionPlanes(Effect):
         neighbors.launch(clear_pairs(model.scalar), len(data.in_pair), [data], [])
         if self.tangles and frame_begins:
             self._find_tangles()
-        lanes = 1 if self._grains else neighbors.lanes
-        threads = self._searching or lanes * len(neighbors.tree.facet)
-        inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.activation]
-        neighbors.share(self._find_pairs(), threads, inputs, [neighbors.flags])
+        near, tests, pairs = self._searches()
+        within, flags = [neighbors.buffer, self.activation], [neighbors.flags]
+        neighbors.share(near, self._searching, [self._contact, neighbors.tree, data, *within, self._warps], flags)
+        threads = WARP * -(-len(data.near_facets) // WARP)  # those of a warp work together
+        for kernel in (tests, pairs):
+            neighbors.share(kernel, threads, [self._contact, data, *within], flags, MOST_TESTING)
 
     def start(self) -> None:
         """Exclude surfaces that cross each other at the start, until they have separated."""
         self._find_tangles()
         self.tangles = bool(self.pairs.tangles.numpy()[0])
-        self._model.kernels.note(self._find_pairs())
+        self._model.kernels.note(*self._searches())
 
     def _find_tangles(self) -> None:
         pairs, neighbors = self.pairs, self.neighbors
@@ -270,12 +285,20 @@ class DivisionPlanes(Effect):
         self.awake = pairs > 0 or not self.may_sleep or (self.awake and self._quiet < QUIET)
         return missed
 
-    def extend(self, pairs: int) -> bool:
-        """Make room for twice as many near pairs as `pairs`; return False, and do nothing, if they already fit."""
-        if pairs <= len(self.pairs.vertices):
-            return False
-        self._give_room(2 * pairs)  # most pairs are far apart: there are seldom more at a time
-        return True
+    def extend(self, pairs: int, near_facets: int) -> bool:
+        """Make room for twice as many near pairs and near facets; return False, and do nothing, if they fit."""
+        fit = pairs <= len(self.pairs.vertices), near_facets <= len(self.pairs.near_facets)
+        if not fit[0]:
+            self._give_room(2 * pairs)  # most pairs are far apart: there are seldom more at a time
+        if not fit[1]:
+            self._give_room_to_facets(2 * near_facets)
+        return not all(fit)
+
+    def _give_room_to_facets(self, room: int) -> None:
+        data, device = self.pairs, self._model.device
+        data.near_facets = wp.zeros(room, dtype=wp.vec2i, device=device)
+        data.point_tests, data.edge_tests = (wp.zeros(room, dtype=wp.vec3i, device=device) for _ in "pe")
+        self._model.generation += 1
 
     def _give_room(self, room: int) -> None:
         data, device, scalar = self.pairs, self._model.device, self._model.scalar

@@ -20,6 +20,7 @@ from ...kernels.collision.contact_data import (
     LONGEST_ROW,
     MOST_BODY_PAIRS,
     MOVED,
+    NEAR_FACETS,
     NEAR_WAY,
     PAIRS,
     WAY,
@@ -60,7 +61,7 @@ SKIN_BY_WAY = 2.5
 """Width of the skin over the longest path of a vertex while lists should be valid; at least 2 are needed."""
 WIDEST_SKIN = 0.5
 """Largest width of the skin, over the distance at which bodies touch, unless the next limit is wider."""
-SPACINGS_OF_SKIN, SPACINGS_OF_SKIN_ON_GPU = 0.4, 0.2
+SPACINGS_OF_SKIN = 0.4
 """Largest width of the skin, as a fraction of the least spacing; wider means longer rows, fewer searches."""
 FARTHEST_WAY = 64.0
 """A body that moves this multiple of its spacing, or of the contact distance, in a substep has diverged, or is too
@@ -108,9 +109,8 @@ class NeighborList:
         bodies, self._points = model.worlds * len(on_host.solid), model.worlds * len(on_host.share)
         self.farthest = thickest
         spacing = on_host.spacing[on_host.spacing > 0]
-        spacings = SPACINGS_OF_SKIN_ON_GPU if device.is_cuda else SPACINGS_OF_SKIN
         least_spacing = float(spacing.min()) if len(spacing) else 0.0
-        self._widest = max(WIDEST_SKIN * thickest, spacings * least_spacing)
+        self._widest = max(WIDEST_SKIN * thickest, SPACINGS_OF_SKIN * least_spacing)
         self._least_skin = LEAST_SKIN * thickest
         self._farthest_way = FARTHEST_WAY * max(thickest, float(spacing.max(initial=0.0)))
         self._skin_now = self._least_skin
@@ -294,8 +294,9 @@ class NeighborList:
             self._begin(0.0)
             self._find_rows()
             found = self.flags.numpy().reshape(-1, FLAGS).max(axis=0)
-            longest, body_pairs, pairs = found[[LONGEST_ROW, MOST_BODY_PAIRS, PAIRS]].astype(int)
-            if not self._make_room(longest, body_pairs, pairs):
+            if not self._make_room(
+                *found[[LONGEST_ROW, MOST_BODY_PAIRS, PAIRS, NEAR_FACETS]].astype(int).tolist()
+            ):
                 break
         self.flags.zero_()
 
@@ -317,7 +318,7 @@ class NeighborList:
         Worlds with a False in `counts` are ignored, and worlds that diverge or are too fast (`too_far`).
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
-        self.active, pairs = (int(flags[0, one]) for one in (ACTIVE, PAIRS))
+        self.active, pairs, near_facets = (int(flags[0, one]) for one in (ACTIVE, PAIRS, NEAR_FACETS))
         fast = counts & (flags[:, WAY] >= self._farthest_way)
         self.too_far = float(flags[fast, WAY].max(initial=0.0))
         flags = flags[counts & (flags[:, WAY] < self._farthest_way)]
@@ -339,15 +340,16 @@ class NeighborList:
             self.invalidate()
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
         overflown |= self.planes.judge(pairs)
-        self._make_room(int(longest), int(body_pairs), pairs)
+        overflown |= near_facets > 0
+        self._make_room(int(longest), int(body_pairs), pairs, near_facets)
         return not held or overflown
 
-    def _make_room(self, longest: int, body_pairs: int, near_pairs: int) -> bool:
+    def _make_room(self, longest: int, body_pairs: int, near_pairs: int, near_facets: int) -> bool:
         """Reallocate lists that are too short for these numbers of entries; return whether any list was.
 
         They get some room to spare, since searches between frames cannot be repeated.
         """
-        data, extended = self.data, self.planes.extend(near_pairs)
+        data, extended = self.data, self.planes.extend(near_pairs, near_facets)
         (points, room), (bodies, room_beside) = data.candidates.shape, data.body_pairs.shape
         if extended:
             self.invalidate()
