@@ -120,9 +120,12 @@ def BodyContactData(scalar: type, worlds: bool = False):
         active_points: wp.array(dtype=int)  # points that have a row, or overlap since the start, in any order
         active_count: wp.array(dtype=int)  # number of active_points, shape [1]
         speeds: wp.array(dtype=wp.vec3)  # of active points by axis: max v and max −v [m/s], shape [2]
+        # How far each may move before the next search [m]:
+        slack: wp.array(dtype=float)  # of vertices, shape [vertex_count]
+        facet_slack: wp.array(dtype=scalar)  # of facets: that of their fastest corner, shape [facet_count]
         # Bodies:
         moved: wp.array(dtype=float)  # longest path of its vertices since the last search [m]
-        slack: wp.array(dtype=float)  # how far they may move before the next [m]
+        spare: wp.array(dtype=float)  # how much further their vertices may move, if near no other [m]
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
         pairs: wp.array2d(dtype=PointAndBody)  # constants of each such pair
         body_pair_count: wp.array(dtype=int)  # length of each row

@@ -151,26 +151,50 @@ def facets_within(lanes: int):
 
 
 @functools.cache
+def drifts(scalar: type, worlds: bool):
+    """Compose (data) -> the common drift of all points in contact [m/s], which brings none nearer to another."""
+    Data = BodyContactData(scalar, worlds)
+
+    @wp.func
+    def drift_of(data: Data) -> wp.vec3:
+        return 0.5 * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
+
+    return drift_of
+
+
+@functools.cache
 def begin_search(scalar: type, worlds: bool = False):
     """Compose the kernel that begins a search at the current positions of vertices, and empties the boxes.
 
-    Its threads divide the vertices, groups and bodies. `after` is the time since the end of the last substep [s].
+    It also decides how far each vertex may move before the next search, its slack: half of the skin, or what a
+    fast one moves in the time `soon` [s], but at most `most` [m]. So what is fast makes no lists longer elsewhere.
+    `after` is the time since the end of the last substep [s]. The threads divide the vertices, groups and bodies.
     """
     Data, (load, store, _) = BodyContactData(scalar, worlds), records(3, scalar)
+    drift_of = drifts(scalar, worlds)
 
     @kernel
-    def begin(data: Data, tree: FacetTree, after: float, threads: int):
+    def begin(
+        data: Data,
+        tree: FacetTree,
+        buffer: wp.array(dtype=scalar),
+        soon: float,
+        most: float,
+        after: float,
+        threads: int,
+    ):
         beyond = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         i = grid_thread()
         if i == 0:
             data.neighbors.since[0] = -after
             data.neighbors.active_count[0] = 0
             data.neighbors.search_point_count[0] = 0
-            for k in range(2):
-                data.neighbors.speeds[k] = -beyond
+        drift = drift_of(data)
         while i < data.surfaces.x.shape[0] or i < tree.group.shape[0] or i < tree.body_lower.shape[0]:
             if i < data.surfaces.x.shape[0]:
                 store(data.neighbors.x_found, i, load(data.surfaces.x, i))
+                fast = wp.length(wp.vec3(load(data.surfaces.v, i)) - drift)
+                data.neighbors.slack[i] = wp.max(0.5 * float(buffer[0]), wp.min(soon * fast, most))
             if i < tree.group.shape[0]:
                 tree.group_lower[i] = beyond
                 tree.group_upper[i] = -beyond
@@ -187,7 +211,7 @@ def begin_search(scalar: type, worlds: bool = False):
 def box_facets(scalar: type, lanes: int, worlds: bool = False):
     """Compose the kernel that computes boxes around facets and pieces, and extends those of groups and bodies.
 
-    Each piece has `lanes` threads.
+    Boxes hold the facets until the next search: they are wider by their slack. Each piece has `lanes` threads.
     """
     Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
     load = records(3, scalar).load
@@ -202,11 +226,17 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
         least = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         most = -least
         for e in range(piece[2] + lane, piece[3], wp.static(lanes)):
-            c = data.surfaces.corner[tree.facet[e]]
+            facet = tree.facet[e]
+            c = data.surfaces.corner[facet]
+            slack = data.neighbors.slack[c[0]]
+            slack = wp.max(slack, wp.max(data.neighbors.slack[c[1]], data.neighbors.slack[c[2]]))
+            data.neighbors.facet_slack[facet] = scalar(slack)
             a = wp.vec3(load(data.surfaces.x, c[0]))
             b = wp.vec3(load(data.surfaces.x, c[1]))
             d = wp.vec3(load(data.surfaces.x, c[2]))
             below, above = box_around(a, b, d)
+            below -= wp.vec3(slack, slack, slack)
+            above += wp.vec3(slack, slack, slack)
             tree.lower[e] = below
             tree.upper[e] = above
             least = wp.min(least, below)
@@ -247,9 +277,8 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
 
     A point outside this box touches none of them and is not tested further; most points of a large body are
     outside. Each body has `lanes` threads that test all other bodies of its world; if 0, one that searches a tree.
-    The kernel also finds how far each body may move before the next search, its slack: half of the skin, or for a
-    body near no other half of what its distance from the nearest exceeds that of contact. So no two come to touch
-    unnoticed, and what flies alone causes no search.
+    The kernel also finds how much further than their slack the vertices of a body near no other may move: half of
+    what its distance from the nearest exceeds that of contact. So what flies alone causes no search.
     """
     Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
     find_rule, first_of, pair_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds), pair_with(scalar, worlds)
@@ -268,15 +297,13 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         tree: FacetTree,
         bodies: wp.uint64,
         farthest: scalar,
-        skin: scalar,
         flags: wp.array(dtype=float),
         i: int,
         lane: int,  # index among the threads of body i
     ):
         lower = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         upper = -lower
-        around = farthest + skin
-        wide = margin(tree.body_lower[i], tree.body_upper[i], around)
+        wide = margin(tree.body_lower[i], tree.body_upper[i], farthest)
         low = tree.body_lower[i] - wide
         high = tree.body_upper[i] + wide
         j = int(0)
@@ -294,7 +321,7 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                 if rule >= 0:
                     list_pair(data, rule, i, j, count)
                     count += 1
-                    wide = margin(tree.body_lower[j], tree.body_upper[j], around)
+                    wide = margin(tree.body_lower[j], tree.body_upper[j], farthest)
                     lower = wp.min(lower, tree.body_lower[j] - wide)
                     upper = wp.max(upper, tree.body_upper[j] + wide)
         else:
@@ -316,7 +343,7 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                 those = ballot(rule >= 0)
                 if rule >= 0:
                     list_pair(data, rule, i, j, count + count_before(those, lane))
-                    wide = margin(tree.body_lower[j], tree.body_upper[j], around)
+                    wide = margin(tree.body_lower[j], tree.body_upper[j], farthest)
                     lower = wp.min(lower, tree.body_lower[j] - wide)
                     upper = wp.max(upper, tree.body_upper[j] + wide)
                 count += count_bits(those)
@@ -324,10 +351,9 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         upper = -wp.vec3(least_of(-upper[0]), least_of(-upper[1]), least_of(-upper[2]))
         free = least_of(free)
         if lane == 0:
-            beyond = float(0.0)  # what the distance from the nearest body exceeds contact and skin
+            data.neighbors.spare[i] = 0.0
             if count == 0:
-                beyond = wp.static(ALMOST) * wp.max(beyond, free - wide[0])
-            data.neighbors.slack[i] = 0.5 * (float(skin) + beyond)
+                data.neighbors.spare[i] = wp.static(0.5 * ALMOST) * wp.max(0.0, free - wide[0])
             data.neighbors.body_pair_count[i] = wp.min(count, data.neighbors.body_pairs.shape[1])
             at = first_of(data, i) + wp.static(MOST_BODY_PAIRS)
             if count > int(flags[at]):
@@ -341,16 +367,17 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
         tree: FacetTree,
         bodies: wp.uint64,  # tree of the boxes around bodies, if needed
         farthest: scalar,  # largest distance of any contact [m]
-        buffer: wp.array(dtype=scalar),  # [m], shape [1]
         threads: int,
         flags: wp.array(dtype=float),
     ):
         if grid_thread() == 0:
             data.neighbors.due[0] = wp.static(NOT_DUE)
+            for k in range(2):
+                data.neighbors.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         i = grid_thread() / wp.static(lanes)
         while i < tree.body_lower.shape[0]:
             lane = grid_thread() % wp.static(lanes)
-            find_neighbours(data, tree, bodies, farthest, buffer[0], flags, i, lane)
+            find_neighbours(data, tree, bodies, farthest, flags, i, lane)
             i += threads / wp.static(lanes)
 
     return extend_neighbours

@@ -97,7 +97,7 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
 
     Each vertex and each edge belongs to one of the facets around it, so every pair is found once. If `tangled`,
     vertices that `find_tangles` has marked are left out. If both facets belong to one body, points that may touch
-    the other facet are marked.
+    the other facet are marked. Tests are numbered as the bits of `tests_of`.
     """
     V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
     Search, load, margin, half = PairSearch(scalar), records(3, scalar).load, margin_of_boxes(scalar), scalar(0.5)
@@ -198,17 +198,16 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         return wp.uint32(tests)
 
     @wp.func
-    def test_point(data: Data, pairs: Pairs, search: Search, mine: int, found: int, test: int) -> wp.vec4i:
+    def test_point(data: Data, pairs: Pairs, search: Search, between: wp.vec3i) -> wp.vec4i:
         """Return the pair of a corner and a facet, if they are near.
 
         Mark the contact point at the corner, or at a side's midpoint, if it may touch the facet.
         """
-        number = mine
-        facing = found
-        if test >= 6:
-            number = found
-            facing = mine
-        k = test % 6
+        number = between[0]
+        facing = between[1]
+        if between[2] >= 6:
+            number, facing = facing, number
+        k = between[2] % 6
         one = facet_at(data.surfaces.corner, search.x, number)
         other = facet_at(data.surfaces.corner, search.x, facing)
         i, x = corner_of(one, k % 3)
@@ -227,12 +226,12 @@ def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
         return pair
 
     @wp.func
-    def test_edges(data: Data, search: Search, mine: int, found: int, test: int) -> wp.vec4i:
+    def test_edges(data: Data, search: Search, between: wp.vec3i) -> wp.vec4i:
         """Return the pair of two sides of different facets, if they are near."""
-        one = facet_at(data.surfaces.corner, search.x, mine)
-        other = facet_at(data.surfaces.corner, search.x, found)
-        k = (test - wp.static(FIRST_OF_EDGES)) / 3
-        n = (test - wp.static(FIRST_OF_EDGES)) % 3
+        one = facet_at(data.surfaces.corner, search.x, between[0])
+        other = facet_at(data.surfaces.corner, search.x, between[1])
+        k = (between[2] - wp.static(FIRST_OF_EDGES)) / 3
+        n = (between[2] - wp.static(FIRST_OF_EDGES)) % 3
         i, a = corner_of(one, k)
         j, b = corner_of(one, (k + 1) % 3)
         m, c = corner_of(other, n)

@@ -1,4 +1,4 @@
-"""Narrow search: lists of the facets near each point, valid until a vertex has moved by half of the skin."""
+"""Narrow search: lists of the facets near each point, valid until a vertex has moved by more than its slack."""
 
 import functools
 
@@ -77,13 +77,16 @@ def find_candidates(scalar: type, worlds: bool = False):
     Data, place_of, margin = BodyContactData(scalar, worlds), places(scalar)[0], margin_of_boxes(scalar)
 
     @wp.func
-    def is_candidate(data: Data, tree: FacetTree, p: int, around: scalar) -> bool:
-        place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
+    def is_candidate(data: Data, tree: FacetTree, p: int, farthest: scalar) -> bool:
+        ends = data.surfaces.ends[p]
+        place = wp.vec3(place_of(data.surfaces.x, ends, data.surfaces.share[p]))
         body = data.surfaces.body[p]
-        found = overlap(place, place, tree.near_lower[body], tree.near_upper[body])
+        slack = scalar(wp.max(data.neighbors.slack[ends[0]], data.neighbors.slack[ends[1]]))
+        wide = margin(place, place, slack)
+        found = overlap(place - wide, place + wide, tree.near_lower[body], tree.near_upper[body])
         if found:
             found = data.neighbors.near_own[p] != 0
-            wide = margin(place, place, around)
+            wide = margin(place, place, farthest + slack)
             for b in range(data.neighbors.body_pair_count[body]):
                 other = data.neighbors.body_pairs[body, b]
                 if not found and other != body:
@@ -95,7 +98,6 @@ def find_candidates(scalar: type, worlds: bool = False):
         data: Data,
         tree: FacetTree,
         farthest: scalar,  # largest distance of any contact [m]
-        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -104,7 +106,7 @@ def find_candidates(scalar: type, worlds: bool = False):
         while e < data.neighbors.candidate_count.shape[0]:
             p = data.neighbors.in_order[e]
             if (
-                is_candidate(data, tree, p, farthest + buffer[0])
+                is_candidate(data, tree, p, farthest)
                 or data.neighbors.candidate_count[p] > 0
                 or data.history.contact_body[0, p] >= 0
                 or data.history.initial_overlap[p] > scalar(0.0)
@@ -131,9 +133,10 @@ def Row(scalar: type):
         begin: int  # where its facets begin in the row
         count: int  # entries so far
         missed: int  # facets not listed for lack of room
-        limit: scalar  # facets of this body beyond this distance do not count [m]
-        nearest: scalar  # upper bound on the distance of the nearest facet of this body [m]
-        buffer: scalar  # [m]
+        slack: scalar  # how far the point may move before the next search [m]
+        limit: scalar  # facets of this body that cannot come nearer than this do not count [m]
+        nearest: scalar  # distance of the nearest facet of this body [m]
+        bound: scalar  # upper bound on that distance until the next search [m]
 
     return Row
 
@@ -142,8 +145,8 @@ def Row(scalar: type):
 def entries(scalar: type, lanes: int, worlds: bool):
     """Compose (enter, keep_near) for the entries of one body in the row of a point.
 
-    `enter` adds the facets that the threads of the point have found. `keep_near` removes entries beyond a
-    distance.
+    `enter` adds the facets that the threads of the point have found. `keep_near` removes entries that cannot come
+    nearer than a distance.
     """
     Data, SearchedRow = BodyContactData(scalar, worlds), Row(scalar)
     _, place_on, nearest_to = places(scalar)
@@ -155,7 +158,9 @@ def entries(scalar: type, lanes: int, worlds: bool):
     def enter(data: Data, before: SearchedRow, facet: int, lane: int) -> SearchedRow:
         row = before
         away = far
+        slack = row.slack
         if facet >= 0:
+            slack += data.neighbors.facet_slack[facet]
             c = data.surfaces.corner[facet]
             may = bool(True)
             if row.mine == row.other:
@@ -166,7 +171,7 @@ def entries(scalar: type, lanes: int, worlds: bool):
                 may = may and data.surfaces.tangled[row.ends[k]] == 0
             if may:
                 away = wp.length(row.x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, row.x)))
-        listed = away < row.limit and away <= doubt * (row.nearest + scalar(2.0) * row.buffer)
+        listed = away - slack < row.limit and away - slack <= doubt * row.bound
         those = ballot(listed)
         at = row.count + count_before(those, lane)
         if listed and at < data.neighbors.candidates.shape[1]:
@@ -176,11 +181,12 @@ def entries(scalar: type, lanes: int, worlds: bool):
         row.count = wp.min(count, data.neighbors.candidates.shape[1])
         row.missed += count - row.count
         row.nearest = wp.min(row.nearest, least_of(away))
+        row.bound = wp.min(row.bound, least_of(away + slack))
         return row
 
     @wp.func
     def keep_near(data: Data, row: SearchedRow, limit: scalar, lane: int) -> int:
-        """Keep the body's entries up to the distance `limit` [m], the nearest first; return the end of the row."""
+        """Keep the body's entries that may come to `limit` [m], the nearest first; return the end of the row."""
         p = row.point
         kept = int(row.begin)
         first = int(wp.static(NONE))
@@ -188,12 +194,14 @@ def entries(scalar: type, lanes: int, worlds: bool):
             e = chunk + lane
             facet = int(0)
             away = far
+            keeps = bool(False)
             if e < row.count:
                 facet = data.neighbors.candidates[p, e]
                 away = data.neighbors.candidate_distance[p, e]
+                keeps = away - row.slack - data.neighbors.facet_slack[facet] <= limit
             wait()
-            those = ballot(away <= limit)
-            if away <= limit:
+            those = ballot(keeps)
+            if keeps:
                 at = kept + count_before(those, lane)
                 data.neighbors.candidates[p, at] = facet
                 data.neighbors.candidate_distance[p, at] = away
@@ -256,17 +264,18 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
     def search_body(data: Data, tree: FacetTree, before: SearchedRow, reach: scalar, known: int, lane: int):
         """Return the list `before` with its `other` body's facets added; `known`: the last nearest, or -1."""
         row = before
-        row.limit = reach + row.buffer
+        row.limit = reach
         row.begin = row.count
-        row.nearest = row.limit
+        row.nearest = scalar(FAR)
+        row.bound = scalar(FAR)
         if known >= 0:
             if data.surfaces.owner[known] == row.other:
                 # The distance of the previous nearest facet bounds that of the nearest one now.
                 c = data.surfaces.corner[known]
                 nearest = row.x - place_on(data.surfaces.x, c, nearest_to(data.surfaces.x, c, row.x))
-                row.nearest = wp.min(row.limit, wp.length(nearest))
+                row.bound = wp.length(nearest) + row.slack + data.neighbors.facet_slack[known]
         x = wp.vec3(row.x)
-        wide = margin(x, x, wp.min(row.limit, doubt * (row.nearest + scalar(2.0) * row.buffer)))
+        wide = margin(x, x, row.slack + wp.min(row.limit, doubt * row.bound))
         if wp.static(lanes == 1):
             near = wp.bvh_query_aabb(tree.binary, x - wide, x + wide, tree.root[row.other])
             found = int(0)
@@ -278,7 +287,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
                 cursor = find_next(tree, cursor, x - wide, x + wide, lane)
                 if not cursor.ended:
                     row = enter(data, row, cursor.facet, lane)
-                    wide = margin(x, x, wp.min(row.limit, doubt * (row.nearest + scalar(2.0) * row.buffer)))
+                    wide = margin(x, x, row.slack + wp.min(row.limit, doubt * row.bound))
         wait()  # before a thread reads the row, all have entered their facets
         return row
 
@@ -289,7 +298,6 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         p: int,
         lane: int,  # index among the threads of the point
         farthest: scalar,  # largest distance of any contact [m]
-        buffer: scalar,  # [m]
         flags: wp.array(dtype=float),
     ):
         row = SearchedRow()
@@ -297,13 +305,13 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         row.ends = data.surfaces.ends[p]
         row.x = place_of(data.surfaces.x, row.ends, data.surfaces.share[p])
         row.mine = data.surfaces.body[p]
-        row.buffer = buffer
+        row.slack = scalar(wp.max(data.neighbors.slack[row.ends[0]], data.neighbors.slack[row.ends[1]]))
         most = int(0)
         known = int(-1)  # the previous nearest facet
         if data.neighbors.candidate_count[p] > 0:
             known = data.neighbors.candidates[p, 0]
         wait()
-        wide = margin(wp.vec3(row.x), wp.vec3(row.x), farthest + buffer)
+        wide = margin(wp.vec3(row.x), wp.vec3(row.x), farthest + row.slack)
         low = wp.vec3(row.x) - wide
         high = wp.vec3(row.x) + wide
         for b in range(data.neighbors.body_pair_count[row.mine]):
@@ -313,8 +321,8 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
                 row.place = b
                 row = search_body(data, tree, row, pair.thickness, known, lane)
                 most = wp.max(most, row.count + row.missed)
-                # Another facet can become the nearest only if it is at most two buffers further away.
-                row.count = keep_near(data, row, doubt * (row.nearest + scalar(2.0) * buffer), lane)
+                # Another facet can become the nearest only if it can come as near as the nearest surely stays.
+                row.count = keep_near(data, row, doubt * row.bound, lane)
         if lane == 0:
             end_row(data, p, row.mine, row.count, row.missed, most, flags)
 
@@ -322,7 +330,6 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         data: Data,
         tree: FacetTree,
         farthest: scalar,
-        buffer: wp.array(dtype=scalar),
         threads: int,
         part: int,
         parts: int,
@@ -331,7 +338,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         e = first_of_part(grid_thread(), part) / wp.static(lanes)
         lane = grid_thread() % wp.static(lanes)
         while e < data.neighbors.search_point_count[0]:
-            find_one(data, tree, data.neighbors.search_points[e], lane, farthest, buffer[0], flags)
+            find_one(data, tree, data.neighbors.search_points[e], lane, farthest, flags)
             e = next_of_part(e, threads / wp.static(lanes), parts)
 
     return kernel(find, launch_bounds=bounds_of_blocks(scalar))

@@ -20,11 +20,13 @@ from .pairs import pairs
 
 @functools.cache
 def searches(scalar: type, worlds: bool):
-    """Compose (searches_for, search_of, box_of): which bodies are searched for near pairs, and how far.
+    """Compose (searches_for, search_of, search_between, box_of): which bodies are searched, and how far.
 
     `searches_for` tells whether the facets of one body search for those of another: those of the body with shorter
-    edges do, since they have fewer others near. `search_of` returns the search for pairs between two bodies, and
-    `box_of` the box around the facet at `place` in the tree, which the boxes of near facets overlap.
+    edges do, since they have fewer others near. `search_of` returns the search for pairs between two bodies whose
+    sides may together move by `slack` [m] before the next search; `search_between` does so for two facets.
+    `box_of` returns the box around the facet at `place` in the tree, which the boxes of near facets overlap; these
+    hold facets until the next search.
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     (find_rule, thickness_of, _), margin, doubt = pairs(scalar, worlds), margin_of_boxes(scalar), scalar(1.01)
@@ -34,14 +36,19 @@ def searches(scalar: type, worlds: bool):
         return pairs.rank[body] <= pairs.rank[other]
 
     @wp.func
-    def search_of(data: Data, body: int, other: int, skin: scalar, activation: scalar) -> Search:
+    def search_of(data: Data, body: int, other: int, slack: scalar, activation: scalar) -> Search:
         search = Search()
         search.alike = body == other
         search.x = data.surfaces.x
-        search.reach = doubt * (skin + activation)
+        search.reach = doubt * (slack + activation)
         if search.alike:
-            search.touching = doubt * (thickness_of(data, find_rule(data, body, body), body, body) + skin)
+            search.touching = doubt * (thickness_of(data, find_rule(data, body, body), body, body) + slack)
         return search
+
+    @wp.func
+    def search_between(data: Data, one: int, two: int, activation: scalar) -> Search:
+        slack = data.neighbors.facet_slack[one] + data.neighbors.facet_slack[two]
+        return search_of(data, data.surfaces.owner[one], data.surfaces.owner[two], slack, activation)
 
     @wp.func
     def box_of(tree: FacetTree, search: Search, place: int):
@@ -50,7 +57,7 @@ def searches(scalar: type, worlds: bool):
         wide = margin(low, high, wp.max(search.reach, search.touching))
         return low - wide, high + wide
 
-    return searches_for, search_of, box_of
+    return searches_for, search_of, search_between, box_of
 
 
 @functools.cache
@@ -63,7 +70,7 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
     """
     Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
-    searches_for, search_of, box_of = searches(scalar, worlds)
+    searches_for, search_of, _, box_of = searches(scalar, worlds)
     ballot, least_of = ballot_of_lanes(WARP), least_of_lanes(wp.float32, WARP)
 
     @wp.func
@@ -151,17 +158,16 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
         place: int,
         last: int,
         these: wp.uint32,
-        skin: scalar,
         activation: scalar,
         flags: wp.array(dtype=float),
     ):
         """Search all bodies near `body` for facets near those in the box low … high."""
-        wide = margin(low, high, skin + activation)
+        wide = margin(low, high, activation)
         if overlap(low - wide, high + wide, tree.near_lower[body], tree.near_upper[body]):
             for b in range(data.neighbors.body_pair_count[body]):
                 other = data.neighbors.body_pairs[body, b]
                 if searches_for(pairs, body, other):
-                    search = search_of(data, body, other, skin, activation)
+                    search = search_of(data, body, other, scalar(0.0), activation)
                     if wp.static(lanes == 1 or grains):
                         search_for_facet(tree, pairs, search, other, place, flags)
                     else:
@@ -172,7 +178,6 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
         data: Data,
         tree: FacetTree,
         pairs: Pairs,
-        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
         activation: scalar,  # [m]
         warps: int,  # of each piece
         threads: int,  # in each part
@@ -186,9 +191,7 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
             while k < tree.facet.shape[0]:
                 body = data.surfaces.owner[tree.facet[k]]
                 low = tree.lower[k]
-                search_around(
-                    data, tree, pairs, body, low, tree.upper[k], k, k, every, buffer[0], activation, flags
-                )
+                search_around(data, tree, pairs, body, low, tree.upper[k], k, k, every, activation, flags)
                 k = next_of_part(k, threads, parts)
         else:
             n = grid_thread() / wp.static(WARP)
@@ -200,9 +203,7 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
                 low = tree.piece_lower[p]
                 high = tree.piece_upper[p]
                 place = piece[2] + grid_thread() % wp.static(WARP)
-                search_around(
-                    data, tree, pairs, piece[0], low, high, place, piece[3], these, buffer[0], activation, flags
-                )
+                search_around(data, tree, pairs, piece[0], low, high, place, piece[3], these, activation, flags)
                 n += threads / wp.static(WARP)
 
     return find
@@ -218,7 +219,7 @@ def whole_warps(count: int) -> int:
 def list_tests(scalar: type, worlds: bool = False):
     """Compose the kernel that lists the tests which near facets need; its threads divide the pairs of facets."""
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
-    search_of, tests_of = searches(scalar, worlds)[1], pairs_of_facets(scalar, False, worlds)[0]
+    search_between, tests_of = searches(scalar, worlds)[2], pairs_of_facets(scalar, False, worlds)[0]
     points = wp.uint32((1 << FIRST_OF_EDGES) - 1)
 
     @wp.func
@@ -244,7 +245,6 @@ def list_tests(scalar: type, worlds: bool = False):
     def list_all(
         data: Data,
         pairs: Pairs,
-        buffer: wp.array(dtype=scalar),
         activation: scalar,
         threads: int,
         part: int,
@@ -258,8 +258,7 @@ def list_tests(scalar: type, worlds: bool = False):
             tests = wp.uint32(0)
             if n < count:
                 two = pairs.near_facets[n]
-                body = data.surfaces.owner[two[0]]
-                search = search_of(data, body, data.surfaces.owner[two[1]], buffer[0], activation)
+                search = search_between(data, two[0], two[1], activation)
                 tests = tests_of(data.surfaces.corner, pairs.owned, search, two[0], two[1])
             add(pairs.point_tests, pairs.test_counts, 0, two, tests & points, flags)
             add(pairs.edge_tests, pairs.test_counts, 1, two, tests & ~points, flags)
@@ -272,19 +271,18 @@ def list_tests(scalar: type, worlds: bool = False):
 def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
     """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
 
-    Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
-    more than `activation` needs no impulse. So pairs beyond skin + `activation` are not listed; listing one
-    changes no result. Its threads divide the tests.
+    Until then each side of a pair moves by at most its slack, and a pair with a gap of more than `activation`
+    needs no impulse. So pairs beyond both slacks + `activation` are not listed; listing one changes no result. Its
+    threads divide the tests.
     """
     Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
-    search_of = searches(scalar, worlds)[1]
+    search_between = searches(scalar, worlds)[2]
     _, test_point, test_edges, add_pair = pairs_of_facets(scalar, tangled, worlds)
 
     @kernel
     def find(
         data: Data,
         pairs: Pairs,
-        buffer: wp.array(dtype=scalar),
         activation: scalar,
         threads: int,
         part: int,
@@ -300,16 +298,10 @@ def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
             found = wp.static(NO_PAIR)
             if n < of_points:
                 test = pairs.point_tests[n]
-                search = search_of(
-                    data, data.surfaces.owner[test[0]], data.surfaces.owner[test[1]], buffer[0], activation
-                )
-                found = test_point(data, pairs, search, test[0], test[1], test[2])
+                found = test_point(data, pairs, search_between(data, test[0], test[1], activation), test)
             elif n >= first_of_edges and n < end:
                 test = pairs.edge_tests[n - first_of_edges]
-                search = search_of(
-                    data, data.surfaces.owner[test[0]], data.surfaces.owner[test[1]], buffer[0], activation
-                )
-                found = test_edges(data, search, test[0], test[1], test[2])
+                found = test_edges(data, search_between(data, test[0], test[1], activation), test)
             add_pair(pairs, found, flags)
             n = next_of_part(n, threads, parts)
 

@@ -185,9 +185,10 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
     end_row, far = row_end(scalar, worlds), scalar(FAR)
 
     @wp.func
-    def find_one(data: Data, p: int, lane: int, buffer: scalar, flags: wp.array(dtype=float)):
+    def find_one(data: Data, p: int, lane: int, flags: wp.array(dtype=float)):
         mine = data.surfaces.body[p]
         x = load(data.surfaces.x, data.surfaces.ends[p][0])
+        slack = scalar(data.neighbors.slack[data.surfaces.ends[p][0]])
         near = data.neighbors.body_pair_count[mine]
         room = data.neighbors.candidates.shape[1]
         count = int(0)
@@ -199,7 +200,8 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
                 other = data.neighbors.body_pairs[mine, b]
                 if other != mine:
                     away = wp.length(x - load(data.surfaces.x, data.surfaces.corner[other][0]))
-                    if away >= data.neighbors.pairs[mine, b].thickness + buffer:
+                    reach = data.neighbors.pairs[mine, b].thickness + slack + data.neighbors.facet_slack[other]
+                    if away >= reach:
                         away = far
             those = ballot(away < far)
             at = count + count_before(those, lane)
@@ -216,7 +218,6 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
         data: Data,
         tree: FacetTree,  # not used here
         farthest: scalar,  # not used here
-        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
         threads: int,
         part: int,
         parts: int,
@@ -225,7 +226,7 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
         e = first_of_part(grid_thread(), part) / wp.static(lanes)
         lane = grid_thread() % wp.static(lanes)
         while e < data.neighbors.search_point_count[0]:
-            find_one(data, data.neighbors.search_points[e], lane, buffer[0], flags)
+            find_one(data, data.neighbors.search_points[e], lane, flags)
             e = next_of_part(e, threads / wp.static(lanes), parts)
 
     return kernel(find, launch_bounds=bounds_of_blocks(scalar))

@@ -10,6 +10,7 @@ from ..partition import first_of_part, next_of_part, raise_to
 from ..records import records, table
 from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, NEAR_WAY, WAY, BodyContactData, NearPairs, first_flag
+from .facet_tree import drifts
 
 
 @functools.cache
@@ -17,14 +18,14 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     """Compose the kernel that updates vertices from their particles and clears their forces and contacts.
 
     It also measures how far vertices have moved since the last search, less the common drift of points in contact,
-    and how far they move in a substep. A new search is due if a vertex has moved by more than the slack of its
-    body, or may do so in the coming substep. Where a substep begins, so does the count of what touches.
+    and how far they move in a substep. A new search is due if a vertex has moved by more than its
+    slack, or may do so in the coming substep. Where a substep begins, so does the count of what touches.
     The threads divide the vertices. On the CPU each part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
     (load, store, _), first_of = records(dim, scalar), first_flag(scalar, worlds)
-    entry, weight_of = table(int), table(scalar)
+    entry, weight_of, drift_of = table(int), table(scalar), drifts(scalar, worlds)
 
     @kernel
     def place(
@@ -44,7 +45,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         flags: wp.array(dtype=float),
     ):
         i = first_of_part(grid_thread(), part)
-        drift = 0.5 * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
+        drift = drift_of(data)
         since = data.neighbors.since[0] + after
         skin = float(buffer[0])
         while i < data.surfaces.x.shape[0]:
@@ -77,7 +78,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             if near and not (h * fast <= flags[at + wp.static(NEAR_WAY)]):
                 raise_to(flags, at + wp.static(NEAR_WAY), h * fast)
             if data.neighbors.due[0] != wp.static(FORCED):
-                slack = data.neighbors.slack[body]
+                slack = data.neighbors.slack[i] + data.neighbors.spare[body]
                 beside = moved - slack + 0.5 * skin
                 if not (beside <= flags[at + wp.static(MOVED)]):
                     raise_to(flags, at + wp.static(MOVED), beside)

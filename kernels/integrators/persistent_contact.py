@@ -43,6 +43,8 @@ def ContactNumbers(scalar: type):
         rate: scalar
         per_unit: wp.float64
         ahead: float
+        soon: float
+        most: float
         beyond: float
         farthest: scalar
         activation: scalar
@@ -72,21 +74,21 @@ def search_in_launch(scalar: type):
         flags: wp.array(dtype=float),
         threads: int,
     ):
-        begin(data, tree, 0.0, threads)
+        begin(data, tree, buffer, numbers.soon, numbers.most, 0.0, threads)
         clear(pairs, threads)
         wait()
         box(data, tree, threads)
         wait()
-        neighbours(data, tree, wp.uint64(0), numbers.farthest, buffer, threads, flags)
+        neighbours(data, tree, wp.uint64(0), numbers.farthest, threads, flags)
         wait()
-        candidates(data, tree, numbers.farthest, buffer, threads, 0, 1)
+        candidates(data, tree, numbers.farthest, threads, 0, 1)
         wait()
-        rows(data, tree, numbers.farthest, buffer, threads, 0, 1, flags)
-        near(data, tree, pairs, buffer, numbers.activation, 1, threads, 0, 1, flags)
+        rows(data, tree, numbers.farthest, threads, 0, 1, flags)
+        near(data, tree, pairs, numbers.activation, 1, threads, 0, 1, flags)
         wait()
-        tests(data, pairs, buffer, numbers.activation, threads, 0, 1, flags)
+        tests(data, pairs, numbers.activation, threads, 0, 1, flags)
         wait()
-        test(data, pairs, buffer, numbers.activation, threads, 0, 1, flags)
+        test(data, pairs, numbers.activation, threads, 0, 1, flags)
         wait()
         speeds(data, threads)
         wait()

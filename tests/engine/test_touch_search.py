@@ -106,7 +106,7 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 %.
     for body in range(len(s.solid)):
         nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
-        expected &= (other != body) | (away <= 1.01 * (nearest[:, None] + 2 * buffer))
+        expected &= (other != body) | (away - buffer <= 1.01 * (nearest[:, None] + buffer))
     for both_solid in (False, True):
         assert (expected & ~own & ((s.solid[mine][:, None] & s.solid[other]) == both_solid)).any()
     assert found == [np.flatnonzero(row).tolist() for row in expected]

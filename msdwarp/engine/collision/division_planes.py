@@ -194,11 +194,13 @@ class DivisionPlanes(Effect):
         if self.tangles and frame_begins:
             self._find_tangles()
         near, tests, pairs = self._searches()
-        within, flags = [neighbors.buffer, self.activation], [neighbors.flags]
-        neighbors.share(near, self._searching, [self._contact, neighbors.tree, data, *within, self._warps], flags)
+        flags = [neighbors.flags]
+        neighbors.share(
+            near, self._searching, [self._contact, neighbors.tree, data, self.activation, self._warps], flags
+        )
         threads = WARP * -(-len(data.near_facets) // WARP)  # those of a warp work together
         for kernel in (tests, pairs):
-            neighbors.share(kernel, threads, [self._contact, data, *within], flags, MOST_TESTING)
+            neighbors.share(kernel, threads, [self._contact, data, self.activation], flags, MOST_TESTING)
 
     def start(self) -> None:
         """Exclude surfaces that cross each other at the start, until they have separated."""

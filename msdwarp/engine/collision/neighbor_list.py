@@ -75,6 +75,8 @@ CHECK_EVERY = 4
 
 A CPU decides in every substep. So does a GPU if rarer decisions needed a skin wider than the widest.
 """
+MOST_SLACK = 4.0
+"""Largest slack of a fast vertex, over the largest width of the skin: what diverges must not be near all."""
 ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
 """Further substeps for which lists must stay valid, as vertices may become faster: when lists are made, and at a
 decision."""
@@ -83,10 +85,10 @@ decision."""
 class NeighborList:
     """Lists the facets near each point.
 
-    A list is valid until a vertex has moved by half of the skin, or by more if its body is near no other. The
-    device rebuilds the lists when it places vertices and one is about to move that far. A frame must be repeated
-    if lists had no room, or if a vertex was faster than expected. Listed facets without contact change nothing:
-    results depend neither on the skin nor on how often lists are rebuilt.
+    A list is valid until a vertex has moved by more than its slack: half of the skin, or more if it is fast or its
+    body is near no other. The device rebuilds the lists when it places vertices and one is about to move that far.
+    A frame must be repeated if lists had no room, or if a vertex was faster than expected. Listed facets without
+    contact change nothing: results depend neither on the skin nor on how often lists are rebuilt.
 
     It replaces arrays that recorded launches write to, and then increases `Model.generation`.
 
@@ -114,6 +116,8 @@ class NeighborList:
         self._least_skin = LEAST_SKIN * thickest
         self._farthest_way = FARTHEST_WAY * max(thickest, float(spacing.max(initial=0.0)))
         self._skin_now = self._least_skin
+        self.most_slack = MOST_SLACK * self._widest
+        """How far a fast vertex may at most move before the next search, unless it is half of the skin [m]."""
         self.too_far = 0.0
         """The longest path of a vertex in a substep of the last frame [m], if it was too long; else 0."""
         self.active = 0
@@ -151,7 +155,9 @@ class NeighborList:
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
         data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
-        data.moved, data.slack = (wp.zeros(bodies, dtype=float, device=device) for _ in "ms")
+        data.moved, data.spare = (wp.zeros(bodies, dtype=float, device=device) for _ in "ms")
+        data.slack = wp.zeros(len(data.x_found), dtype=float, device=device)
+        data.facet_slack = wp.zeros(len(owner), dtype=scalar, device=device)
         self._binary: wp.Bvh | None = None
         """Binary tree of the boxes around facets, if single threads search."""
         self._bodies: wp.Bvh | None = None
@@ -274,7 +280,8 @@ class NeighborList:
         """Launch the start of a search: the boxes around facets, pieces, groups and bodies."""
         tree, given = self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
-        self.launch(self._begin_search, many, [*given, after], [])
+        soon = (self.check_every + ALLOWANCE) * self.dt
+        self.launch(self._begin_search, many, [*given, self.buffer, soon, self.most_slack, after], [])
         self.launch(self._box_facets, self._warp * len(tree.piece), given, [])
         for one in (self._binary, self._bodies):
             if one is not None:
@@ -303,13 +310,12 @@ class NeighborList:
     def _find_rows(self, frame_begins: bool = True) -> None:
         """Launch the search for near pairs and for the facets near each point, with the current boxes."""
         contact, tree, many = self._contact, self.tree, len(self.tree.body_lower)
-        around = [self.farthest, self.buffer]
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
         threads = many if by_tree else self._warp * many
-        self.launch(self._box_neighbours, threads, [contact, tree, tree_of_bodies, *around], [self.flags])
+        self.launch(self._box_neighbours, threads, [contact, tree, tree_of_bodies, self.farthest], [self.flags])
         self.planes.find(frame_begins)
-        self.share(self._find_candidates, self._points, [contact, tree, *around], [])
-        inputs, searching = [contact, tree, *around], MOST_SEARCHING
+        inputs, searching = [contact, tree, self.farthest], MOST_SEARCHING
+        self.share(self._find_candidates, self._points, inputs, [])
         self.share(self._find_in_rows, self.lanes * self._points, inputs, [self.flags], searching, BLOCK)
 
     def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
@@ -333,7 +339,7 @@ class NeighborList:
         elif narrowest < 0.5 * self._widest:
             self.check_every = self._check_every
         wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * near_way))
-        wanted = max(wanted, 2.0 * way * (self.check_every + ALLOWANCE), 0.0 if held else SKIN_BY_WAY * moved)
+        wanted = max(wanted, 0.0 if held else SKIN_BY_WAY * moved)
         if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
             self._skin_now = wanted
             self.buffer.fill_(wanted)

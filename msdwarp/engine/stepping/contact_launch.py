@@ -14,8 +14,9 @@ from .dynamics import Dynamics
 from .persistent import CLUSTER, whole
 from .stages import Stage, stages_for
 
-AHEAD = 2.0
-"""Lists are made again unless valid for this many substeps at present speeds; one would suffice."""
+AHEAD, SOON = 2.0, 3.0
+"""Lists are made again unless valid for this many substeps at present speeds, one would suffice; and what is fast
+may move for so many substeps when they are made."""
 MOST = 2**13, 2**8, 2**11
 """Points, bodies and particles up to which a cluster may be faster than the whole GPU."""
 MOST_ACTIVE = CLUSTER * MOST_THREADS // ON_GPU
@@ -58,7 +59,8 @@ class ContactLaunch:
         numbers, h = ContactNumbers(model.scalar)(), effect.steps.dt
         numbers.beyond, numbers.farthest = neighbors.margins
         numbers.h, numbers.rate, numbers.per_unit = h, DAMPING / h, 1.0 / effect.data.unit
-        numbers.ahead, numbers.activation = AHEAD * h, planes.activation
+        numbers.ahead, numbers.soon, numbers.most = AHEAD * h, SOON * h, neighbors.most_slack
+        numbers.activation = planes.activation
         (kernel, before), threads = self._kernel(), CLUSTER * MOST_THREADS
         contact = before.Data()
         contact.data, contact.tree = effect.on_device
