@@ -77,8 +77,13 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     monkeypatch.setattr(nearby, "ROOM", 256)
     system = crowd()
     simulation = Simulation(system, contact=contact, gravity=0.0, device=plain_device, precision="float64")
-    simulation.state.x.assign(system.position + 0.02 * np.random.default_rng(2).normal(size=(len(system.mass), 3)))
-    found, effect = rows_of(simulation), contact_of(simulation)
+    rng, count = np.random.default_rng(2), len(system.mass)
+    simulation.state.x.assign(system.position + 0.02 * rng.normal(size=(count, 3)))
+    velocity = 4.0 * rng.normal(size=(count, 3)) * (np.arange(count) % 5 == 0)[:, None]  # a few are fast [m/s]
+    simulation.state.v.assign(velocity)
+    effect = contact_of(simulation)
+    effect.neighbors.dt = 1e-3
+    found = rows_of(simulation)
     s, x = effect.surfaces.on_host, simulation.frame().position
     now = np.einsum("vk,vkd->vd", s.weight, x[s.particle])
     points = now[s.ends[:, 0]] * (1 - s.share[:, None]) + now[s.ends[:, 1]] * s.share[:, None]
@@ -87,7 +92,13 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     thickness = (
         np.full(own.shape, contact.thickness) if contact.thickness else s.radius[mine][:, None] + s.radius[other]
     )
-    buffer = nearby.LEAST_SKIN * (contact.thickness or 2 * s.radius.max())
+    skin = nearby.LEAST_SKIN * (contact.thickness or 2 * s.radius.max())
+    speed = np.linalg.norm(np.einsum("vk,vkd->vd", s.weight, velocity[s.particle]), axis=1)
+    soon = (effect.neighbors.check_every + nearby.ALLOWANCE) * 1e-3
+    slack = np.maximum(0.5 * skin, soon * speed)  # of each vertex
+    assert 0.1 < (slack > 0.5 * skin).mean() < 0.5
+    assert slack.max() < effect.neighbors.most_slack
+    slack = slack[s.ends].max(axis=1)[:, None] + slack[s.corner].max(axis=1)  # of points and facets together
 
     def distances(points, at):
         a, b = (index.ravel() for index in np.meshgrid(range(len(points)), range(len(s.corner)), indexing="ij"))
@@ -98,15 +109,15 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     assert (1.5 * thickness[own.any(axis=1)].min() if contact.thickness else 0.0) < s.spacing.min()
     apart = ~(s.ends[:, None, :, None] == s.corner[None, :, None, :]).any(axis=(2, 3))
     itself = contact.self_contact & ~s.solid
-    expected = (away < thickness + buffer) & (~own | (apart & itself[other]))
+    expected = (away - slack < thickness) & (~own | (apart & itself[other]))
     # Vertices of what has crossed since the start are left out until it is apart.
     tangled = crossing_vertices(now, s.corner, s.body, itself)
     assert 0 < tangled.sum() < len(tangled)
     expected &= ~tangled[s.ends].any(axis=1)[:, None] & ~tangled[s.corner].any(axis=1)
-    # Of each body those are left out that cannot come to be the nearest: by twice the skin, and 1 %.
+    # Of each body those are left out that cannot come to be the nearest, by 1 %.
     for body in range(len(s.solid)):
-        nearest = np.where(expected & (other == body), away, np.inf).min(axis=1)
-        expected &= (other != body) | (away - buffer <= 1.01 * (nearest[:, None] + buffer))
+        nearest = np.where(expected & (other == body), away + slack, np.inf).min(axis=1)
+        expected &= (other != body) | (away - slack <= 1.01 * nearest[:, None])
     for both_solid in (False, True):
         assert (expected & ~own & ((s.solid[mine][:, None] & s.solid[other]) == both_solid)).any()
     assert found == [np.flatnonzero(row).tolist() for row in expected]
