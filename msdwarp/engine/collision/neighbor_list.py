@@ -75,6 +75,8 @@ CHECK_EVERY = 4
 
 A CPU decides in every substep. So does a GPU if rarer decisions needed a skin wider than the widest.
 """
+NARROWER = 0.8
+"""Least width of the skin, over that in the frame before."""
 MOST_SLACK = 4.0
 """Largest slack of a fast vertex, over the largest width of the skin: what diverges must not be near all."""
 ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
@@ -340,9 +342,10 @@ class NeighborList:
             self.check_every = self._check_every
         wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * near_way))
         wanted = max(wanted, 0.0 if held else SKIN_BY_WAY * moved)
-        if wanted > self._skin_now or wanted < 0.5 * self._skin_now:
-            self._skin_now = wanted
-            self.buffer.fill_(wanted)
+        if wanted > self._skin_now or wanted < NARROWER * self._skin_now:
+            # It narrows over some frames: what was too fast once may soon be again, and a frame is repeated then.
+            self._skin_now = max(wanted, NARROWER * self._skin_now)
+            self.buffer.fill_(self._skin_now)
             self.invalidate()
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
         overflown |= self.planes.judge(pairs)
