@@ -57,16 +57,16 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     It returns whether there is a force, the tangential displacement [m], the fastest approach in this contact
     [m/s], and, if `measuring`, the stored energy [J] and the dissipated power [W].
     """
-    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
-    (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
-    Memory = memories(scalar, worlds)[0]
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
+    (Point, _, mobility_of), PointAndBody = points(scalar), Pair(scalar)
+    Memory = memories(scalar)[0]
     Nearest = nearest_facets(scalar, lanes, worlds)[0]
     place_of, place_on, _ = places(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    moved_along = displacements(scalar, worlds)[1]
+    moved_along = displacements(scalar)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)
-    (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar, worlds)
-    crowd_share = crowding(scalar, worlds)[0]
+    (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar)
+    crowd_share = crowding(scalar)[0]
     zero, one, half, tangential = scalar(0.0), scalar(1.0), scalar(0.5), scalar(TANGENTIAL)
 
     @wp.func
@@ -167,12 +167,12 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
 
 
 def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
-    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
-    place_on, point_of, held = places(scalar)[1], points(scalar, worlds)[1], displacements(scalar, worlds)[0]
+    Data, Step = BodyContactData(scalar), Substep(scalar)
+    place_on, point_of, held = places(scalar)[1], points(scalar)[1], displacements(scalar)[0]
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
     bear = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
-    _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
-    wait, count_touching, zero = wait_for_lanes(lanes), crowding(scalar, worlds)[1], scalar(0.0)
+    _, no_memory, remember, keep, shrink_overlap = memories(scalar)
+    wait, count_touching, zero = wait_for_lanes(lanes), crowding(scalar)[1], scalar(0.0)
 
     @wp.func
     def evaluate_point(
@@ -233,4 +233,4 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
                 if wp.static(overlapping_at_start):
                     shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=not measuring)
+    return each_active_point(evaluate_point, scalar, lanes, counts_time=not measuring)

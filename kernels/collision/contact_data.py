@@ -44,12 +44,12 @@ def Pair(scalar: type):
 
 
 @functools.cache
-def BodyContactData(scalar: type, worlds: bool = False):
+def BodyContactData(scalar: type):
     """Compose the struct of contact between bodies. Four host classes fill its parts.
 
     A vertex is a weighted mean of particles. A contact point is a vertex (its two ends are the same) or lies on an
     edge between two vertices. A facet is a triangle, or a segment of a rope, or a grain, which is one particle. In
-    an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
+    an ensemble the bodies of all worlds are concatenated, as are vertices, points and facets.
     """
     V, PointAndBody = vector(3, scalar), Pair(scalar)
 
@@ -85,9 +85,9 @@ def BodyContactData(scalar: type, worlds: bool = False):
         stiffness: wp.array(dtype=scalar)  # of a contact with an equal body [N/m]
         radius: wp.array(dtype=scalar)  # half of its thickness [m]
         spacing: wp.array(dtype=scalar)  # of its vertices [m]; 0 for a grain
-        if worlds:
-            bodies_each: int  # bodies of a world
-            unit: wp.array(dtype=wp.float64)  # of the forces in each world [N], shape [world_count]
+        # Of an ensemble alone:
+        bodies_each: int  # bodies of a world
+        unit: wp.array(dtype=wp.float64)  # of the forces in each world [N], shape [world_count]
 
     @wp.struct
     class ContactRules:
@@ -125,8 +125,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
         pairs: wp.array2d(dtype=PointAndBody)  # constants of each such pair
         body_pair_count: wp.array(dtype=int)  # length of each row
-        if worlds:
-            root_of_world: wp.array(dtype=int)  # root of each world's subtree in the tree of bodies
+        root_of_world: wp.array(dtype=int)  # of an ensemble: root of each world's subtree in the tree of bodies
 
     @wp.struct
     class ContactHistory:
@@ -252,7 +251,7 @@ def Substep(scalar: type):
 @functools.cache
 def first_flag(scalar: type, worlds: bool):
     """Compose (data, body) -> the index of the first flag of the body's world; each world has its own flags."""
-    Data = BodyContactData(scalar, worlds)
+    Data = BodyContactData(scalar)
 
     @wp.func
     def first_of(data: Data, body: int) -> int:

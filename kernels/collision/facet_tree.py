@@ -16,7 +16,7 @@ from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, l
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
-from .pairs import ALMOST, pair_with, pairs
+from .pairs import ALMOST, pairs
 
 NEVER = 1e30
 """A speed that no point reaches [m/s], and a coordinate beyond all others [m]."""
@@ -151,12 +151,12 @@ def facets_within(lanes: int):
 
 
 @functools.cache
-def begin_search(scalar: type, worlds: bool = False):
+def begin_search(scalar: type):
     """Compose the kernel that begins a search at the current positions of vertices, and empties the boxes.
 
     Its threads divide the vertices, groups and bodies. `after` is the time since the end of the last substep [s].
     """
-    Data, (load, store, _) = BodyContactData(scalar, worlds), records(3, scalar)
+    Data, (load, store, _) = BodyContactData(scalar), records(3, scalar)
 
     @kernel
     def begin(data: Data, tree: FacetTree, after: float, threads: int):
@@ -184,12 +184,12 @@ def begin_search(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def box_facets(scalar: type, lanes: int, worlds: bool = False):
+def box_facets(scalar: type, lanes: int):
     """Compose the kernel that computes boxes around facets and pieces, and extends those of groups and bodies.
 
     Each piece has `lanes` threads.
     """
-    Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
+    Data, least_of = BodyContactData(scalar), least_of_lanes(wp.float32, lanes)
     load = records(3, scalar).load
 
     @wp.func
@@ -251,8 +251,8 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
     body near no other half of what its distance from the nearest exceeds that of contact. So no two come to touch
     unnoticed, and what flies alone causes no search.
     """
-    Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
-    find_rule, first_of, pair_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds), pair_with(scalar, worlds)
+    Data, margin, by_tree = BodyContactData(scalar), margin_of_boxes(scalar), lanes == 0
+    (find_rule, pair_of), first_of = pairs(scalar), first_flag(scalar, worlds)
     lanes = max(lanes, 1)
     ballot, least_of = ballot_of_lanes(lanes), least_of_lanes(wp.float32, lanes)
 

@@ -71,7 +71,7 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
     depenetration. `per_unit_of` returns the units of force per newton, which differ between the worlds of an
     ensemble.
     """
-    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
     PointAndBody, zero, one = Pair(scalar), scalar(0.0), scalar(1.0)
     tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
     first_of = first_flag(scalar, worlds)

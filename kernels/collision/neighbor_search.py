@@ -32,12 +32,12 @@ def bounds_of_blocks(scalar: type) -> tuple[int, int]:
     return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two registers
 
 
-def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, counts_time: bool = False):
+def each_active_point(evaluate_point, scalar: type, lanes: int, counts_time: bool):
     """Compose the kernel that calls `evaluate_point` for each active point, with `lanes` threads per point.
 
     In each substep one such kernel also sums the time since the last search (`counts_time`).
     """
-    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
+    Data, Step = BodyContactData(scalar), Substep(scalar)
 
     def evaluate_points(
         data: Data,
@@ -67,14 +67,14 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, co
 
 
 @functools.cache
-def find_candidates(scalar: type, worlds: bool = False):
+def find_candidates(scalar: type):
     """Compose the kernel that lists the points which may be near a facet, or have ended contacts to clear.
 
     Its threads divide the points; near points become adjacent in the list. Most points of large bodies are left
     out here, because idle threads in a search take as long as busy ones. `find_pairs` has marked the points of
     open bodies that may touch their own body.
     """
-    Data, place_of, margin = BodyContactData(scalar, worlds), places(scalar)[0], margin_of_boxes(scalar)
+    Data, place_of, margin = BodyContactData(scalar), places(scalar)[0], margin_of_boxes(scalar)
 
     @wp.func
     def is_candidate(data: Data, tree: FacetTree, p: int, around: scalar) -> bool:
@@ -139,13 +139,13 @@ def Row(scalar: type):
 
 
 @functools.cache
-def entries(scalar: type, lanes: int, worlds: bool):
+def entries(scalar: type, lanes: int):
     """Compose (enter, keep_near) for the entries of one body in the row of a point.
 
     `enter` adds the facets that the threads of the point have found. `keep_near` removes entries beyond a
     distance.
     """
-    Data, SearchedRow = BodyContactData(scalar, worlds), Row(scalar)
+    Data, SearchedRow = BodyContactData(scalar), Row(scalar)
     _, place_on, nearest_to = places(scalar)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     ballot, wait = ballot_of_lanes(lanes), wait_for_lanes(lanes)
@@ -220,7 +220,7 @@ def row_end(scalar: type, worlds: bool):
 
     The list has `count` facets; `missed` more had no room; `most` is the largest number found at any time.
     """
-    Data, first_of = BodyContactData(scalar, worlds), first_flag(scalar, worlds)
+    Data, first_of = BodyContactData(scalar), first_flag(scalar, worlds)
 
     @wp.func
     def end_row(data: Data, p: int, body: int, count: int, missed: int, most: int, flags: wp.array(dtype=float)):
@@ -246,10 +246,10 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
     facets can be skipped later. No result depends on listed facets without contact, on the skin, or on the order
     in which facets are found.
     """
-    Data, margin, SearchedRow = BodyContactData(scalar, worlds), margin_of_boxes(scalar), Row(scalar)
+    Data, margin, SearchedRow = BodyContactData(scalar), margin_of_boxes(scalar), Row(scalar)
     place_of, place_on, nearest_to = places(scalar)
     end_row = row_end(scalar, worlds)
-    (begin, find_next), (enter, keep_near) = facets_within(lanes), entries(scalar, lanes, worlds)
+    (begin, find_next), (enter, keep_near) = facets_within(lanes), entries(scalar, lanes)
     wait, doubt = wait_for_lanes(lanes), scalar(1.01)
 
     @wp.func
@@ -343,7 +343,7 @@ def range_of_speeds(scalar: type, lanes: int):
 
     Its threads divide the points; each group of `lanes` threads combines its results.
     """
-    Data, least_of = BodyContactData(scalar, False), least_of_lanes(wp.float32, lanes)
+    Data, least_of = BodyContactData(scalar), least_of_lanes(wp.float32, lanes)
     place_of = places(scalar)[0]
 
     @wp.func

@@ -183,14 +183,14 @@ def measure_pairs(scalar: type, watched: bool):
 
 
 @functools.cache
-def find_alarm(scalar: type, worlds: bool = False):
+def find_alarm(scalar: type):
     """Compose the kernel that tests whether surfaces may meet; then it sets `may_meet` and counts pairs.
 
     Two sides of a pair may meet if they can come within `activation` in `AHEAD` substeps, from the vertices'
     positions when the substep begins. `measure_pairs` would find that later, and takes ten times as long. The
     threads divide the pairs. `flags` gets the number of pairs.
     """
-    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
+    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar), NearPairs(scalar)
     on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
     load, zero, one = records(3, scalar).load, scalar(0.0), scalar(1.0)
 

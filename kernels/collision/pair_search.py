@@ -21,14 +21,14 @@ QUEUES = 3 * ROOM
 
 
 @functools.cache
-def searches(scalar: type, worlds: bool):
+def searches(scalar: type):
     """Compose (search_of, box_of): which bodies the facets of a body search for near pairs, and in which box.
 
     `search_of` returns the search for pairs with the b-th body near `body`. Its reach is below 0 if the other body
     searches: that is the one with shorter edges, whose facets have fewer others near. `box_of` returns the box
     around the facet at `place` in the tree, which the boxes of near facets overlap.
     """
-    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
+    Data, Pairs, Search = BodyContactData(scalar), NearPairs(scalar), PairSearch(scalar)
     margin, doubt = margin_of_boxes(scalar), scalar(1.01)
 
     @wp.func
@@ -55,7 +55,7 @@ def searches(scalar: type, worlds: bool):
 
 
 @functools.cache
-def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, grains: bool = False):
+def find_pairs(scalar: type, tangled: bool, lanes: int, grains: bool = False):
     """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
 
     Until then each side of a pair moves by at most half of the search margin (the skin), and a pair with a gap of
@@ -63,10 +63,10 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, gr
     changes no result. Each facet has `lanes` threads. If all bodies are `grains`, facets and bodies have the same
     indices.
     """
-    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
+    Data, Pairs, Search = BodyContactData(scalar), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(lanes)
-    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
-    search_of, box_of = searches(scalar, worlds)
+    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled)
+    search_of, box_of = searches(scalar)
 
     @wp.func
     def test_all(data: Data, pairs: Pairs, search: Search, facet: int, found: int, flags: wp.array(dtype=float)):
@@ -155,17 +155,17 @@ def find_pairs(scalar: type, tangled: bool, lanes: int, worlds: bool = False, gr
 
 
 @functools.cache
-def find_pairs_of_pieces(scalar: type, tangled: bool, worlds: bool = False):
+def find_pairs_of_pieces(scalar: type, tangled: bool):
     """Compose the kernel that lists the same pairs as `find_pairs`, for so many facets that they fill a GPU.
 
     `SHARES` warps divide a piece of the tree. A warp searches the tree for all facets of the piece at once; each
     thread tests the box of its own facet. Found facets, and then the tests between them, wait in queues until all
     threads of the warp have work: without queues most would be idle.
     """
-    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
+    Data, Pairs, Search = BodyContactData(scalar), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
-    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled, worlds)
-    search_of, box_of = searches(scalar, worlds)
+    tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled)
+    search_of, box_of = searches(scalar)
     ballot, wait, least_of = ballot_of_lanes(WARP), wait_for_lanes(WARP), least_of_lanes(wp.float32, WARP)
 
     @wp.func

@@ -58,12 +58,12 @@ def places(scalar: type):
 
 
 @functools.cache
-def pairs(scalar: type, worlds: bool = False):
-    """Compose (find_rule, thickness_of, stiffness_of).
+def pairs(scalar: type):
+    """Compose (find_rule, pair_of) for points of body `mine` and facets of body `other`.
 
-    They return the contact rule and its parameters for a point of body `mine` and a facet of body `other`.
+    `find_rule` returns the index of their contact rule, `pair_of` the constants that follow from it.
     """
-    Data = BodyContactData(scalar, worlds)
+    Data, PointAndBody = BodyContactData(scalar), Pair(scalar)
 
     @wp.func
     def find_rule(data: Data, mine: int, other: int) -> int:
@@ -75,40 +75,19 @@ def pairs(scalar: type, worlds: bool = False):
         return rule
 
     @wp.func
-    def thickness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the distance at which contact begins [m]."""
-        given = data.rules.thickness[rule]
-        if given >= scalar(0.0):
-            return given
-        return data.surfaces.radius[mine] + data.surfaces.radius[other]
-
-    @wp.func
-    def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the contact stiffness of one vertex [N/m], by default the harmonic mean for both bodies."""
-        k = data.rules.stiffness[rule]
-        if k < scalar(0.0):
-            a = data.surfaces.stiffness[mine]
-            b = data.surfaces.stiffness[other]
-            k = scalar(2.0) * a * b / (a + b)
-        return k
-
-    return find_rule, thickness_of, stiffness_of
-
-
-@functools.cache
-def pair_with(scalar: type, worlds: bool):
-    """Compose (data, rule, mine, other, place) -> `Pair`, constants for points of `mine` and facets of `other`."""
-    Data, PointAndBody = BodyContactData(scalar, worlds), Pair(scalar)
-    _, thickness_of, stiffness_of = pairs(scalar, worlds)
-
-    @wp.func
     def pair_of(data: Data, rule: int, mine: int, other: int, place: int) -> PointAndBody:
         pair = PointAndBody()
         pair.mine = mine
         pair.other = other
         pair.place = place
-        pair.thickness = thickness_of(data, rule, mine, other)
-        pair.stiffness = stiffness_of(data, rule, mine, other)
+        pair.thickness = data.rules.thickness[rule]
+        if pair.thickness < scalar(0.0):
+            pair.thickness = data.surfaces.radius[mine] + data.surfaces.radius[other]
+        pair.stiffness = data.rules.stiffness[rule]
+        if pair.stiffness < scalar(0.0):  # the harmonic mean for both bodies
+            a = data.surfaces.stiffness[mine]
+            b = data.surfaces.stiffness[other]
+            pair.stiffness = scalar(2.0) * a * b / (a + b)
         pair.damping = data.rules.damping[rule]
         pair.hysteresis = data.rules.hysteresis[rule]
         apart = data.surfaces.spacing[mine]
@@ -119,13 +98,13 @@ def pair_with(scalar: type, worlds: bool):
         pair.friction = data.rules.friction[rule]
         return pair
 
-    return pair_of
+    return find_rule, pair_of
 
 
 @functools.cache
-def points(scalar: type, worlds: bool = False):
+def points(scalar: type):
     """Compose (Point, point_of, mobility_of): a contact point, its constructor, and its mobility [1/kg]."""
-    V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
+    V, Data, one = vector(3, scalar), BodyContactData(scalar), scalar(1.0)
     place_of, body_of, ends_of, number_of = places(scalar)[0], table(int), table(wp.vec2i), table(scalar)
 
     @wp.struct
@@ -161,14 +140,14 @@ def points(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def crowding(scalar: type, worlds: bool):
+def crowding(scalar: type):
     """Compose (crowd_share, count_touching): the share of a point in what touches around it.
 
     `crowd_share` returns the point's density, times that of all points around it over that of those which touched
     in the substep before; between substeps (`measuring`) in the last. `count_touching` adds the point to the sums
     of this substep.
     """
-    Data, Point = BodyContactData(scalar, worlds), points(scalar, worlds)[0]
+    Data, Point = BodyContactData(scalar), points(scalar)[0]
     one, whole, number_of = scalar(1.0), scalar(WHOLE), table(scalar)
 
     @wp.func
@@ -193,12 +172,12 @@ def crowding(scalar: type, worlds: bool):
 
 
 @functools.cache
-def hosts_of_points(scalar: type, worlds: bool):
+def hosts_of_points(scalar: type):
     """Compose (data, point) -> (corner, w): a facet on which a contact point lies, and its weights there.
 
     If there is none, it is the segment between the point's two vertices.
     """
-    V, Data, Point = vector(3, scalar), BodyContactData(scalar, worlds), points(scalar, worlds)[0]
+    V, Data, Point = vector(3, scalar), BodyContactData(scalar), points(scalar)[0]
     corner_of, zero, one = table(wp.vec3i), scalar(0.0), scalar(1.0)
 
     @wp.func

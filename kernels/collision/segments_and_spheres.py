@@ -31,11 +31,11 @@ def evaluate_segments_and_spheres(
     There are many such bodies, with few facets each. So each of the `lanes` threads of a point handles different
     bodies near it. For `overlapping_at_start` see `evaluate_contact`. If `grains`, each body is a grain.
     """
-    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
-    (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
-    Memory, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
+    (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar)
+    Memory, no_memory, remember, keep, shrink_overlap = memories(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    (held, moved_along), (crowd_share, count_touching) = displacements(scalar, worlds), crowding(scalar, worlds)
+    (held, moved_along), (crowd_share, count_touching) = displacements(scalar), crowding(scalar)
     in_units, take_from, add_to = exert_on_segments(scalar)
     load_vector = records(3, scalar).load
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
@@ -172,7 +172,7 @@ def evaluate_segments_and_spheres(
             if wp.static(overlapping_at_start):
                 shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=True)
+    return each_active_point(evaluate_point, scalar, lanes, counts_time=True)
 
 
 @functools.cache
@@ -181,7 +181,7 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
 
     Each of the `lanes` threads of a point tests different bodies near it.
     """
-    Data, load, ballot = BodyContactData(scalar, worlds), records(3, scalar).load, ballot_of_lanes(lanes)
+    Data, load, ballot = BodyContactData(scalar), records(3, scalar).load, ballot_of_lanes(lanes)
     end_row, far = row_end(scalar, worlds), scalar(FAR)
 
     @wp.func

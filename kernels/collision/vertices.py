@@ -21,7 +21,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     body, or may do so in the coming substep. Where a substep begins, so does the count of what touches.
     The threads divide the vertices. On the CPU each part has a single thread, since each thread would copy `data`.
     """
-    V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
+    V, Data = vector(dim, scalar), BodyContactData(scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
     (load, store, _), first_of = records(dim, scalar), first_flag(scalar, worlds)
     entry, weight_of = table(int), table(scalar)
@@ -104,13 +104,13 @@ class TearingFacets:
 
 
 @functools.cache
-def leave_out_torn(scalar: type, worlds: bool = False):
+def leave_out_torn(scalar: type):
     """Compose the kernel that turns torn facets into grains, and points on broken springs into vertices.
 
     A torn facet remains as its first corner only, a point as its first end. If any facet changes, a new search is
     due. The threads divide the facets and the points.
     """
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    Data, Pairs = BodyContactData(scalar), NearPairs(scalar)
 
     @wp.func
     def is_broken(tearing: TearingFacets, spring: int) -> bool:

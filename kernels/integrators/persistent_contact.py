@@ -53,7 +53,7 @@ def ContactNumbers(scalar: type):
 @functools.cache
 def search_in_launch(scalar: type):
     """Compose (data, tree, pairs, numbers, buffer, flags, threads): build the lists for the current vertices."""
-    Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
+    Data, Pairs, Numbers = BodyContactData(scalar), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
@@ -97,7 +97,7 @@ def contact_before(composition: Composition, method: Any, options: ContactParts)
     """
     dim, scalar = composition.dim, composition.scalar
     SceneData, Step = tools(composition).SceneData, method(composition).Step
-    Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
+    Data, Pairs, Numbers = BodyContactData(scalar), NearPairs(scalar), ContactNumbers(scalar)
     place = as_function(place_vertices(dim, scalar, composition.compensated))
     search = search_in_launch(scalar)
     composed = scalar, options.overlapping_at_start, options.lanes

@@ -62,7 +62,7 @@ class BodyContact(WithHistory):
         for one in surfaces.by_row:
             self.rules.check(one)
         scalar, device = model.scalar, model.device
-        data = self._data = BodyContactData(scalar, model.in_worlds)()
+        data = self._data = BodyContactData(scalar)()
         self.rules.upload(data.rules, model, each)
         surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
         self._points = model.worlds * len(on_host.share)

@@ -152,10 +152,10 @@ class DivisionPlanes(Effect):
     def _note_kernels(self) -> None:
         """Note the kernels of searches, and those that keep pairs apart, which may wake in any frame."""
         model, neighbors, note = self._model, self.neighbors, self._model.kernels.note
-        scalar, worlds = model.scalar, model.in_worlds
-        note(self._find_pairs(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes, worlds))
+        scalar = model.scalar
+        note(self._find_pairs(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes))
         if self.may_sleep:
-            note(find_alarm(scalar, worlds))
+            note(find_alarm(scalar))
         if len(self.pairs.driven):
             note(catch_up(scalar))
         note(self._measure)
@@ -166,10 +166,10 @@ class DivisionPlanes(Effect):
 
     def _find_pairs(self) -> Any:
         """Return the kernel that lists near pairs."""
-        kinds, worlds = (self._model.scalar, self.tangles), self._model.in_worlds
+        kinds = self._model.scalar, self.tangles
         if self._searching:
-            return find_pairs_of_pieces(*kinds, worlds)
-        return find_pairs(*kinds, 1 if self._grains else self.neighbors.lanes, worlds, self._grains)
+            return find_pairs_of_pieces(*kinds)
+        return find_pairs(*kinds, 1 if self._grains else self.neighbors.lanes, self._grains)
 
     def find(self, frame_begins: bool) -> None:
         """Launch the listing of near pairs with the tree of the `NeighborList`, before its search.
@@ -195,13 +195,12 @@ class DivisionPlanes(Effect):
         pairs, neighbors = self.pairs, self.neighbors
         pairs.tangled.zero_()
         inputs, lanes = [self._contact, neighbors.tree, pairs], neighbors.lanes
-        kernel = find_tangles(self._model.scalar, lanes, self._model.in_worlds)
-        neighbors.share(kernel, lanes * len(pairs.edge), inputs, [])
+        neighbors.share(find_tangles(self._model.scalar, lanes), lanes * len(pairs.edge), inputs, [])
 
     def watch(self) -> None:
         """Launch the test whether surfaces may come so near that their pairs must be kept apart."""
         if self.may_sleep:
-            kernel, neighbors = find_alarm(self._model.scalar, self._model.in_worlds), self.neighbors
+            kernel, neighbors = find_alarm(self._model.scalar), self.neighbors
             inputs = [self._contact, self.pairs, self.activation, neighbors.dt]
             neighbors.share(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
 

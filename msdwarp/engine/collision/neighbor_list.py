@@ -160,9 +160,9 @@ class NeighborList:
             planes,
             len(on_host.solid) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES),
         )
-        note, kinds = model.kernels.note, (scalar, model.in_worlds)
-        self._begin_search, self._find_candidates = note(begin_search(*kinds)), note(find_candidates(*kinds))
-        self._box_facets = note(box_facets(scalar, self._warp, model.in_worlds))
+        note = model.kernels.note
+        self._begin_search, self._find_candidates = note(begin_search(scalar)), note(find_candidates(scalar))
+        self._box_facets = note(box_facets(scalar, self._warp))
         self._box_neighbours = note(box_neighbours(scalar, 0 if many_bodies else self._warp, model.in_worlds))
         search = find_rows_of_grains if self._grains else find_rows
         self._find_in_rows = note(search(scalar, self.lanes, model.in_worlds), block=BLOCK)

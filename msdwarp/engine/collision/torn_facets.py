@@ -51,7 +51,7 @@ class TornFacets:
 
     def leave_out(self, share: Callable[..., None]) -> None:
         """Launch the update of facets and points by `share`, which is `NeighborList.share`."""
-        kernel = leave_out_torn(self._model.scalar, self._model.in_worlds)
+        kernel = leave_out_torn(self._model.scalar)
         share(kernel, max(len(self._data.corner), len(self._data.along)), [*self._given, self._data], [])
 
 
