@@ -32,7 +32,7 @@ from ..threads import grid_thread, wait
 from .contact_data import FLAGS, HELD_BACK, Motion, NearPairs
 from .near_pairs import vertex_of
 from .pair_gaps import ways
-from .pair_impulses import find_violations, move_pushed, pair_impulses, push_pairs
+from .pair_impulses import find_violations, limits, move_pushed, push_pairs
 
 ROUNDS = 24
 """Maximal number of rounds of impulses; with 4 a rope that winds around a free cloth gained half of its energy."""
@@ -104,7 +104,7 @@ def truncate_displacements(scalar: type):
     in which the round before held anything back.
     """
     W, Pairs, Moving = wp.types.vector(4, scalar), NearPairs(scalar), Motion(scalar)
-    (place_of, displacement_towards, approach_of), may_approach = ways(scalar), pair_impulses(scalar)[2]
+    (place_of, displacement_towards, approach_of), may_approach = ways(scalar), limits(scalar)[1]
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func

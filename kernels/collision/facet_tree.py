@@ -12,7 +12,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel
-from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit
+from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, lowest_of_lanes
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
@@ -189,12 +189,7 @@ def box_facets(scalar: type, lanes: int):
 
     Each piece has `lanes` threads.
     """
-    Data, least_of = BodyContactData(scalar), least_of_lanes(wp.float32, lanes)
-    load = records(3, scalar).load
-
-    @wp.func
-    def least_corner(x: wp.vec3) -> wp.vec3:
-        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
+    Data, load, lowest = BodyContactData(scalar), records(3, scalar).load, lowest_of_lanes(lanes)
 
     @wp.func
     def box_piece(data: Data, tree: FacetTree, p: int, lane: int):
@@ -211,8 +206,8 @@ def box_facets(scalar: type, lanes: int):
             tree.upper[e] = above
             least = wp.min(least, below)
             most = wp.max(most, above)
-        least = least_corner(least)
-        most = -least_corner(-most)
+        least = lowest(least)
+        most = -lowest(-most)
         if lane == 0:
             tree.piece_lower[p] = least
             tree.piece_upper[p] = most
@@ -255,6 +250,7 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
     (find_rule, pair_of), first_of = pairs(scalar), first_flag(scalar, worlds)
     lanes = max(lanes, 1)
     ballot, least_of = ballot_of_lanes(lanes), least_of_lanes(wp.float32, lanes)
+    lowest = lowest_of_lanes(lanes)
 
     @wp.func
     def list_pair(data: Data, rule: int, i: int, j: int, at: int):
@@ -320,8 +316,8 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                     lower = wp.min(lower, tree.body_lower[j] - wide)
                     upper = wp.max(upper, tree.body_upper[j] + wide)
                 count += count_bits(those)
-        lower = wp.vec3(least_of(lower[0]), least_of(lower[1]), least_of(lower[2]))
-        upper = -wp.vec3(least_of(-upper[0]), least_of(-upper[1]), least_of(-upper[2]))
+        lower = lowest(lower)
+        upper = -lowest(-upper)
         free = least_of(free)
         if lane == 0:
             beyond = float(0.0)  # what the distance from the nearest body exceeds contact and skin

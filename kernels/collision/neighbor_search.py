@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, wait_for_lanes
+from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_of_lanes, wait_for_lanes
 from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import ACTIVE, HISTORY, LONGEST_ROW, BodyContactData, Substep, first_flag
@@ -64,6 +64,29 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, counts_time: boo
             k = next_of_part(k, threads / wp.static(lanes), parts)
 
     return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar))
+
+
+def each_search_point(find_one, scalar: type, lanes: int):
+    """Compose the kernel that calls `find_one` for each point to search for, with `lanes` threads per point."""
+    Data = BodyContactData(scalar)
+
+    def find(
+        data: Data,
+        tree: FacetTree,
+        farthest: scalar,  # largest distance of any contact [m]
+        buffer: wp.array(dtype=scalar),  # the skin [m], shape [1]
+        threads: int,  # per part
+        part: int,
+        parts: int,
+        flags: wp.array(dtype=float),
+    ):
+        e = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
+        while e < data.neighbors.search_point_count[0]:
+            find_one(data, tree, data.neighbors.search_points[e], lane, farthest, buffer[0], flags)
+            e = next_of_part(e, threads / wp.static(lanes), parts)
+
+    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache
@@ -318,23 +341,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         if lane == 0:
             end_row(data, p, row.mine, row.count, row.missed, most, flags)
 
-    def find(
-        data: Data,
-        tree: FacetTree,
-        farthest: scalar,
-        buffer: wp.array(dtype=scalar),
-        threads: int,
-        part: int,
-        parts: int,
-        flags: wp.array(dtype=float),
-    ):
-        e = first_of_part(grid_thread(), part) / wp.static(lanes)
-        lane = grid_thread() % wp.static(lanes)
-        while e < data.neighbors.search_point_count[0]:
-            find_one(data, tree, data.neighbors.search_points[e], lane, farthest, buffer[0], flags)
-            e = next_of_part(e, threads / wp.static(lanes), parts)
-
-    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
+    return each_search_point(find_one, scalar, lanes)
 
 
 @functools.cache
@@ -343,12 +350,7 @@ def range_of_speeds(scalar: type, lanes: int):
 
     Its threads divide the points; each group of `lanes` threads combines its results.
     """
-    Data, least_of = BodyContactData(scalar), least_of_lanes(wp.float32, lanes)
-    place_of = places(scalar)[0]
-
-    @wp.func
-    def most_corner(v: wp.vec3) -> wp.vec3:
-        return -wp.vec3(least_of(-v[0]), least_of(-v[1]), least_of(-v[2]))
+    Data, place_of, lowest = BodyContactData(scalar), places(scalar)[0], lowest_of_lanes(lanes)
 
     @kernel
     def find_range(data: Data, threads: int):
@@ -361,8 +363,8 @@ def range_of_speeds(scalar: type, lanes: int):
             fast = wp.max(fast, v)
             slow = wp.max(slow, -v)
             k += threads
-        fast = most_corner(fast)
-        slow = most_corner(slow)
+        fast = -lowest(-fast)
+        slow = -lowest(-slow)
         if grid_thread() % wp.static(lanes) == 0 and fast[0] > wp.static(-NEVER):
             wp.atomic_max(data.neighbors.speeds, 0, fast)
             wp.atomic_max(data.neighbors.speeds, 1, slow)

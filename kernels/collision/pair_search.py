@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel
-from ..lanes import WARP, ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, wait_for_lanes
+from ..lanes import WARP, ballot_of_lanes, count_before, count_bits, lowest_bit, lowest_of_lanes, wait_for_lanes
 from ..partition import first_of_part, next_of_part
 from ..threads import grid_thread
 from .contact_data import BodyContactData, NearPairs
@@ -166,11 +166,7 @@ def find_pairs_of_pieces(scalar: type, tangled: bool):
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
     tests_of, test_point, test_edges = pairs_of_facets(scalar, tangled)
     search_of, box_of = searches(scalar)
-    ballot, wait, least_of = ballot_of_lanes(WARP), wait_for_lanes(WARP), least_of_lanes(wp.float32, WARP)
-
-    @wp.func
-    def least_corner(x: wp.vec3) -> wp.vec3:
-        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
+    ballot, wait, lowest = ballot_of_lanes(WARP), wait_for_lanes(WARP), lowest_of_lanes(WARP)
 
     @wp.func
     def find_with(
@@ -187,8 +183,8 @@ def find_pairs_of_pieces(scalar: type, tangled: bool):
         flags: wp.array(dtype=float),
     ):
         """Add the near pairs of the facets of a piece with facets of the body that is searched."""
-        below = least_corner(low)
-        above = -least_corner(-high)
+        below = lowest(low)
+        above = -lowest(-high)
         cursor = begin(tree, search.other)
         found = wp.uint32(0)  # which of the facets tested together are near the piece
         facets = int(0)  # number of waiting pairs of facets; below, of waiting tests
